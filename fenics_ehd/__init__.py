@@ -10,7 +10,12 @@ Importing the package imports nothing heavy, a name brings its module along when
 `fenics_ehd.reduction` works without dolfinx, and ``fenics-ehd --help`` answers without either.
 """
 
-from __future__ import annotations
+import sys
+
+if sys.argv[:1] == ["-m"]:  # so it is until Python has found what to run: fenics_ehd.cli
+    from fenics_ehd.base.command_start import leave_current_folder
+
+    leave_current_folder()
 
 from importlib import import_module
 from typing import Any

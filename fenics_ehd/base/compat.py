@@ -5,10 +5,9 @@ Spelled as the newest version spells it. No other module tests a version.
 
 from __future__ import annotations
 
-import fcntl
 import inspect
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from functools import partial, wraps
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
@@ -21,6 +20,8 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem, jit, mesh
 from mpi4py import MPI
+
+from fenics_ehd.base.compile_lock import LIMIT, compiling, forms_folder, is_compiled
 
 try:
     import basix.ufl as _basix_ufl
@@ -145,16 +146,70 @@ def fem_petsc() -> ModuleType:
 
 _OLD = _basix_ufl is None
 
-#: Seconds that a process waits for a form that another one compiles.
-PATIENCE = 300
+#: Name that FFCx and dolfinx have for what a compilation obeys.
+_OPTIONS = "parameters" if _OLD else "options"
 
-_JIT = (jit.get_parameters if _OLD else jit.get_options)(
-    {"cffi_extra_compile_args": ["-O3", "-fno-math-errno", "-g0"], "timeout": PATIENCE}
+_FORM_OPTIONS: Any = getattr(ffcx, _OPTIONS)
+
+
+def _no_options() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Options of the user's and of the current folder: none, and no file is opened."""
+    return {}, {}
+
+
+# Otherwise files of these folders could change results, and name compilers and their plugins.
+for _module in (jit, _FORM_OPTIONS):
+    setattr(_module, f"_load_{_OPTIONS}", _no_options)
+
+#: Forms, elements and expressions are kept here; nothing else compiles into it.
+FORMS = forms_folder()
+
+_DEFAULTS: dict[str, Any] = getattr(jit, f"DOLFINX_DEFAULT_JIT_{_OPTIONS.upper()}")
+_DEFAULTS["cache_dir"] = (FORMS, "folder of compiled forms")
+_DEFAULTS["timeout"] = (LIMIT, "seconds that a process waits for another one that compiles")
+
+_JIT = getattr(jit, f"get_{_OPTIONS}")(
+    {"cffi_extra_compile_args": ["-O3", "-fno-math-errno", "-g0"]}
 )
 
-#: Forms of films are kept here; nothing else compiles into it.
-FORMS = Path(_JIT["cache_dir"]) / "fenics_ehd"
-_JIT["cache_dir"] = FORMS
+
+class _NotCompiledError(Exception):
+    """A form is not compiled yet."""
+
+
+def _load_or_begin(
+    begin: Callable[..., Any], name: str, objects: Sequence[str], folder: Path, timeout: int
+) -> Any:
+    """Load a module that is compiled, or else begin it, unless `timeout` is 0.
+
+    Raises
+    ------
+    _NotCompiledError
+        It is not compiled, and `timeout` is 0.
+    """
+    if not (timeout or is_compiled(Path(folder, f"{name}.c"))):
+        raise _NotCompiledError
+    return begin(name, objects, folder, timeout or 1)
+
+
+def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of FFCx that compiles as the only process, and loads without waiting."""
+
+    @wraps(compile_objects)
+    def compiled(*arguments: Any, **options: Any) -> Any:
+        try:
+            return compile_objects(*arguments, **options | {"timeout": 0})
+        except _NotCompiledError:
+            pass
+        with compiling(Path(options["cache_dir"]), limit=options.get("timeout", LIMIT)):
+            return compile_objects(*arguments, **options)
+
+    return compiled
+
+
+ffcx_jit.get_cached_module = partial(_load_or_begin, ffcx_jit.get_cached_module)
+for _name in [name for name in vars(ffcx_jit) if name.startswith("compile_")]:
+    setattr(ffcx_jit, _name, _one_at_a_time(getattr(ffcx_jit, _name)))
 
 _INTEGRAL_TYPE: Any = getattr(fem, "IntegralType", getattr(cpp.fem, "IntegralType", None))
 
@@ -216,34 +271,11 @@ def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> 
     return fem.FunctionSpace(space.mesh, space.ufl_element(), made)
 
 
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """No other process of ours compiles into a folder; a process that is killed lets go."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "lock", "a") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
-
-
-def orphans(folder: Path) -> list[Path]:
-    """Forms that somebody began to compile and did not end.
-
-    FFCx marks a form that it compiles by its C file, and one that is compiled by a second file. Of
-    the first without the second any later process believes that another one is at work, and gives
-    up after its patience. Where nobody is at work they are what killed processes left.
-    """
-    sources = folder.glob("libffcx_*.c")
-    return [source for source in sources if not source.with_suffix(".c.cached").exists()]
-
-
 def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
     """Compile forms of no mesh together, as one module: handles for `create_form`."""
-    with _alone(FORMS):
-        for source in orphans(FORMS):
-            source.unlink()
-        keyword, scalar = ("parameters", "double") if _OLD else ("options", np.float64)
-        options = getattr(ffcx, f"get_{keyword}")({"scalar_type": scalar})
-        compiled, module, _ = ffcx_jit.compile_forms(list(forms), **{keyword: options}, **_JIT)
+    scalar = {"scalar_type": "double" if _OLD else np.float64}
+    options = {_OPTIONS: getattr(ffcx, f"get_{_OPTIONS}")(scalar)}
+    compiled, module, _ = ffcx_jit.compile_forms(list(forms), **options, **_JIT)
     return [(module, form) for form in compiled]
 
 

@@ -38,6 +38,10 @@ class OutputError(EhdError):
     """A file cannot be written, on a full disk for instance."""
 
 
+class CompilationError(EhdError):
+    """Forms cannot be compiled, as another process has been compiling for too long."""
+
+
 class MeshError(InputError):
     """The Gmsh model lacks something that the part needs, or cannot be meshed."""
 

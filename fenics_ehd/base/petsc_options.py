@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 from petsc4py import PETSc
 
 from fenics_ehd.base.errors import SolverError

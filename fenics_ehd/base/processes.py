@@ -32,7 +32,57 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: What the other process does. Modules are found as here, and none beside the user's files.
+#: Beginnings of the variables that launchers set (Open MPI, PMIx, MPICH, Slurm). A process that
+#: inherits them takes itself for that rank.
+LAUNCHER = ("OMPI_", "ORTE_", "PMIX_", "PRTE_", "PMI_", "HYDI_", "MPI_LOCAL", "SLURM_")
+
+#: Those of them that are settings of the user, and are passed on.
+SETTINGS = ("OMPI_MCA_", "OMPI_ALLOW_", "PMIX_MCA_", "PRTE_MCA_", "PRTE_ALLOW_")
+
+#: Settings, by their beginnings, with which Open MPI 4 tells a rank how to reach its daemon.
+RANK_SETTINGS = (
+    "OMPI_MCA_ess_base_",
+    "OMPI_MCA_initial_wdir",
+    "OMPI_MCA_orte_app_num",
+    "OMPI_MCA_orte_bound_at_launch",
+    "OMPI_MCA_orte_ess_",
+    "OMPI_MCA_orte_hnp_uri",
+    "OMPI_MCA_orte_jobfam_session_dir",
+    "OMPI_MCA_orte_launch",
+    "OMPI_MCA_orte_local_daemon_uri",
+    "OMPI_MCA_orte_num_nodes",
+    "OMPI_MCA_orte_precondition_transports",
+    "OMPI_MCA_orte_top_session_dir",
+)
+
+#: Values of settings that ranks alone have: they forbid what a process on its own needs.
+RANK_VALUES = {"OMPI_MCA_ess": "^singleton", "OMPI_MCA_pmix": "^s1,s2,cray,isolated"}
+
+#: Ranks among the variables of launchers.
+RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
+
+#: Numbers of ranks among them.
+SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
+
+
+def is_rank() -> bool:
+    """True if a launcher has started this process."""
+    return any(name in os.environ for name in RANKS)
+
+
+def set_by_launcher(name: str, value: str) -> bool:
+    """True of a variable by which a launcher makes a process a rank."""
+    if name.startswith(RANK_SETTINGS) or RANK_VALUES.get(name) == value:
+        return True
+    return name.startswith(LAUNCHER) and not name.startswith(SETTINGS)
+
+
+def without_launcher() -> dict[str, str]:
+    """Environment of a child that is no rank: settings of the user are kept."""
+    return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
+
+
+#: What the other process does. Modules are found as here, and none in the current folder.
 _CALL = """
 import pathlib, pickle, sys
 sys.path = pickle.load(sys.stdin.buffer)
@@ -48,6 +98,8 @@ pathlib.Path(sys.argv[1]).write_bytes(pickle.dumps(answer))
 def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
     """Result of a module's function, called in another Python; what it prints goes nowhere.
 
+    The other process is no rank, whatever this one is.
+
     Parameters
     ----------
     function
@@ -55,7 +107,7 @@ def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
     arguments
         Like its result, of types that pickle knows.
     lost
-        Raised where the other process ends without an answer.
+        Raised if the other process ends without an answer.
     """
     asked = pickle.dumps(sys.path) + pickle.dumps((function, arguments))
     with TemporaryDirectory() as folder:
@@ -63,6 +115,7 @@ def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
         subprocess.run(
             [sys.executable, "-P", "-c", _CALL, str(answer)],
             input=asked,
+            env=without_launcher(),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             check=False,
@@ -166,9 +219,6 @@ def interrupt_kept() -> Iterator[None]:
     finally:
         signal.signal = original
 
-
-#: What launchers put into the environment of several processes: how many there are.
-SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
 
 #: Time in which other ranks must meet an error as well [s], or else they wait for this one.
 PATIENCE = 3.0

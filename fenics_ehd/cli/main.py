@@ -21,6 +21,8 @@ with ending_signals_raise():
     import click
 
     from fenics_ehd import __version__
+    from fenics_ehd.base.command_start import start_command
+    from fenics_ehd.base.compile_lock import forms_folder
     from fenics_ehd.base.errors import EhdError
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
     from fenics_ehd.cli.options import (
@@ -32,11 +34,6 @@ with ending_signals_raise():
         setting_options,
     )
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
-
-# One thread per rank; the BLAS reads these when numpy is first imported.
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
-
 
 #: What pip cannot bring: Debian's python3-NAME.
 COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
@@ -203,6 +200,7 @@ def init(scene: str | None) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: named errors become one line and an exit status, on any number of ranks."""
+    start_command()
     _open_streams()
     logging.disable(logging.INFO)  # the build log of just-in-time compiled forms
     with all_ranks() as comm:
@@ -217,10 +215,10 @@ def main(arguments: list[str] | None = None) -> None:
 def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
     """Exit status of a command, and what is to be said of an error."""
     try:
-        _require_arguments(arguments)
         _require_memory()
         if not alone:
-            require_alike("command", next(iter(arguments), ""))
+            require_alike("command, or other arguments,", repr(arguments))
+        _require_arguments(arguments)
         with ending_signals_raise():
             return cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0, ""
     except click.ClickException as error:
@@ -247,7 +245,7 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
         if "petsc4py" in module:
             return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
         if "cffi" in module or "just-in-time" in str(error):
-            return 1, _line(f"forms are compiled by cc and kept in ~/.cache/fenics: {last}")
+            return 1, _line(f"forms are compiled by cc and kept in {forms_folder()}: {last}")
         return 1, traceback.format_exc().rstrip()
 
 

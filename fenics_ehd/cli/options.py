@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 import attrs
 import click
 
+from fenics_ehd.base.compile_lock import forms_folder
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, unit_of
 from fenics_ehd.base.files import to_json
@@ -24,8 +23,7 @@ def warn_of(lines: Iterable[str]) -> None:
 def say_reducing(names: Iterable[str]) -> None:
     """Say which bodies are reduced: the first time ever, this takes long."""
     found = ", ".join(names)
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fenics"
-    compiled = any(cache.glob("libffcx_forms_*.so"))
+    compiled = any(forms_folder().glob("libffcx_forms_*.so"))
     once = "" if compiled else " (forms are compiled once, in about half a minute)"
     _say([f"reducing {found}{once}"] if found else [])
 

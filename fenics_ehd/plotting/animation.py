@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
 from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes

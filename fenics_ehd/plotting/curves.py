@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
+import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -13,6 +13,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import matplotlib
 
 from fenics_ehd.base.errors import SettingsError

@@ -4,7 +4,6 @@ Needs petsc4py, slepc4py, mpi4py, numpy, SciPy and h5py; dolfinx and Gmsh are no
 brings its module along when it is asked for.
 """
 
-import fenics_ehd.base.petsc_start  # noqa: F401
 from fenics_ehd.base.lazy import lazily
 
 #: Public names by the module that defines them.

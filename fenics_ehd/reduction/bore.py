@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse import csgraph
 
@@ -23,6 +22,9 @@ from fenics_ehd.reduction.elements import (
     summed,
     surface_element,
 )
+
+if TYPE_CHECKING:  # it would start MPI
+    from petsc4py import PETSc
 
 
 def rigid_fields(coordinates: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ so the factorisation of the free part serves, corrected by a few columns.
 
 from __future__ import annotations
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
 from petsc4py import PETSc
 from slepc4py import SLEPc

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from mmap import mmap
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc

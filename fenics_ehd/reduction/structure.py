@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc

@@ -47,7 +47,7 @@ from fenics_ehd.base.files import (
     to_json,
     write_whole,
 )
-from fenics_ehd.base.processes import interrupt_between_steps
+from fenics_ehd.base.processes import interrupt_between_steps, set_by_launcher
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
@@ -60,15 +60,11 @@ from fenics_ehd.scenes.run import run_scene
 from fenics_ehd.scenes.scene import flexible
 from fenics_ehd.study.cases import Case, NeededBody
 
-#: What mpirun, or MPI itself in a process on its own, puts into the environment. A process that
-#: inherits it takes itself for that rank.
-LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "ORTE_")
-
 
 def begin_worker() -> None:
     """Set up a process of the pool: alone for MPI, one thread for the BLAS, no longer-lived."""
-    for name in list(os.environ):
-        if name.startswith(LAUNCHER):
+    for name, value in list(os.environ.items()):
+        if set_by_launcher(name, value):
             del os.environ[name]
     # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
     os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
