@@ -22,6 +22,7 @@ from dolfinx import cpp, fem, jit, mesh
 from mpi4py import MPI
 
 from fenics_ehd.base.compile_lock import LIMIT, compiling, forms_folder, is_compiled
+from fenics_ehd.base.processes import in_empty_folder
 
 try:
     import basix.ufl as _basix_ufl
@@ -201,8 +202,9 @@ def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
             return compile_objects(*arguments, **options | {"timeout": 0})
         except _NotCompiledError:
             pass
-        with compiling(Path(options["cache_dir"]), limit=options.get("timeout", LIMIT)):
-            return compile_objects(*arguments, **options)
+        folder = Path(options["cache_dir"]).absolute()
+        with compiling(folder, limit=options.get("timeout", LIMIT)), in_empty_folder():
+            return compile_objects(*arguments, **options | {"cache_dir": folder})
 
     return compiled
 

@@ -454,10 +454,20 @@ def versions(*, installed: bool = False) -> dict[str, str]:
     }
 
 
+#: Modules of this package that import a library, or PETSc before it, without foreign options.
+STARTS = {
+    "dolfinx": "fenics_ehd.base.compat",
+    "matplotlib": "fenics_ehd.base.matplotlib_start",
+    "petsc4py": "fenics_ehd.base.petsc_start",
+    "slepc4py": "fenics_ehd.base.petsc_start",
+}
+
+
 def _version(name: str) -> str:
     """Version of a package; Debian ships some without the metadata that pip leaves."""
     with suppress(metadata.PackageNotFoundError):
         return metadata.version(name)
     with suppress(ImportError):
+        import_module(STARTS.get(name, name))
         return str(getattr(import_module(name), "__version__", "unknown"))
     return "missing"

@@ -4,6 +4,9 @@ PETSc would read ``~/.petscrc`` and ``.petscrc`` in the current folder, whose op
 for another program and change results. Those given on purpose stay: in ``PETSC_OPTIONS``, or by a
 script that starts PETSc itself.
 
+petsc4py would read ``petsc.cfg`` in the current folder, which may name another folder for the
+library that it loads.
+
 PETSc would also answer SIGTERM and SIGHUP itself, with pages, and end the program at once.
 """
 
@@ -12,6 +15,9 @@ import os
 import petsc4py
 from mpi4py import MPI
 
+from fenics_ehd.base.processes import in_empty_folder
+
 # Before those given on purpose, which have the last word.
 os.environ["PETSC_OPTIONS"] = f"-no_signal_handler {os.environ.get('PETSC_OPTIONS', '')}"
-petsc4py.init(["fenics-ehd", "-skip_petscrc"], comm=MPI.COMM_WORLD)
+with in_empty_folder():
+    petsc4py.init(["fenics-ehd", "-skip_petscrc"], comm=MPI.COMM_WORLD)

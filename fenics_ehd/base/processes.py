@@ -82,6 +82,24 @@ def without_launcher() -> dict[str, str]:
     return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
 
 
+@contextmanager
+def in_empty_folder() -> Iterator[None]:
+    """Have an empty current folder: what a library looks for there, by a relative name, is absent.
+
+    The former folder may have been removed, or be unreadable.
+    """
+    former = os.open(".", os.O_PATH)
+    try:
+        with TemporaryDirectory() as folder:
+            os.chdir(folder)
+            try:
+                yield
+            finally:
+                os.fchdir(former)
+    finally:
+        os.close(former)
+
+
 #: What the other process does. Modules are found as here, and none in the current folder.
 _CALL = """
 import pathlib, pickle, sys

@@ -286,8 +286,8 @@ def _cells(text: str) -> tuple[int, int]:
 @click.option(
     "--shape-table",
     "table",
-    default=NONE,
     type=FILE,
+    callback=lambda _context, _option, path: path or NONE,  # a folder may have that name
     metavar="FILE",
     help="More of it: CSV file angle_deg,height_m,deviation_m, angles from the load line in "
     "direction of rotation, heights from mid-width.",

@@ -15,13 +15,16 @@ from __future__ import annotations
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
 from petsc4py import PETSc
-from slepc4py import SLEPc
 
 from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configure
+from fenics_ehd.base.processes import in_empty_folder
 from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine, inner, multiply
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
+
+with in_empty_folder():  # slepc4py looks for petsc.cfg, as petsc4py does
+    from slepc4py import SLEPc
 
 #: Tolerance of SLEPc's residual, and of our own check of it, relative to the eigenvalue.
 EIGEN_TOLERANCE = 1e-10

@@ -28,7 +28,7 @@ from fenics_ehd.base.settings import key_hint, walk
 from fenics_ehd.reduction.body import FORMAT_VERSION
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
-from fenics_ehd.scenes.scene import Scene, by_key, changed, meshed, stored, today
+from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, meshed, stored, today
 
 
 def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
@@ -302,7 +302,16 @@ def needed_bodies(scene: Scene) -> dict[str, NeededBody]:
 
 def identity(scene: Scene) -> dict[str, str]:
     """Everything that results depend on, as text by dotted key."""
-    return {"version": __version__} | {key: described(value) for key, value in by_key(scene.tables)}
+    values = {
+        key: described(value) if _names_file(key, value) else as_text(value)
+        for key, value in by_key(scene.tables)
+    }
+    return {"version": __version__} | values
+
+
+def _names_file(key: str, value: object) -> bool:
+    """True of a file or a run's folder; a file called ``hex`` is no word's."""
+    return key.endswith(".snapshots") or Path(str(value)).suffix in FILES
 
 
 def checksum(values: Mapping[str, str]) -> str:
