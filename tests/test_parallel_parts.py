@@ -41,8 +41,8 @@ def write_mesh(folder):
 def plate():
     """A plate with a bore and a pin's hole in Gmsh's current model, in millimetres."""
     occ = gmsh.model.occ
-    solid = [(3, occ.addBox(-30, -30, -12, 90, 60, 24))]
-    holes = [(3, occ.addCylinder(x, 0, -12, 0, 0, 24, r)) for x, r in ((0, 20), (40, 8))]
+    solid = [(3, occ.addBox(-30, -30, -6, 90, 60, 12))]
+    holes = [(3, occ.addCylinder(x, 0, -6, 0, 0, 12, r)) for x, r in ((0, 20), (40, 8))]
     occ.cut(solid, holes)
     occ.synchronize()
 
@@ -50,7 +50,7 @@ def plate():
 def write_abaqus(folder):
     with session():
         plate()
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 20)
+        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 12)
         gmsh.option.setNumber("Mesh.MeshSizeMax", 20)
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)
@@ -78,7 +78,7 @@ KINDS = {
     "own": (write_own_model, None),
     "mesh": (write_mesh, None),
     "deck": (write_abaqus, "deck.inp --unit mm --bore 20mm --point 8mm --no-check"),
-    "step": (write_step, "drawing.step --bore 20mm --point 8mm --no-check --cells-around 16"),
+    "step": (write_step, "drawing.step --bore 20mm --point 8mm --no-check --cells-around 8"),
     "matrices": (write_matrices, None),
 }
 

@@ -1,12 +1,13 @@
 """An error on one rank ends all of them, with its message and the status of a serial run."""
 
-import os
 import re
 import subprocess
 import sys
 
 import pytest
 from scene_cases import write_scene
+
+from fenics_ehd.base.processes import without_launcher
 
 #: A rod without elasticity, over the first degrees.
 SHORT = {
@@ -21,18 +22,22 @@ TOO_LONG = 124
 COMMAND = f"exec {sys.executable} -m fenics_ehd.cli"
 
 
-def two_ranks(line, folder):
-    """Status and messages of a shell's line on two ranks, each of which knows its `$RANK`."""
-    foreign = ("OMPI_", "PMIX_", "PMI_", "ORTE_", "PRTE_")
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(foreign)}
+def on_ranks(*programs, folder):
+    """Status and messages of programs and their arguments under one mpirun."""
+    environment = without_launcher()
     environment |= dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"), "1")
-    script = f"RANK=$OMPI_COMM_WORLD_RANK; {line}"
     # Of a killed mpirun the ranks would go on: timeout asks it to end them.
-    command = ["timeout", "120", "mpirun", "-n", "2", "--oversubscribe", "sh", "-c", script]
+    command = ["timeout", "120", "mpirun", "--oversubscribe", *programs]
     done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
     # Open MPI's own remarks may begin in the same line.
-    said = re.findall(r"fenics-ehd: .*|^Error: .*", done.stderr, flags=re.MULTILINE)
-    return done.returncode, [text for text in said if "warning" not in text], done.stderr
+    messages = re.findall(r"fenics-ehd: .*|^Error: .*", done.stderr, flags=re.MULTILINE)
+    return done.returncode, [text for text in messages if "warning" not in text], done.stderr
+
+
+def two_ranks(line, folder):
+    """Status and messages of a shell's line on two ranks, each of which knows its `$RANK`."""
+    script = f"RANK=$OMPI_COMM_WORLD_RANK; {line}"
+    return on_ranks("-n", "2", "sh", "-c", script, folder=folder)
 
 
 @pytest.fixture
@@ -41,11 +46,17 @@ def folder(tmp_path):
     return tmp_path
 
 
-#: What is told to each rank, and in what they differ.
+ALIKE = "fenics-ehd: SettingsError: rank 1 has another {} than rank 0: call all ranks alike"
+
+ARGUMENTS = "command, or other arguments,"
+
+#: Command of each rank, and in what they differ; `own.toml` is each rank's own.
 DIFFERENT = [
-    ("bearing --eccentricity 0.5", "", "command"),
-    ("run scene0.toml -o out", "run four-bar -o out", "scene"),
-    ("reduce conrod -o x.h5", "reduce conrod -o x.h5 --method m1", "part, or settings of it,"),
+    ("bearing --eccentricity 0.5", "--version", ARGUMENTS),
+    ("run scene0.toml -o out", "run", ARGUMENTS),
+    ("reduce conrod -o x.h5", "reduce conrod -o x.h5 --method m1", ARGUMENTS),
+    ("run own.toml -o out", "run own.toml -o out", "scene"),
+    ("reduce rod --scene own.toml -o x.h5",) * 2 + ("part, or settings of it,",),
 ]
 
 #: Obeys one command after the other; whether each ended as a refusal does.
@@ -64,29 +75,46 @@ sys.exit(ended != [2] * len(sys.argv[1:]))
 
 def test_ranks_that_are_given_different_commands(folder):
     (folder / "commands.py").write_text(ONE_BY_ONE)
+    own = SHORT | {"bodies.rod.reduction": {"method": "m1", "modes": 4}}
+    for rank, changes in enumerate((own, own | {"bodies.rod.material.density": 7800.0})):
+        (folder / f"{rank}").mkdir()
+        write_scene(folder / f"{rank}" / "own.toml", "slider-crank-paper", changes)
     one, other = (" ".join(f"'{lines[rank]}'" for lines in DIFFERENT) for rank in (0, 1))
-    python = f"exec {sys.executable} commands.py"
+    python = f"cd $RANK; exec {sys.executable} ../commands.py"
     line = f"if test $RANK = 0; then {python} {one}; else {python} {other}; fi"
     status, said, errors = two_ranks(line, folder)
     assert status == 0, errors
-    assert said == [
-        f"fenics-ehd: SettingsError: rank 1 has another {what} than rank 0: call all ranks alike"
-        for *_, what in DIFFERENT
-    ], errors
-    assert not (folder / "out").exists()
+    assert said == [ALIKE.format(what) for *_, what in DIFFERENT], errors
+    assert not list(folder.glob("?/out"))
+
+
+@pytest.mark.parametrize("other", ["--help", "reduce --help", "reduce conrod -o ''"])
+def test_a_rank_with_another_command_ends_all_with_one_line(other, folder):
+    """Rank 0 would wait for the other one in the middle of its reduction."""
+    lines = (f"{COMMAND} {arguments}" for arguments in ("reduce conrod -o x.h5", other))
+    one, another = (("-n", "1", "sh", "-c", line) for line in lines)
+    status, said, errors = on_ranks(*one, ":", *another, folder=folder)
+    assert status == 2, errors
+    assert said == [ALIKE.format(ARGUMENTS)], errors
+    assert not (folder / "x.h5").exists()
 
 
 RUN = f"{COMMAND} run scene0.toml --no-plots -o out"
 NO_CACHE = "export XDG_CACHE_HOME=/dev/null"
-NO_SCENE = "SettingsError: scene file scene1.toml: No such file or directory (rank 1"
+OWN_FOLDER = "mkdir $RANK; cd $RANK"
+NO_SCENE = "SettingsError: scene file scene0.toml: No such file or directory (rank 1"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "expected", "messages"),
     [
-        (f"{COMMAND} run scene$RANK.toml -o out", 2, [NO_SCENE]),
-        (f"test $RANK = 1 && o=/proc/x || o=out; {RUN[:-3]} $o", 2, ["output /proc/x: "]),
+        (f"{OWN_FOLDER}; test $RANK = 0 && cp ../scene0.toml .; {RUN}", 2, [NO_SCENE]),
+        (
+            f"{OWN_FOLDER}; cp ../scene0.toml .; test $RANK = 1 && ln -s /proc out; {RUN}",
+            2,
+            ["output out: ", "(rank 1"],
+        ),
         (f"test $RANK = 0 && {NO_CACHE}; {RUN}", 1, ["/dev/null/fenics", "Not a directory"]),
         (f"test $RANK = 1 && {NO_CACHE}; {RUN}", 1, ["/dev/null/fenics", "Not a directory"]),
         (f"{NO_CACHE}; {RUN}", 1, ["/dev/null/fenics", "Not a directory"]),
