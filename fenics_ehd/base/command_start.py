@@ -11,9 +11,6 @@ Python has built in or frozen: another one could come from the current folder.
 import os
 import sys
 
-#: Threads of the BLAS, read when NumPy is first imported: one per rank.
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-
 #: Names the file of matplotlib's options; that of no options is the null device.
 MATPLOTLIB_OPTIONS = "MATPLOTLIBRC"
 
@@ -37,7 +34,7 @@ def start_command() -> None:
     Open MPI starts no daemon for a process on its own, which needs files, a path, and a disk that
     is not full; a process so started cannot spawn others by MPI, and ranks have their daemon.
     """
-    from fenics_ehd.base.processes import is_rank
+    from fenics_ehd.base.processes import THREADS, is_rank
 
     os.environ["PYTHONSAFEPATH"] = "1"
     os.environ[MATPLOTLIB_OPTIONS] = os.devnull

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import ctypes
 import io
+import logging
+import multiprocessing
 import os
 import pickle
 import signal
@@ -31,6 +33,9 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
+
+#: Threads of the BLAS, read when NumPy is first imported: one in each process.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 #: Beginnings of the variables that launchers set (Open MPI, PMIx, MPICH, Slurm). A process that
 #: inherits them takes itself for that rank.
@@ -80,6 +85,35 @@ def set_by_launcher(name: str, value: str) -> bool:
 def without_launcher() -> dict[str, str]:
     """Environment of a child that is no rank: settings of the user are kept."""
     return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
+
+
+def begin_worker() -> None:
+    """Set up a process of a pool: no rank, one thread for the BLAS, gone when its parent is.
+
+    It must come before anything that starts MPI, which would take itself for the parent's rank:
+    so this module imports nothing that does.
+    """
+    from tqdm import tqdm
+
+    for name, value in list(os.environ.items()):
+        if set_by_launcher(name, value):
+            del os.environ[name]
+    # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
+    os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+    logging.disable(logging.INFO)  # the build log of forms
+    # Its usual one is shared by processes, and lost by one that is killed.
+    tqdm.set_lock(threading.RLock())
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End when the parent is killed, for whose tasks a pool's processes wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ import click
 
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.base.files import versions
+from fenics_ehd.base.processes import without_launcher
 from fenics_ehd.cli.options import answer, json_option
 
 
@@ -89,13 +90,14 @@ def _reduction(folder: Path) -> str:
 def _lowest(folder: Path, launcher: list[str]) -> float:
     """Lowest frequency [Hz] of the part, reduced by processes of their own."""
     command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
-    # What MPI has put into this process's environment, Python does not know: mpirun would fail.
+    # What MPI has put into this process's environment, Python does not know: mpirun would fail,
+    # as it would with what a launcher has put there.
     done = subprocess.run(
         [*command, str(folder / "part.h5")],
         capture_output=True,
         text=True,
         timeout=PATIENCE,
-        env=dict(os.environ),
+        env=without_launcher(),
     )
     if done.returncode:
         raise VerificationError(done.stderr.strip().rpartition("\n")[2])

@@ -9,7 +9,6 @@ later one adds little where it finds factors, modes and responses of those befor
 
 from __future__ import annotations
 
-import logging
 import multiprocessing
 import os
 import signal
@@ -47,7 +46,7 @@ from fenics_ehd.base.files import (
     to_json,
     write_whole,
 )
-from fenics_ehd.base.processes import interrupt_between_steps, set_by_launcher
+from fenics_ehd.base.processes import begin_worker, interrupt_between_steps
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
@@ -59,30 +58,6 @@ from fenics_ehd.scenes.part import elastic_part
 from fenics_ehd.scenes.run import run_scene
 from fenics_ehd.scenes.scene import flexible
 from fenics_ehd.study.cases import Case, NeededBody
-
-
-def begin_worker() -> None:
-    """Set up a process of the pool: alone for MPI, one thread for the BLAS, no longer-lived."""
-    for name, value in list(os.environ.items()):
-        if set_by_launcher(name, value):
-            del os.environ[name]
-    # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
-    os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    logging.disable(logging.INFO)  # the build log of forms
-    # Its usual one is shared by processes, and lost by one that is killed.
-    tqdm.set_lock(threading.RLock())
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End when the parent is killed, for whose tasks a pool's processes wait for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-    os._exit(1)
-
 
 T = TypeVar("T")
 R = TypeVar("R")
