@@ -40,9 +40,7 @@ UNITS = ("m", "cm", "mm", "um", "in")
 @click.option(
     "--unit",
     type=click.Choice(UNITS),
-    default="m",
-    show_default=True,
-    help="Of a mesh's lengths; drawings say theirs.",
+    help="Of the file's lengths. [default: m for meshes, what a drawing declares]",
 )
 @click.option(
     "--angle",
@@ -68,7 +66,7 @@ def part(
     bores: tuple[str, ...],
     points: tuple[str, ...],
     held: str | None,
-    unit: str,
+    unit: str | None,
     angle: float,
     around: int,
     check: bool,

@@ -24,13 +24,7 @@ from fenics_ehd.base.fields import in_unit
 from fenics_ehd.base.processes import interrupt_kept, printing_kept
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.fem.gmsh_session import read_by_gmsh
-from fenics_ehd.fem.solid import Solid, raised, require_sound_cells, used
-
-#: Drawings, whose units are in the file.
-DRAWINGS = (".step", ".stp", ".iges", ".igs")
-
-#: A part longer than this in metres is in millimetres [m].
-LONGEST = 5.0
+from fenics_ehd.fem.solid import Solid, raised, require_extent, require_sound_cells, used
 
 #: Solid cells by meshio's names: kind, nodes that are kept, whether they are of second order.
 CELLS = {
@@ -73,9 +67,7 @@ def read_mesh(path: Path, unit: str) -> Solid:
         raise MeshError(f"{path}: a node has coordinates that are no finite numbers")
     require_sound_cells(solid, path)
     _require_one_piece(path, cells)
-    longest = np.ptp(solid.points, axis=0).max()
-    if longest > LONGEST:
-        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
+    require_extent(np.ptp(solid.points, axis=0), path)
     return solid
 
 
