@@ -39,6 +39,9 @@ GROWTH = 0.35
 #: the last mesh has about eight times as many cells.
 TRIED_SIZES = (1.0, 0.8, 0.64, 0.512)
 
+#: Gmsh's number of the triangulation of surfaces that is tried if the usual one fails.
+DELAUNAY = 5
+
 #: Tolerances of sewing, tried in turn [mm]: files written to 7 digits need the second, those of
 #: programs that model to 1 um the last.
 SEWING = (1e-6, 1e-4, 1e-3)
@@ -363,8 +366,8 @@ def _edge_points(tag: int, scale: float) -> np.ndarray:
     edges = gmsh.model.getBoundary([(2, tag)], combined=False, oriented=False)
     points = [np.empty((0, 3))]
     for edge in {number for _, number in edges}:
-        ends = [bound[0] for bound in gmsh.model.getParametrizationBounds(1, edge)]
-        values = gmsh.model.getValue(1, edge, np.linspace(*ends, 4 * SAMPLES))
+        low, high = gmsh.model.getParametrizationBounds(1, edge)
+        values = gmsh.model.getValue(1, edge, np.linspace(low[0], high[0], 4 * SAMPLES))
         points.append(scale * np.array(values).reshape(-1, 3))
     return np.concatenate(points)
 
@@ -409,7 +412,7 @@ def _cylindrical(
 
 
 def _turn(rays: np.ndarray) -> float:
-    """Angle that the rays of a grid of `SAMPLES` by `SAMPLES` points cover, at most a turn [rad]."""
+    """Angle that rays to a grid of `SAMPLES` points each way cover, at most a turn [rad]."""
     grid = np.arctan2(rays[:, 1], rays[:, 0]).reshape(SAMPLES, SAMPLES)
     unwrapped = np.unwrap(np.unwrap(grid, axis=0), axis=1)
     return min(float(np.ptp(unwrapped)), 2 * np.pi)
@@ -457,15 +460,17 @@ def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDra
             finer = replace(sizes, coarser=sizes.coarser * size)
             try:
                 solid, surfaces = _tetrahedra(scale, finer)
-                wrong = int(inside_out(solid).sum())
-                failure = f"{wrong} of {len(solid.cells)} cells are turned inside out"
-            except Exception as error:  # Gmsh raises plain Exception
-                wrong, failure = 1, str(error)
+            except Exception:  # Gmsh raises plain Exception: facets intersect
+                failure = "Gmsh cannot fill its surface with tetrahedra"
+                gmsh.option.setNumber("Mesh.Algorithm", DELAUNAY)
+                continue
+            wrong = int(inside_out(solid).sum())
             if not wrong:
                 return MeshedDrawing(solid, surfaces, size)
+            failure = f"{wrong} of {len(solid.cells)} cells are turned inside out"
         raise MeshError(
-            f"{path}: {failure}, even if they are {size:g} times as large as asked for: give more "
-            "cells around its bores, or export the part with faces merged"
+            f"{path}: {failure}, even with cells {size:g} times as large as asked for: give more "
+            "--cells-around, or export the part without its smallest faces"
         )
 
 

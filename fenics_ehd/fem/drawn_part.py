@@ -444,7 +444,7 @@ def place_part(
 def _meshed(
     part: OpenedPart, named: NamedFaces, around: float, coarser: float
 ) -> tuple[Solid, np.ndarray, np.ndarray, float]:
-    """Solid of a part, its facets, the face of each, and the size of its cells, see `PlacedPart`."""
+    """Solid of a part, its facets, the face of each, and `PlacedPart.size`."""
     if part.drawing is not None:
         drawing = part.drawing
         mesh = drawing.mesh(bore_sizes(drawing, named, around, coarser))
