@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import attrs
 import click
+from click.core import ParameterSource
 
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import Material
@@ -98,28 +100,34 @@ def part(
     import fenics_ehd.base.petsc_start  # noqa: F401 - collective: every rank starts PETSc
     from fenics_ehd.base.files import require_writable, written_aside
     from fenics_ehd.fem.drawn_part import open_part, place_part, write_part
+    from fenics_ehd.fem.foreign_mesh import part_material
+    from fenics_ehd.fem.models import store_material
     from fenics_ehd.fem.solid import corner_volumes
 
     if MPI.COMM_WORLD.rank:  # one does it all
         return
     if (target is None) != (not bores):
         raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
-    made_of = build(Material, material)
+    build(Material, material)  # checks it
+    given = {name: value for name, value in material.items() if _on_command_line(name)}
     if target is not None and Path(target).suffix != ".msh":
         raise SettingsError(f"-o {target}: a model's name must end with .msh")
     opened = open_part(Path(file), unit, angle)
     warn_of(opened.notices)
     if target is None:
         listed = faces_listed(opened)
-        answer({"file": file, "faces": listed}, face_table(listed), as_json)
+        table = "\n".join([face_table(listed), *_left_out(opened)])
+        answer({"file": file, "faces": listed, "left_out": opened.left_out}, table, as_json)
         return
+    made_of, replaced = part_material(opened.materials, unit or "m", given, file)
+    warn_of(replaced)
     require_writable(target)
     if Path(target).exists() and Path(target).samefile(file):
         raise SettingsError(f"-o {target}: that is the file to read, give another name")
     if not Path(target).absolute().parent.is_dir():
         raise SettingsError(f"-o {target}: there is no folder {Path(target).parent}")
     named = _named(opened, bores, points, held)
-    placed = place_part(opened, named, around)
+    placed = place_part(opened, named, around).quadratic()
     figures: dict[str, Any] = {
         "file": target,
         "cells": placed.solid.kind,
@@ -132,10 +140,14 @@ def part(
         },
         "points": list(named.points),
         "clamped": "held" if named.held else "none",
+        "material": attrs.asdict(made_of),
+        "material_from": opened.materials[0].name if opened.materials else "",
+        "left_out": opened.left_out,
     }
     try:
         with written_aside(Path(target)) as aside:
             write_part(aside, placed.solid, placed.surfaces())
+            store_material(aside, made_of)
             if check:
                 figures |= _checked(opened, placed, aside, around / placed.size, made_of)
     except MeshError as error:
@@ -147,7 +159,18 @@ def part(
                 "cells were turned inside out"
             ]
         )
-    answer(figures, made_table(figures), as_json)
+    answer(figures, "\n".join([made_table(figures), *_left_out(opened)]), as_json)
+
+
+def _on_command_line(option: str) -> bool:
+    """True of an option that the user gave."""
+    source = click.get_current_context().get_parameter_source(option)
+    return source is not ParameterSource.DEFAULT
+
+
+def _left_out(opened: OpenedPart) -> list[str]:
+    """A line of what the file has besides the solid, if anything."""
+    return [f"left out of the file: {opened.left_out}"] if opened.left_out else []
 
 
 def _pairs(given: Sequence[str], default: str, option: str) -> dict[str, str]:
@@ -306,6 +329,13 @@ def made_table(figures: dict[str, Any]) -> str:
             f"  {name}: radius {bore['radius_m'] * 1e3:.6g} mm, nodes moved by "
             f"{bore['moved_m'] * 1e6:.2g} um at most"
         )
+    material = figures["material"]
+    origin = figures["material_from"]
+    lines.append(
+        f"  material{f' {origin} of the file' if origin else ''}: "
+        f"{material['youngs_modulus'] * 1e-9:.6g} GPa, {material['poissons_ratio']:g}, "
+        f"{material['density']:.6g} kg/m3"
+    )
     if "mass_kg" in figures:
         error = figures["flexibility_mesh_error"]
         told = error

@@ -18,8 +18,16 @@ from fenics_ehd.base.fields import in_unit
 from fenics_ehd.fem.drawing import CellSizes, Drawing, read_drawing
 from fenics_ehd.fem.drawing_unit import IGES, STEP
 from fenics_ehd.fem.faces import SHARP, Cylinder, Face, find_faces, fit_cylinder, rounded_middles
-from fenics_ehd.fem.solid import FACES, Solid, refined
-from fenics_ehd.fem.solid_file import read_mesh
+from fenics_ehd.fem.foreign_mesh import FileMaterial
+from fenics_ehd.fem.solid import (
+    FACES,
+    Solid,
+    facet_corners,
+    inside_out,
+    refined,
+    second_order,
+)
+from fenics_ehd.fem.solid_file import read_part
 
 #: Largest distance that a bore's node is moved onto the cylinder, relative to the radius: of
 #: second-order cells or of the corners of first-order ones.
@@ -47,6 +55,10 @@ class Placement:
         """Points of the file in the part's frame."""
         return (points - self.origin) @ self.turn.T
 
+    def back(self, points: np.ndarray) -> np.ndarray:
+        """Points of the part's frame in the file."""
+        return points @ self.turn + self.origin
+
 
 def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
     """The bore's axis along z, its centre at the origin, x towards a point.
@@ -71,22 +83,20 @@ def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
 
 
 def round_bore(
-    points: np.ndarray, facets: np.ndarray, given: np.ndarray, name: str, *, first: bool
+    points: np.ndarray, facets: np.ndarray, name: str, *, first: bool
 ) -> tuple[np.ndarray, float]:
-    """Points with those of a bore along z put on its cylinder, and the largest move [m].
+    """Points with those of a bore along z put on its cylinder, and a corner's largest move [m].
 
-    Middles of facets' edges follow, as `rounded_middles`. Nodes at the ends within the same
-    distance of a plane are put on it, and corners of quadrilaterals along one line of the bore or
-    around it on that.
+    Middles of facets' edges, if there are any, follow, as `rounded_middles`. Nodes at the ends
+    within the same distance of a plane are put on it, and corners of quadrilaterals along one line
+    of the bore or around it on that.
 
     Parameters
     ----------
     points
         Nodes of the part in its frame, shape (n, 3) [m].
     facets
-        Of the bore, corners, then edges.
-    given
-        Which nodes the file has, as others were made on straight edges.
+        Of the bore: corners, of second-order cells then edges.
     name
         Of the bore.
     first
@@ -97,8 +107,9 @@ def round_bore(
     MeshError
         A node has to be moved by more than `PROJECTED` radii.
     """
-    count = facets.shape[1] // 2
-    corners, nodes = np.unique(facets[:, :count]), np.unique(facets)
+    sides = facet_corners(facets)
+    count = sides.shape[1]
+    corners = np.unique(sides)
     x = points[corners]
     cylinder = fit_cylinder(x, np.column_stack([x[:, :2], np.zeros(len(x))]))
     centre = np.zeros(3) if first else cylinder.centre * [1.0, 1.0, 0.0]
@@ -114,11 +125,10 @@ def round_bore(
     if count == 4:
         # Rounded ones are no parallelograms, as films on them need.
         new[corners] = _lined_up(new[corners] - centre, cylinder.radius) + centre
-    new[facets[:, count:]] = rounded_middles(new[facets[:, :count]] - centre) + centre
-    known = nodes[given[nodes]]
-    # Along the bore a middle may be moved far and do no harm.
-    radial = np.linalg.norm((points[known] - centre)[:, :2], axis=1) - cylinder.radius
-    moved = float(np.abs(radial).max())
+    if facets.shape[1] > count:
+        new[facets[:, count:]] = rounded_middles(new[sides] - centre) + centre
+    # Along the bore a node may be moved far and do no harm.
+    moved = float(np.abs(reach - cylinder.radius).max())
     if moved > PROJECTED * cylinder.radius:
         raise MeshError(
             f"{name}: a node lies {moved:.2e} m off the cylinder of radius {cylinder.radius:g} m, "
@@ -226,9 +236,13 @@ class OpenedPart:
     faces
         Bores first.
     solid, facets
-        Of a mesh; None of a drawing, whose mesh depends on which faces matter.
+        Of a mesh, of the file's order; None of a drawing, whose mesh depends on which faces matter.
     drawing
         None of a mesh.
+    left_out
+        What the file has besides, in words; empty if nothing.
+    materials
+        Of the file's cells, see `ForeignPart`.
     notices
         What the user should know about the file, a line each.
     """
@@ -238,6 +252,8 @@ class OpenedPart:
     solid: Solid | None = None
     facets: np.ndarray | None = None
     drawing: Drawing | None = None
+    left_out: str = ""
+    materials: Sequence[FileMaterial] = ()
     notices: Sequence[str] = ()
 
     @property
@@ -293,7 +309,13 @@ def _length(text: str) -> float:
         ) from None
 
 
-def open_part(path: Path, unit: str | None = None, sharp: float = SHARP) -> OpenedPart:
+def open_part(
+    path: Path,
+    unit: str | None = None,
+    sharp: float = SHARP,
+    *,
+    several_materials: bool = False,
+) -> OpenedPart:
     """Read a drawing or a mesh and find its faces.
 
     Parameters
@@ -304,6 +326,8 @@ def open_part(path: Path, unit: str | None = None, sharp: float = SHARP) -> Open
         Of its lengths; None: metres of a mesh, what a drawing declares.
     sharp
         Angle at which a face of a mesh ends [degrees].
+    several_materials
+        As in `read_mesh`.
 
     Raises
     ------
@@ -317,10 +341,12 @@ def open_part(path: Path, unit: str | None = None, sharp: float = SHARP) -> Open
     if path.suffix.lower() in STEP + IGES:
         drawing = read_drawing(path, unit)
         return OpenedPart(path, drawing.faces, drawing=drawing, notices=drawing.notices)
-    solid = read_mesh(path, unit or "m")
-    facets = solid.facets()
-    faces = find_faces(solid, facets, sharp=sharp)
-    return OpenedPart(path, faces, solid, facets)
+    part = read_part(path, unit or "m", several_materials=several_materials)
+    facets = part.solid.facets()
+    faces = find_faces(part.solid, facets, sharp=sharp)
+    return OpenedPart(
+        path, faces, part.solid, facets, left_out=part.left_out, materials=part.materials
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,7 +396,7 @@ class PlacedPart:
     Attributes
     ----------
     solid, facets
-        In metres, the first bore about z.
+        In metres, the first bore about z; of the file's order, as matrices of its nodes are.
     numbers
         Face of each facet.
     named
@@ -379,6 +405,8 @@ class PlacedPart:
         How far nodes of each bore were moved onto its cylinder [m].
     place
         Where the file's points come to lie: matrices of the same nodes are turned likewise.
+    cylinders
+        Those of the file's faces by number, where the file has them.
     size
         Size of the cells of a drawing relative to that asked for, see `MeshedDrawing`.
     """
@@ -389,6 +417,7 @@ class PlacedPart:
     named: NamedFaces
     moved: Mapping[str, float]
     place: Placement
+    cylinders: Mapping[int, Cylinder]
     size: float = 1.0
 
     def surfaces(self) -> dict[str, np.ndarray]:
@@ -398,21 +427,58 @@ class PlacedPart:
             for name, faces in self.named.all().items()
         }
 
+    def quadratic(self) -> PlacedPart:
+        """Part of second-order cells; middles of edges of cylindrical faces are on the cylinders.
+
+        Where this would turn cells inside out, on the bores alone.
+
+        Raises
+        ------
+        MeshError
+            A curved edge of a bore turns a cell inside out.
+        """
+        if self.solid.quadratic:
+            return self
+        solid = second_order(self.solid)
+        part = replace(self, solid=solid, facets=solid.facets())
+        rounded = replace(solid, points=part._on_cylinders())
+        try:
+            return _rounded(replace(part, solid=rounded))
+        except MeshError:
+            return _rounded(part)
+
+    def _on_cylinders(self) -> np.ndarray:
+        """Nodes, those in the middles of edges of cylindrical faces on the cylinders, (n, 3)."""
+        points = self.solid.points.copy()
+        for number, cylinder in self.cylinders.items():
+            own = placement(cylinder, None)
+            facets = self.facets[self.numbers == number]
+            corners = facet_corners(facets)
+            # Of the frame in which the file is.
+            middles = rounded_middles(own(self.place.back(self.solid.points[corners])))
+            points[facets[:, corners.shape[1] :]] = self.place(own.back(middles))
+        return points
+
     def refined(self) -> PlacedPart:
         """Part with every cell cut in eight."""
         solid, facets, numbers = refined(self.solid, self.facets, self.numbers)
-        return _rounded(PlacedPart(solid, facets, numbers, self.named, {}, self.place))
+        return _rounded(replace(self, solid=solid, facets=facets, numbers=numbers, moved={}))
 
 
 def _rounded(part: PlacedPart) -> PlacedPart:
     """Bores put on their cylinders, middles of edges as they then have to be."""
-    points, moved = part.solid.points, {}
-    corners = np.zeros(len(points), dtype=bool)
-    corners[part.solid.corners] = True
+    points, moved = part.solid.points, dict(part.moved)
     surfaces = part.surfaces()
     for place, name in enumerate(part.named.bores):
-        points, moved[name] = round_bore(points, surfaces[name], corners, name, first=place == 0)
-    return replace(part, solid=replace(part.solid, points=points), moved=moved)
+        points, distance = round_bore(points, surfaces[name], name, first=place == 0)
+        moved[name] = max(distance, moved.get(name, 0.0))
+    solid = replace(part.solid, points=points)
+    if wrong := int(inside_out(solid).sum()):
+        raise MeshError(
+            f"{', '.join(part.named.bores)}: {wrong} of {len(solid.cells)} cells are turned inside "
+            "out by the curvature of the bore: mesh the part with more cells around it"
+        )
+    return replace(part, solid=solid, moved=moved)
 
 
 def place_part(
@@ -438,7 +504,8 @@ def place_part(
     towards = [faces[number - 1].centre for number in named.points.values()]
     place = placement(first, towards[0] if towards else None)
     solid = replace(solid, points=place(solid.points))
-    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, size))
+    round_ones = {n: face.cylinder for n, face in enumerate(faces, 1) if face.cylinder is not None}
+    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, size))
 
 
 def _meshed(

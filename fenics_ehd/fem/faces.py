@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fenics_ehd.fem.solid import Solid
+from fenics_ehd.fem.solid import Solid, facet_corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,8 @@ def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> lis
     Parameters
     ----------
     facets
-        As `Solid.facets` gives them.
+        As `Solid.facets` gives them. Cylinders and planes are fitted to all their nodes, so those
+        of a first-order solid to its corners.
     sharp
         Angle of such an edge [degrees].
     """
@@ -205,7 +206,7 @@ def in_order(faces: Sequence[F]) -> list[F]:
 
 def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
     """Outward normals as long as the areas between the corners, shape (f, 3) [m2]."""
-    corners = solid.points[facets[:, : facets.shape[1] // 2]]
+    corners = solid.points[facet_corners(facets)]
     if corners.shape[1] == 3:
         return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
@@ -213,8 +214,9 @@ def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
 
 def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray:
     """Pieces of the surface between sharp edges, a number for each facet."""
-    count = facets.shape[1] // 2
-    sides = np.stack([facets[:, :count], np.roll(facets[:, :count], -1, axis=1)], axis=2)
+    corners = facet_corners(facets)
+    count = corners.shape[1]
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
     edges = np.sort(sides.reshape(-1, 2), axis=1)
     order = np.lexsort(edges.T)
     edges = edges[order]
@@ -235,7 +237,7 @@ def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
     x, normal = solid.points[nodes], _area_vectors(solid, facets[group])
     areas = np.linalg.norm(normal, axis=1)
     area, mean = float(areas.sum()), normal.sum(axis=0)
-    corners = solid.points[facets[group, : facets.shape[1] // 2]].mean(axis=1)
+    corners = solid.points[facet_corners(facets[group])].mean(axis=1)
     centre = areas @ corners / area
     size = np.linalg.norm(x - centre, axis=1).max()
     axis = mean / max(np.linalg.norm(mean), 1e-300)

@@ -38,8 +38,13 @@ HEXAHEDRON_27 = 12
 TETRAHEDRON_10 = 11
 TRIANGLE_6 = 9
 
-#: Names in meshio of Gmsh's solid cells.
-_NAMES = {4: "tetra", 11: "tetra10", 5: "hexahedron", 17: "hexahedron20"}
+#: Names in meshio of Gmsh's cells.
+CELL_NAMES = {
+    **{4: "tetra", 11: "tetra10", 5: "hexahedron", 17: "hexahedron20", 12: "hexahedron27"},
+    **{6: "wedge", 18: "wedge15", 13: "wedge18", 7: "pyramid", 19: "pyramid13", 14: "pyramid14"},
+    **{2: "triangle", 9: "triangle6", 3: "quad", 16: "quad8", 10: "quad9"},
+    **{15: "vertex", 1: "line", 8: "line3"},
+}
 
 #: Orders of the nodes of those cells of second order that Gmsh numbers otherwise.
 _ORDERS = {
@@ -220,7 +225,7 @@ def _write_mesh(
 
 
 def read_by_gmsh(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
-    """Points and solid cells by meshio's names.
+    """Points and cells of all kinds by meshio's names.
 
     Raises
     ------
@@ -234,5 +239,10 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     with session(), by_itself(path) as alone:
         gmsh.merge(alone)
         points, row = numbered_nodes()
-        cells = [(name, nodes_of_cells(number)) for number, name in _NAMES.items()]
-        return points, [(name, row[nodes]) for name, nodes in cells if len(nodes)]
+        types = gmsh.model.mesh.getElementTypes()
+        return points, [(cell_name(number), row[nodes_of_cells(number)]) for number in types]
+
+
+def cell_name(number: int) -> str:
+    """Name in meshio of Gmsh's cells of a type, or Gmsh's own where it is no other's."""
+    return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0])
