@@ -17,7 +17,16 @@ from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import in_unit
 from fenics_ehd.fem.drawing import CellSizes, Drawing, read_drawing
 from fenics_ehd.fem.drawing_unit import IGES, STEP
-from fenics_ehd.fem.faces import SHARP, Cylinder, Face, find_faces, fit_cylinder, rounded_middles
+from fenics_ehd.fem.faces import (
+    COARSE_CELLS,
+    SHARP,
+    Cylinder,
+    Face,
+    find_faces,
+    fit_cylinder,
+    rounded_middles,
+    split_cylinders,
+)
 from fenics_ehd.fem.foreign_mesh import FileMaterial
 from fenics_ehd.fem.solid import (
     FACES,
@@ -344,9 +353,28 @@ def open_part(
     part = read_part(path, unit or "m", several_materials=several_materials)
     facets = part.solid.facets()
     faces = find_faces(part.solid, facets, sharp=sharp)
+    split = split_cylinders(part.solid, facets, faces, sharp)
     return OpenedPart(
-        path, faces, part.solid, facets, left_out=part.left_out, materials=part.materials
+        path,
+        faces,
+        part.solid,
+        facets,
+        None,
+        part.left_out,
+        part.materials,
+        _angle_hint(path, split),
     )
+
+
+def _angle_hint(path: Path, split: Sequence[Face]) -> list[str]:
+    """A line on cylinders that a larger angle of edges would find."""
+    radii = sorted({f"{f.cylinder.radius * 1e3:.4g}" for f in split if f.cylinder is not None})
+    if not radii:
+        return []
+    return [
+        f"{path}: cylinders of radius {', '.join(radii)} mm are in pieces, whose cells turn by up "
+        f"to {COARSE_CELLS:g} degrees: give --angle {COARSE_CELLS:g}"
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -138,6 +138,9 @@ SAME = 1e-4
 #: around turns by 30, chamfers by 45.
 SHARP = 35.0
 
+#: Angle at which edges of a cylinder of 8 first-order cells around are no edges of the part.
+COARSE_CELLS = 50.0
+
 
 @dataclass(frozen=True, eq=False)
 class Face:
@@ -190,6 +193,29 @@ def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> lis
     labels = _smooth_pieces(solid, facets, sharp)
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     return in_order(_whole([_shaped(solid, facets, group) for group in groups], solid, facets))
+
+
+def split_cylinders(
+    solid: Solid, facets: np.ndarray, faces: Sequence[Face], sharp: float
+) -> list[Face]:
+    """Cylinders that are in pieces, as their cells turn by more than an angle of sharp edges.
+
+    Parameters
+    ----------
+    faces
+        As `find_faces` gives them for the angle.
+    sharp
+        The angle [degrees]. The result is empty unless it is below `COARSE_CELLS`.
+    """
+    if sharp >= COARSE_CELLS:
+        return []
+    number = np.empty(len(facets), dtype=np.int64)
+    for n, face in enumerate(faces):
+        number[face.facets] = n
+    labels = _smooth_pieces(solid, facets, COARSE_CELLS)
+    groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    shaped = [_shaped(solid, facets, g) for g in groups if len(np.unique(number[g])) > 1]
+    return [face for face in shaped if face.cylinder is not None]
 
 
 def in_order(faces: Sequence[F]) -> list[F]:
