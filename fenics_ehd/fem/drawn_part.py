@@ -15,10 +15,28 @@ import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import in_unit
-from fenics_ehd.fem.faces import SHARP, Cylinder, Face, find_faces, fit_cylinder, rounded_middles
-from fenics_ehd.fem.gmsh_session import COARSE, CellSizes, mesh_drawing
-from fenics_ehd.fem.solid import FACES, Solid, refined
-from fenics_ehd.fem.solid_file import DRAWINGS, read_mesh
+from fenics_ehd.fem.drawing import CellSizes, Drawing, read_drawing
+from fenics_ehd.fem.drawing_unit import IGES, STEP
+from fenics_ehd.fem.faces import (
+    COARSE_CELLS,
+    SHARP,
+    Cylinder,
+    Face,
+    find_faces,
+    fit_cylinder,
+    rounded_middles,
+    split_cylinders,
+)
+from fenics_ehd.fem.foreign_mesh import FileMaterial
+from fenics_ehd.fem.solid import (
+    FACES,
+    Solid,
+    facet_corners,
+    inside_out,
+    refined,
+    second_order,
+)
+from fenics_ehd.fem.solid_file import read_part
 
 #: Largest distance that a bore's node is moved onto the cylinder, relative to the radius: of
 #: second-order cells or of the corners of first-order ones.
@@ -46,6 +64,10 @@ class Placement:
         """Points of the file in the part's frame."""
         return (points - self.origin) @ self.turn.T
 
+    def back(self, points: np.ndarray) -> np.ndarray:
+        """Points of the part's frame in the file."""
+        return points @ self.turn + self.origin
+
 
 def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
     """The bore's axis along z, its centre at the origin, x towards a point.
@@ -70,22 +92,20 @@ def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
 
 
 def round_bore(
-    points: np.ndarray, facets: np.ndarray, given: np.ndarray, name: str, *, first: bool
+    points: np.ndarray, facets: np.ndarray, name: str, *, first: bool
 ) -> tuple[np.ndarray, float]:
-    """Points with those of a bore along z put on its cylinder, and the largest move [m].
+    """Points with those of a bore along z put on its cylinder, and a corner's largest move [m].
 
-    Middles of facets' edges follow, as `rounded_middles`. Nodes at the ends within the same
-    distance of a plane are put on it, and corners of quadrilaterals along one line of the bore or
-    around it on that.
+    Middles of facets' edges, if there are any, follow, as `rounded_middles`. Nodes at the ends
+    within the same distance of a plane are put on it, and corners of quadrilaterals along one line
+    of the bore or around it on that.
 
     Parameters
     ----------
     points
         Nodes of the part in its frame, shape (n, 3) [m].
     facets
-        Of the bore, corners, then edges.
-    given
-        Which nodes the file has, as others were made on straight edges.
+        Of the bore: corners, of second-order cells then edges.
     name
         Of the bore.
     first
@@ -96,8 +116,9 @@ def round_bore(
     MeshError
         A node has to be moved by more than `PROJECTED` radii.
     """
-    count = facets.shape[1] // 2
-    corners, nodes = np.unique(facets[:, :count]), np.unique(facets)
+    sides = facet_corners(facets)
+    count = sides.shape[1]
+    corners = np.unique(sides)
     x = points[corners]
     cylinder = fit_cylinder(x, np.column_stack([x[:, :2], np.zeros(len(x))]))
     centre = np.zeros(3) if first else cylinder.centre * [1.0, 1.0, 0.0]
@@ -113,11 +134,10 @@ def round_bore(
     if count == 4:
         # Rounded ones are no parallelograms, as films on them need.
         new[corners] = _lined_up(new[corners] - centre, cylinder.radius) + centre
-    new[facets[:, count:]] = rounded_middles(new[facets[:, :count]] - centre) + centre
-    known = nodes[given[nodes]]
-    # Along the bore a middle may be moved far and do no harm.
-    radial = np.linalg.norm((points[known] - centre)[:, :2], axis=1) - cylinder.radius
-    moved = float(np.abs(radial).max())
+    if facets.shape[1] > count:
+        new[facets[:, count:]] = rounded_middles(new[sides] - centre) + centre
+    # Along the bore a node may be moved far and do no harm.
+    moved = float(np.abs(reach - cylinder.radius).max())
     if moved > PROJECTED * cylinder.radius:
         raise MeshError(
             f"{name}: a node lies {moved:.2e} m off the cylinder of radius {cylinder.radius:g} m, "
@@ -204,6 +224,9 @@ AROUND = 40
 #: Cells around cylinders without a name: the rim of an oil hole needs 6.
 AROUND_OTHERS = 12
 
+#: Size of cells where nothing asks for smaller ones, relative to the part's longest side.
+COARSE = 1 / 20
+
 #: Largest difference between a radius asked for and a face's, relative.
 RADIUS_MATCH = 1e-3
 
@@ -219,22 +242,33 @@ class OpenedPart:
     ----------
     path
         Of the file.
-    solid, facets, faces
-        Coarsely meshed, if it is a drawing.
-    labels
-        The drawing's face of each facet, or None.
+    faces
+        Bores first.
+    solid, facets
+        Of a mesh, of the file's order; None of a drawing, whose mesh depends on which faces matter.
+    drawing
+        None of a mesh.
+    left_out
+        What the file has besides, in words; empty if nothing.
+    materials
+        Of the file's cells, see `ForeignPart`.
+    notices
+        What the user should know about the file, a line each.
     """
 
     path: Path
-    solid: Solid
-    facets: np.ndarray
     faces: Sequence[Face]
-    labels: np.ndarray | None
+    solid: Solid | None = None
+    facets: np.ndarray | None = None
+    drawing: Drawing | None = None
+    left_out: str = ""
+    materials: Sequence[FileMaterial] = ()
+    notices: Sequence[str] = ()
 
     @property
     def drawn(self) -> bool:
         """True of a drawing, which can be meshed more finely."""
-        return self.labels is not None
+        return self.drawing is not None
 
     def radius(self, number: int) -> float:
         """Radius of a cylindrical face [m]."""
@@ -284,7 +318,13 @@ def _length(text: str) -> float:
         ) from None
 
 
-def open_part(path: Path, unit: str = "m", sharp: float = SHARP) -> OpenedPart:
+def open_part(
+    path: Path,
+    unit: str | None = None,
+    sharp: float = SHARP,
+    *,
+    several_materials: bool = False,
+) -> OpenedPart:
     """Read a drawing or a mesh and find its faces.
 
     Parameters
@@ -292,27 +332,49 @@ def open_part(path: Path, unit: str = "m", sharp: float = SHARP) -> OpenedPart:
     path
         STEP or IGES, or any mesh that meshio reads.
     unit
-        Of a mesh.
+        Of its lengths; None: metres of a mesh, what a drawing declares.
     sharp
         Angle at which a face of a mesh ends [degrees].
+    several_materials
+        As in `read_mesh`.
 
     Raises
     ------
     MeshError
-        See `read_mesh` and `mesh_drawing`.
+        See `read_mesh` and `read_drawing`.
     """
     if not 1.0 <= sharp <= 90.0:
         raise MeshError(f"--angle {sharp:g} degrees must be 1 to 90")
     if not path.is_file():
         raise MeshError(f"part {str(path)!r}: there is no such file")
-    labels = None
-    if path.suffix.lower() in DRAWINGS:
-        solid, labels = mesh_drawing(path)
-    else:
-        solid = read_mesh(path, unit)
-    facets = solid.facets()
-    faces = find_faces(solid, facets, labels, sharp=sharp)
-    return OpenedPart(path, solid, facets, faces, labels)
+    if path.suffix.lower() in STEP + IGES:
+        drawing = read_drawing(path, unit)
+        return OpenedPart(path, drawing.faces, drawing=drawing, notices=drawing.notices)
+    part = read_part(path, unit or "m", several_materials=several_materials)
+    facets = part.solid.facets()
+    faces = find_faces(part.solid, facets, sharp=sharp)
+    split = split_cylinders(part.solid, facets, faces, sharp)
+    return OpenedPart(
+        path,
+        faces,
+        part.solid,
+        facets,
+        None,
+        part.left_out,
+        part.materials,
+        _angle_hint(path, split),
+    )
+
+
+def _angle_hint(path: Path, split: Sequence[Face]) -> list[str]:
+    """A line on cylinders that a larger angle of edges would find."""
+    radii = sorted({f"{f.cylinder.radius * 1e3:.4g}" for f in split if f.cylinder is not None})
+    if not radii:
+        return []
+    return [
+        f"{path}: cylinders of radius {', '.join(radii)} mm are in pieces, whose cells turn by up "
+        f"to {COARSE_CELLS:g} degrees: give --angle {COARSE_CELLS:g}"
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,17 +400,21 @@ class NamedFaces:
 
 
 def bore_sizes(
-    part: OpenedPart, named: NamedFaces, around: float, coarser: float = 1.0
+    drawing: Drawing, named: NamedFaces, around: float, coarser: float = 1.0
 ) -> CellSizes:
     """Size of the cells of a drawing: so many around each bore, larger ones away from it.
 
     All of them are larger by a factor of `coarser`.
     """
-    cells = dict.fromkeys(range(1, len(part.faces) + 1), float(AROUND_OTHERS))
+    cells = dict.fromkeys(range(1, len(drawing.faces) + 1), float(AROUND_OTHERS))
     cells |= dict.fromkeys(named.points.values(), around / 2)
     cells |= dict.fromkeys(named.bores.values(), around)
-    sized = [(f.cylinder, cells[n]) for n, f in enumerate(part.faces, 1) if f.cylinder is not None]
-    return CellSizes(sized, COARSE * float(np.ptp(part.solid.points, axis=0).max()), coarser)
+    sized = [
+        (face.cylinder, cells[number])
+        for number, face in enumerate(drawing.faces, 1)
+        if face.cylinder is not None
+    ]
+    return CellSizes(sized, COARSE * float(drawing.extent.max()), coarser)
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,7 +424,7 @@ class PlacedPart:
     Attributes
     ----------
     solid, facets
-        In metres, the first bore about z.
+        In metres, the first bore about z; of the file's order, as matrices of its nodes are.
     numbers
         Face of each facet.
     named
@@ -367,6 +433,10 @@ class PlacedPart:
         How far nodes of each bore were moved onto its cylinder [m].
     place
         Where the file's points come to lie: matrices of the same nodes are turned likewise.
+    cylinders
+        Those of the file's faces by number, where the file has them.
+    size
+        Size of the cells of a drawing relative to that asked for, see `MeshedDrawing`.
     """
 
     solid: Solid
@@ -375,6 +445,8 @@ class PlacedPart:
     named: NamedFaces
     moved: Mapping[str, float]
     place: Placement
+    cylinders: Mapping[int, Cylinder]
+    size: float = 1.0
 
     def surfaces(self) -> dict[str, np.ndarray]:
         """Facets of every surface."""
@@ -383,21 +455,58 @@ class PlacedPart:
             for name, faces in self.named.all().items()
         }
 
+    def quadratic(self) -> PlacedPart:
+        """Part of second-order cells; middles of edges of cylindrical faces are on the cylinders.
+
+        Where this would turn cells inside out, on the bores alone.
+
+        Raises
+        ------
+        MeshError
+            A curved edge of a bore turns a cell inside out.
+        """
+        if self.solid.quadratic:
+            return self
+        solid = second_order(self.solid)
+        part = replace(self, solid=solid, facets=solid.facets())
+        rounded = replace(solid, points=part._on_cylinders())
+        try:
+            return _rounded(replace(part, solid=rounded))
+        except MeshError:
+            return _rounded(part)
+
+    def _on_cylinders(self) -> np.ndarray:
+        """Nodes, those in the middles of edges of cylindrical faces on the cylinders, (n, 3)."""
+        points = self.solid.points.copy()
+        for number, cylinder in self.cylinders.items():
+            own = placement(cylinder, None)
+            facets = self.facets[self.numbers == number]
+            corners = facet_corners(facets)
+            # Of the frame in which the file is.
+            middles = rounded_middles(own(self.place.back(self.solid.points[corners])))
+            points[facets[:, corners.shape[1] :]] = self.place(own.back(middles))
+        return points
+
     def refined(self) -> PlacedPart:
         """Part with every cell cut in eight."""
         solid, facets, numbers = refined(self.solid, self.facets, self.numbers)
-        return _rounded(PlacedPart(solid, facets, numbers, self.named, {}, self.place))
+        return _rounded(replace(self, solid=solid, facets=facets, numbers=numbers, moved={}))
 
 
 def _rounded(part: PlacedPart) -> PlacedPart:
     """Bores put on their cylinders, middles of edges as they then have to be."""
-    points, moved = part.solid.points, {}
-    corners = np.zeros(len(points), dtype=bool)
-    corners[part.solid.corners] = True
+    points, moved = part.solid.points, dict(part.moved)
     surfaces = part.surfaces()
     for place, name in enumerate(part.named.bores):
-        points, moved[name] = round_bore(points, surfaces[name], corners, name, first=place == 0)
-    return replace(part, solid=replace(part.solid, points=points), moved=moved)
+        points, distance = round_bore(points, surfaces[name], name, first=place == 0)
+        moved[name] = max(distance, moved.get(name, 0.0))
+    solid = replace(part.solid, points=points)
+    if wrong := int(inside_out(solid).sum()):
+        raise MeshError(
+            f"{', '.join(part.named.bores)}: {wrong} of {len(solid.cells)} cells are turned inside "
+            "out by the curvature of the bore: mesh the part with more cells around it"
+        )
+    return replace(part, solid=solid, moved=moved)
 
 
 def place_part(
@@ -412,15 +521,8 @@ def place_part(
     MeshError
         It cannot be meshed, or a bore is not round enough or not along the first one.
     """
-    solid, facets, faces = part.solid, part.facets, part.faces
-    numbers = np.zeros(len(facets), dtype=np.int64)
-    for number, face in enumerate(faces, 1):
-        numbers[face.facets] = number
-    if part.labels is not None:
-        owner = dict(zip(part.labels.tolist(), numbers.tolist(), strict=True))
-        solid, labels = mesh_drawing(part.path, bore_sizes(part, named, around, coarser))
-        facets = solid.facets()
-        numbers = np.array([owner[label] for label in labels.tolist()])
+    faces = part.faces
+    solid, facets, numbers, size = _meshed(part, named, around, coarser)
     first, *others = (faces[number - 1].cylinder for number in named.bores.values())
     assert first is not None
     for name, other in zip(list(named.bores)[1:], others, strict=True):
@@ -430,4 +532,23 @@ def place_part(
     towards = [faces[number - 1].centre for number in named.points.values()]
     place = placement(first, towards[0] if towards else None)
     solid = replace(solid, points=place(solid.points))
-    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place))
+    round_ones = {n: face.cylinder for n, face in enumerate(faces, 1) if face.cylinder is not None}
+    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, size))
+
+
+def _meshed(
+    part: OpenedPart, named: NamedFaces, around: float, coarser: float
+) -> tuple[Solid, np.ndarray, np.ndarray, float]:
+    """Solid of a part, its facets, the face of each, and `PlacedPart.size`."""
+    if part.drawing is not None:
+        drawing = part.drawing
+        mesh = drawing.mesh(bore_sizes(drawing, named, around, coarser))
+        owner = {s: n for n, face in enumerate(drawing.faces, 1) for s in face.surfaces}
+        numbers = np.array([owner[surface] for surface in mesh.surfaces.tolist()])
+        return mesh.solid, mesh.solid.facets(), numbers, mesh.size
+    assert part.solid is not None
+    assert part.facets is not None
+    numbers = np.zeros(len(part.facets), dtype=np.int64)
+    for number, face in enumerate(part.faces, 1):
+        numbers[face.facets] = number
+    return part.solid, part.facets, numbers, 1.0

@@ -6,14 +6,16 @@ Cylinders are fitted to the nodes by least squares of their distances; a circle 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from fenics_ehd.fem.solid import Solid
+from fenics_ehd.fem.solid import Solid, facet_corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +138,9 @@ SAME = 1e-4
 #: around turns by 30, chamfers by 45.
 SHARP = 35.0
 
+#: Angle at which edges of a cylinder of 8 first-order cells around are no edges of the part.
+COARSE_CELLS = 50.0
+
 
 @dataclass(frozen=True, eq=False)
 class Face:
@@ -171,25 +176,50 @@ class Face:
         return self.area / (2 * np.pi * self.cylinder.radius * self.cylinder.width)
 
 
-def find_faces(
-    solid: Solid, facets: np.ndarray, labels: np.ndarray | None = None, *, sharp: float = SHARP
-) -> list[Face]:
-    """Faces of a solid: bores by falling radius, shafts, planes by falling area, others.
+F = TypeVar("F", bound=Face)
+
+
+def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> list[Face]:
+    """Faces of a solid, which end where its surface has an edge, `in_order`.
 
     Parameters
     ----------
     facets
-        As `Solid.facets` gives them.
-    labels
-        Number of the face that a drawing has for each facet, (f,); None: a face ends where the
-        surface has an edge.
+        As `Solid.facets` gives them. Cylinders and planes are fitted to all their nodes, so those
+        of a first-order solid to its corners.
     sharp
         Angle of such an edge [degrees].
     """
-    if labels is None:
-        labels = _smooth_pieces(solid, facets, sharp)
+    labels = _smooth_pieces(solid, facets, sharp)
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
-    faces = _whole([_shaped(solid, facets, group) for group in groups], solid, facets)
+    return in_order(_whole([_shaped(solid, facets, group) for group in groups], solid, facets))
+
+
+def split_cylinders(
+    solid: Solid, facets: np.ndarray, faces: Sequence[Face], sharp: float
+) -> list[Face]:
+    """Cylinders that are in pieces, as their cells turn by more than an angle of sharp edges.
+
+    Parameters
+    ----------
+    faces
+        As `find_faces` gives them for the angle.
+    sharp
+        The angle [degrees]. The result is empty unless it is below `COARSE_CELLS`.
+    """
+    if sharp >= COARSE_CELLS:
+        return []
+    number = np.empty(len(facets), dtype=np.int64)
+    for n, face in enumerate(faces):
+        number[face.facets] = n
+    labels = _smooth_pieces(solid, facets, COARSE_CELLS)
+    groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    shaped = [_shaped(solid, facets, g) for g in groups if len(np.unique(number[g])) > 1]
+    return [face for face in shaped if face.cylinder is not None]
+
+
+def in_order(faces: Sequence[F]) -> list[F]:
+    """Bores by falling radius, shafts, planes by falling area, others."""
     order = {"bore": 0, "shaft": 1, "plane": 2, "other": 3}
 
     def place(face: Face) -> tuple[float, ...]:
@@ -202,7 +232,7 @@ def find_faces(
 
 def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
     """Outward normals as long as the areas between the corners, shape (f, 3) [m2]."""
-    corners = solid.points[facets[:, : facets.shape[1] // 2]]
+    corners = solid.points[facet_corners(facets)]
     if corners.shape[1] == 3:
         return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
@@ -210,8 +240,9 @@ def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
 
 def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray:
     """Pieces of the surface between sharp edges, a number for each facet."""
-    count = facets.shape[1] // 2
-    sides = np.stack([facets[:, :count], np.roll(facets[:, :count], -1, axis=1)], axis=2)
+    corners = facet_corners(facets)
+    count = corners.shape[1]
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
     edges = np.sort(sides.reshape(-1, 2), axis=1)
     order = np.lexsort(edges.T)
     edges = edges[order]
@@ -232,7 +263,7 @@ def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
     x, normal = solid.points[nodes], _area_vectors(solid, facets[group])
     areas = np.linalg.norm(normal, axis=1)
     area, mean = float(areas.sum()), normal.sum(axis=0)
-    corners = solid.points[facets[group, : facets.shape[1] // 2]].mean(axis=1)
+    corners = solid.points[facet_corners(facets[group])].mean(axis=1)
     centre = areas @ corners / area
     size = np.linalg.norm(x - centre, axis=1).max()
     axis = mean / max(np.linalg.norm(mean), 1e-300)
@@ -254,10 +285,10 @@ def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
 
 
 def _whole(faces: list[Face], solid: Solid, facets: np.ndarray) -> list[Face]:
-    """Pieces of one cylinder side by side, as drawings have them, in one."""
+    """Pieces of one cylinder side by side in one."""
     found: list[Face] = []
     for face in faces:
-        twin = next((i for i, other in enumerate(found) if _same_cylinder(face, other)), None)
+        twin = next((i for i, other in enumerate(found) if same_cylinder(face, other)), None)
         if twin is None:
             found.append(face)
             continue
@@ -265,7 +296,8 @@ def _whole(faces: list[Face], solid: Solid, facets: np.ndarray) -> list[Face]:
     return found
 
 
-def _same_cylinder(one: Face, other: Face) -> bool:
+def same_cylinder(one: Face, other: Face) -> bool:
+    """Whether two faces are pieces of one cylinder, side by side."""
     a, b = one.cylinder, other.cylinder
     if a is None or b is None or one.kind != other.kind:
         return False

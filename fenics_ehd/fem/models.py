@@ -7,14 +7,17 @@ itself is not imported here.
 from __future__ import annotations
 
 import json
+import re
 from base64 import b64decode, b64encode
 from collections.abc import Collection, Sequence
 from importlib import resources
 from pathlib import Path
 
+import attrs
 import numpy as np
 
-from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.errors import MeshError, SettingsError
+from fenics_ehd.base.fields import Material
 from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 
 #: First bytes of a mesh; any other content Gmsh takes for a program, whatever the file's name.
@@ -25,7 +28,10 @@ MESH_BEGINS = b"$MeshFormat"
 #: know ("MSH file format" of Gmsh's manual).
 MESH_ERROR, MESH_ERROR_ENDS = b"\n$FlexibilityMeshError\n", b"\n$EndFlexibilityMeshError\n"
 
-#: Largest size of such a section at a file's end [bytes].
+#: Section of a mesh with the material of its part, before that, and its end.
+MATERIAL, MATERIAL_ENDS = b"\n$PartMaterial\n", b"\n$EndPartMaterial\n"
+
+#: Largest size of such sections at a file's end [bytes].
 MOST_STORED = 2**24
 
 
@@ -53,6 +59,37 @@ def check_model(path: Path) -> None:
         with open(path, "rb") as file:
             if file.read(len(MESH_BEGINS)) != MESH_BEGINS:
                 raise MeshError(f"model {path} is no mesh: it must begin with $MeshFormat")
+
+
+def store_material(path: Path, material: Material) -> None:
+    """Write the material of a part at the end of its ``.msh`` file."""
+    with open(path, "ab") as file:
+        file.write(MATERIAL + json.dumps(attrs.asdict(material)).encode() + MATERIAL_ENDS)
+
+
+def stored_material(path: Path) -> dict[str, float]:
+    """Material that `store_material` wrote, by the names of `Material`; empty if there is none.
+
+    Raises
+    ------
+    MeshError
+        It is not what was written.
+    """
+    begin, end = re.escape(MATERIAL), re.escape(MATERIAL_ENDS)
+    found = re.search(begin + rb"(.{1,1000}?)" + end, _tail(path))
+    if found is None:
+        return {}
+    try:
+        return attrs.asdict(Material(**json.loads(found[1])))
+    except (ValueError, TypeError, RecursionError, SettingsError):
+        raise MeshError(f"model {path}: its $PartMaterial is no material: make it anew") from None
+
+
+def _tail(path: Path) -> bytes:
+    """End of a file, where sections of this program are."""
+    with open(path, "rb") as file:
+        file.seek(max(0, file.seek(0, 2) - MOST_STORED))
+        return file.read()
 
 
 def store_mesh_error(
@@ -88,9 +125,7 @@ def stored_mesh_error(
     MeshError
         It is not there, or of other bores or points.
     """
-    with open(path, "rb") as file:
-        file.seek(max(0, file.seek(0, 2) - MOST_STORED))
-        text = file.read().rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
+    text = _tail(path).rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
     try:
         found = json.loads(text)
         if found["bores"] == list(bores):

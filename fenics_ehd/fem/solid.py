@@ -1,6 +1,7 @@
-"""A solid of second-order cells as arrays, from any mesh, and the facets of its surface.
+"""A solid as arrays of nodes and cells, from any mesh, and the facets of its surface.
 
-Its cells must neither overlap nor be inside out; each can be cut in eight, the shape kept.
+Cells are of first order, as a file has them, or of second order, as a part is computed with. They
+must neither overlap nor be inside out; second-order cells can be cut in eight, the shape kept.
 """
 
 from __future__ import annotations
@@ -28,16 +29,21 @@ GMSH_TET = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
 GMSH_HEX = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
 
 
+#: Surface elements of `ELEMENTS` on the facets of first- and of second-order cells.
+FACET_ELEMENTS = {"tet": ("linear triangle", "triangle"), "hex": ("bilinear", "serendipity")}
+
+
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Second-order cells.
+    """Cells of one kind and one order.
 
     Attributes
     ----------
     points
         Nodes, shape (n, 3) [m].
     cells
-        Nodes of each cell, corners, then edges as in `SOLIDS`, shape (c, 10) or (c, 20).
+        Nodes of each cell: corners, shape (c, 4) or (c, 8); of second-order cells then edges as in
+        `SOLIDS`, shape (c, 10) or (c, 20).
     kind
         ``"tet"`` or ``"hex"``.
     """
@@ -48,8 +54,18 @@ class Solid:
 
     @property
     def element(self) -> NodalElement:
-        """Shape functions of a cell."""
+        """Shape functions of a second-order cell."""
         return SOLIDS[self.kind]
+
+    @property
+    def quadratic(self) -> bool:
+        """True of second-order cells."""
+        return self.cells.shape[1] > self.element.corners
+
+    @property
+    def facet_element(self) -> str:
+        """Name of the surface element of the facets, as `bore_from_faces` takes it."""
+        return FACET_ELEMENTS[self.kind][int(self.quadratic)]
 
     @property
     def corners(self) -> np.ndarray:
@@ -58,6 +74,8 @@ class Solid:
 
     def face_rows(self) -> np.ndarray:
         """Places in a cell of the nodes of each face: corners in turn, then the edges between."""
+        if not self.quadratic:
+            return np.array(FACES[self.kind])
         edges = self.element.edges.tolist()
         number = {frozenset(edge): i for i, edge in enumerate(edges, self.element.corners)}
         rows = []
@@ -67,13 +85,17 @@ class Solid:
         return np.array(rows)
 
     def facets(self) -> np.ndarray:
-        """Nodes of the facets of the surface, corners, then edges, shape (f, 6) or (f, 8)."""
+        """Nodes of the facets of the surface: corners, then the edges of second-order cells.
+
+        shape (f, 3), (f, 4), (f, 6) or (f, 8); facets come in the same order for both orders.
+        """
         nodes, first, uses = self.faces()
         return nodes[np.sort(first[uses == 1])]
 
     def faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes of the faces of every cell, the first of each kind, and how often it is there."""
-        nodes = self.cells[:, self.face_rows()].reshape(-1, 2 * len(FACES[self.kind][0]))
+        rows = self.face_rows()
+        nodes = self.cells[:, rows].reshape(-1, rows.shape[1])
         corners = np.sort(nodes[:, : len(FACES[self.kind][0])], axis=1)
         return nodes, *np.unique(corners, axis=0, return_index=True, return_counts=True)[1:]
 
@@ -86,6 +108,16 @@ def raised(points: np.ndarray, corners: np.ndarray, kind: str) -> Solid:
     return Solid(
         np.vstack([points, points[edges].mean(axis=1)]), np.hstack([corners, middles]), kind
     )
+
+
+def second_order(solid: Solid) -> Solid:
+    """The solid with nodes in the middles of straight edges, behind its own, where it has none."""
+    return solid if solid.quadratic else raised(solid.points, solid.cells, solid.kind)
+
+
+def facet_corners(facets: np.ndarray) -> np.ndarray:
+    """Corners of facets of first or second order, shape (f, 3) or (f, 4)."""
+    return facets[:, : 3 if facets.shape[1] in (3, 6) else 4]
 
 
 def used(solid: Solid) -> Solid:
@@ -114,6 +146,7 @@ def corner_volumes(solid: Solid) -> np.ndarray:
 def inside_out(solid: Solid) -> np.ndarray:
     """Mask of cells turned inside out or flat, by corners or curvature, shape (c,)."""
     wrong = corner_volumes(solid) <= 0
+    solid = second_order(solid)
     x = solid.points[solid.cells]
     slopes = solid.element.tabulate(solid.element.rule(4)[0])[1]
     for at_point in slopes.swapaxes(0, 1):
@@ -143,6 +176,32 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
             f"{path}: {wrong} of {count} cells are turned inside out, by their corners or by the "
             f"curvature of the surface: {remedy}"
         )
+
+
+#: Limits of a part's longest side [m]: outside of them its lengths are in another unit.
+SHORTEST, LONGEST = 1e-3, 5.0
+
+
+def require_extent(extent: np.ndarray, path: str | Path) -> None:
+    """Refuse a part whose lengths are in another unit than the one it was read in.
+
+    Parameters
+    ----------
+    extent
+        Sides of the box around it, shape (3,) [m].
+    path
+        Of its file.
+
+    Raises
+    ------
+    MeshError
+        The longest side is below `SHORTEST` or above `LONGEST`.
+    """
+    longest = float(np.max(extent))
+    if longest < SHORTEST:
+        raise MeshError(f"{path} is {longest:g} m long, below {SHORTEST:g}: give its --unit, m say")
+    if longest > LONGEST:
+        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
 
 
 #: Distance of nodes that are one, relative to the size of the part.

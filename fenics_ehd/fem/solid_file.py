@@ -1,16 +1,18 @@
 """Solids from meshes of other programs.
 
-meshio reads them, but for those of I-DEAS, which Gmsh reads. Of a deck of Abaqus and CalculiX it is
-given the nodes and solid cells alone: meshio 5.3 forgets all nodes at a second ``*NODE`` (reference
-points of an assembly, say), knows type names in capitals alone and refuses a deck for any type of
-element that it does not know.
+Decks of Abaqus and CalculiX and bulk data of Nastran are read here, files of I-DEAS by Gmsh, all
+others by meshio. Every block of a file is counted: solid cells of another kind than the one that is
+taken refuse the file, and what is not solid is reported.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
-from io import StringIO
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,76 +24,156 @@ from scipy.sparse.csgraph import connected_components
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.fields import in_unit
 from fenics_ehd.base.processes import interrupt_kept, printing_kept
-from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.fem.bulk_data import read_bulk_data
+from fenics_ehd.fem.deck import read_deck
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
 from fenics_ehd.fem.gmsh_session import read_by_gmsh
-from fenics_ehd.fem.solid import Solid, raised, require_sound_cells, used
-
-#: Drawings, whose units are in the file.
-DRAWINGS = (".step", ".stp", ".iges", ".igs")
-
-#: A part longer than this in metres is in millimetres [m].
-LONGEST = 5.0
-
-#: Solid cells by meshio's names: kind, nodes that are kept, whether they are of second order.
-CELLS = {
-    "tetra": ("tet", 4, False),
-    "tetra10": ("tet", 10, True),
-    "hexahedron": ("hex", 8, False),
-    "hexahedron20": ("hex", 20, True),
-    "hexahedron27": ("hex", 20, True),
-}
+from fenics_ehd.fem.solid import Solid, require_extent, require_sound_cells, used
 
 #: Meshes that Gmsh reads and meshio does not, of I-DEAS.
 READ_BY_GMSH = (".unv",)
 
-#: Files of Nastran, which meshio reads if they begin as a whole deck does.
+#: Files of Nastran and of programs that read its bulk data.
 NASTRAN = (".bdf", ".fem", ".nas")
 
+#: What no mesh of meshio's formats begins with, and rows of Abaqus' matrices do: a number, a comma.
+_MATRIX = re.compile(r"\s*(\d+\s*,\s*\d+\s*,|\d+\s+\d+\s+[-+.\d])")
 
-def read_mesh(path: Path, unit: str) -> Solid:
-    """Solid of a mesh file; cells of first order get straight edges.
+
+@dataclass(frozen=True, eq=False)
+class ForeignPart:
+    """A solid of a file, and what else the file has.
+
+    Attributes
+    ----------
+    solid
+        In metres, of the file's order, the file's nodes in their order.
+    left_out
+        Elements, sets and constraints that are no part of it, in words; empty if none.
+    materials
+        Of its cells, of equal values unless several were allowed; empty if the file has none.
+    """
+
+    solid: Solid
+    left_out: str = ""
+    materials: Sequence[FileMaterial] = ()
+
+
+def read_mesh(path: Path, unit: str, *, several_materials: bool = False) -> Solid:
+    """Solid of a mesh file, of first or second order as its cells are.
+
+    The nodes are those of the file that cells have, in its order; of decks by ascending number. A
+    `UserWarning` lists what else the file has.
+
+    Parameters
+    ----------
+    path
+        Any mesh of one kind of tetrahedra or hexahedra.
+    unit
+        Of its lengths.
+    several_materials
+        Accept cells of several materials: for matrices of another program, which contain these.
 
     Raises
     ------
     MeshError
-        It cannot be read, has no solid cells or several kinds, is of another unit, or its cells
-        are no solid.
+        It cannot be read, has no solid cells or several kinds, cells of several materials, is of
+        another unit, or its cells are no solid.
     """
-    points, blocks = read_deck(path) if path.suffix.lower() == ".inp" else _read(path)
-    kinds = sorted({name for name, _ in blocks if name in CELLS})
-    if len(kinds) != 1:
-        there = ", ".join(kinds or sorted({name for name, _ in blocks})) or "nothing"
-        raise MeshError(
-            f"{path} has {there}: it needs one kind of solid cells, of {', '.join(CELLS)}"
-        )
-    kind, count, quadratic = CELLS[kinds[0]]
-    cells = np.concatenate([cells[:, :count] for name, cells in blocks if name in CELLS])
-    cells = cells.astype(np.int64)
-    points = np.asarray(points, dtype=float) * in_unit(f"1 {unit}", "m")
-    solid = used(Solid(points, cells, kind) if quadratic else raised(points, cells, kind))
+    part = read_part(path, unit, several_materials=several_materials)
+    if part.left_out:
+        warnings.warn(f"{path}: left out are {part.left_out}", stacklevel=2)
+    return part.solid
+
+
+def read_part(path: Path, unit: str, *, several_materials: bool = False) -> ForeignPart:
+    """Solid and material of a mesh file, and what is left out; see `read_mesh`."""
+    mesh = _read(path).check(path)
+    kind, cells = mesh.solid_cells(path)
+    if not several_materials:
+        mesh.require_one_material(path)
+    points = np.asarray(mesh.points, dtype=float) * in_unit(f"1 {unit}", "m")
+    solid = used(Solid(points, cells, kind))
     if not np.isfinite(solid.points).all():
         raise MeshError(f"{path}: a node has coordinates that are no finite numbers")
     require_sound_cells(solid, path)
     _require_one_piece(path, cells)
-    longest = np.ptp(solid.points, axis=0).max()
-    if longest > LONGEST:
-        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
-    return solid
+    require_extent(np.ptp(solid.points, axis=0), path)
+    return ForeignPart(solid, mesh.left_out(), mesh.materials)
 
 
-def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
-    """Points and cells by meshio's names."""
-    if path.suffix.lower() in READ_BY_GMSH:
-        return read_by_gmsh(path)
+def _read(path: Path) -> ForeignMesh:
+    """Contents of a file of any format."""
+    ending = path.suffix.lower()
+    if ending == ".inp":
+        return read_deck(path)
+    if ending in NASTRAN:
+        return read_bulk_data(path)
+    if ending in READ_BY_GMSH:
+        mesh = ForeignMesh(*read_by_gmsh(path))
+        _require_all(path, sum(mesh.counts.values()))
+        return mesh
+    return _read_by_meshio(path)
+
+
+#: Elements of I-DEAS with a line of their own behind the first, beams.
+_BEAMS = (11, 21, 22, 23, 24)
+
+
+def _require_all(path: Path, count: int) -> None:
+    """Refuse a file of I-DEAS of whose elements Gmsh has read `count`, and no others.
+
+    Raises
+    ------
+    MeshError
+        Naming the numbers of elements by their descriptors.
+    """
+    kinds: Counter[str] = Counter()
+    for dataset in re.split(r"^ {4}-1\s*$", path.read_text(errors="replace"), flags=re.MULTILINE):
+        number, *lines = dataset.strip("\n").splitlines() or [""]
+        at = 0
+        while number.strip() == "2412" and at < len(lines):
+            record = lines[at].split()
+            kinds[record[1]] += 1
+            at += 1 + (int(record[1]) in _BEAMS) + -(-int(record[5]) // 8)
+    if (there := sum(kinds.values())) > count:
+        listed = ", ".join(f"{n} of FE descriptor {kind}" for kind, n in kinds.items())
+        raise MeshError(
+            f"{path} has {listed}: {there - count} of these cannot be read, export the solid alone"
+        )
+
+
+def _read_by_meshio(path: Path) -> ForeignMesh:
+    """Contents of a file of a format that meshio reads."""
     try:
-        with interrupt_kept(), printing_kept() as said:
+        with interrupt_kept(), printing_kept() as printed:
             _require_files(path)
-            mesh = _bulk_data(path) or meshio.read(path)
-    except (Exception, SystemExit) as error:  # the latter is how meshio refuses a file
-        reason = said.getvalue() if isinstance(error, SystemExit) else str(error)
-        lines = [line for line in reason.splitlines() if line.strip()] or [type(error).__name__]
-        raise MeshError(f"{path}: meshio cannot read it: {lines[0]}") from None
-    return mesh.points, [(block.type, block.data) for block in mesh.cells]
+            mesh = meshio.read(path)
+    except (meshio.ReadError, OSError, SystemExit) as error:  # the latter is how it refuses a file
+        reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
+        lines = [line for line in reason.splitlines() if line.strip()] or ["it says no reason"]
+        raise MeshError(f"{path}: meshio cannot read it: {lines[0]}{_hint(path)}") from None
+    except Exception:
+        # Its inner words tell nothing of the file.
+        raise MeshError(
+            f"{path}: meshio cannot read it: its contents are not those of a "
+            f"{path.suffix or 'mesh'} file, or of a kind that meshio does not know{_hint(path)}"
+        ) from None
+    blocks = [(block.type, block.data) for block in mesh.cells]
+    sets = Counter({"sets": len(mesh.point_sets) + len(mesh.cell_sets)})
+    return ForeignMesh(mesh.points, blocks, sets)
+
+
+def _hint(path: Path) -> str:
+    """What else a file may be."""
+    try:
+        with open(path, encoding="ascii") as file:
+            lines = [line for line in islice(file, 100) if not line.startswith("**")]
+    except (OSError, ValueError):
+        return ""
+    if lines and _MATRIX.match(lines[0]):
+        return ": rows of numbers as in a matrix of Abaqus, which read_abaqus takes beside a mesh"
+    return ""
 
 
 def _require_files(path: Path) -> None:
@@ -109,14 +191,6 @@ def _require_files(path: Path) -> None:
             raise ValueError(f"{other} is not a regular file")
 
 
-def _bulk_data(path: Path) -> meshio.Mesh | None:
-    """Mesh of a file of Nastran that holds its bulk data alone."""
-    if path.suffix.lower() not in NASTRAN or "BEGIN BULK" in (text := path.read_text()):
-        return None
-    text = text.partition("ENDDATA")[0]
-    return meshio.read(StringIO(f"BEGIN BULK\n{text}\nENDDATA\n"), file_format="nastran")
-
-
 def _require_one_piece(path: Path, cells: np.ndarray) -> None:
     owners = np.repeat(np.arange(len(cells)), cells.shape[1])
     shape = len(cells), int(cells.max()) + 1
@@ -128,110 +202,3 @@ def _require_one_piece(path: Path, cells: np.ndarray) -> None:
             f"{path} has {count} solids, it must have one: export the part alone, or merge the "
             "nodes that lie in one place"
         )
-
-
-# Decks of Abaqus and CalculiX
-
-#: Behind these, node numbers mean other nodes: they are those of one part or instance.
-_SCOPES = {
-    *("PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY", "ENDASSEMBLY"),
-}
-
-#: Keywords that make or move nodes and elements without listing them.
-_GENERATORS = {"NCOPY", "NFILL", "NGEN", "NMAP", "SYSTEM", "ELCOPY", "ELGEN"}
-
-#: Most files that a deck includes, each as often as it is included.
-MOST_FILES = 100
-
-
-@dataclass
-class _Scope:
-    """Lines of nodes, and of solid elements by their type."""
-
-    nodes: list[str] = field(default_factory=list)
-    elements: dict[str, list[str]] = field(default_factory=dict)
-
-
-def read_deck(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
-    """Nodes and solid cells; other elements, sets and steps are passed over.
-
-    Parameters
-    ----------
-    path
-        Flat, or of parts and instances, of which one has solid cells: instances are not moved to
-        where the assembly has them. ``*INCLUDE`` is followed.
-
-    Returns
-    -------
-    tuple
-        Points (n, 3), and of each type of cell its name in meshio and the nodes (c, k).
-
-    Raises
-    ------
-    MeshError
-        It has no solid cells, those of several parts, or what cannot be read.
-    """
-    scopes = [_Scope()]
-    # Before each keyword a star, before a comment two, which are gone already.
-    for section in re.split(r"^\*", _text(path, []), flags=re.MULTILINE)[1:]:
-        header, _, text = section.partition("\n")
-        keyword, type_name = _keyword(header)
-        rows = [line for line in text.splitlines() if line.strip()]
-        if keyword in _SCOPES:
-            scopes.append(_Scope())
-        elif keyword in _GENERATORS:
-            raise MeshError(f"{path} has *{keyword}: write a deck that lists nodes and elements")
-        elif keyword == "NODE":
-            scopes[-1].nodes += rows
-        elif keyword == "ELEMENT" and re.fullmatch(r"C3D\d+[A-Z]*", type_name):
-            scopes[-1].elements.setdefault(type_name, []).extend(rows)
-    solid = [scope for scope in scopes if scope.elements]
-    if not solid:
-        raise MeshError(f"{path} has no C3D4, C3D8, C3D10, C3D20: it needs one kind of solid cells")
-    if len(solid) > 1:
-        raise MeshError(
-            f"{path} has {len(solid)} parts of solid cells, it must have one: export the part alone"
-        )
-    # A row may leave out what is zero.
-    flat = ["*NODE", *(",".join(f"{line},0,0,0".split(",")[:4]) for line in solid[0].nodes)]
-    for type_name, lines in solid[0].elements.items():
-        # meshio does not know all of a family, as C3D8RT.
-        family = re.sub(r"(C3D\d+).*", r"\1", type_name)
-        flat += [f"*ELEMENT, TYPE={family}", *lines]
-    try:
-        mesh = meshio.read(StringIO("\n".join(flat)), file_format="abaqus")
-    except (Exception, SystemExit):
-        # What it says is not shown: it may be any file, which a deck from elsewhere includes.
-        raise MeshError(
-            f"{path}: its rows are not nodes with coordinates and {', '.join(solid[0].elements)} "
-            "with as many of these nodes as they have"
-        ) from None
-    return mesh.points, [(block.type, block.data) for block in mesh.cells]
-
-
-def _text(path: Path, opened: list[Path]) -> str:
-    """A deck with those that it includes; keywords with their options in one line, no comments."""
-    opened.append(path)
-    if len(opened) > MOST_FILES:
-        raise MeshError(
-            f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}: does one "
-            "include itself?"
-        )
-    with named(MeshError, str(path)):
-        require_file(path)
-        text = path.read_text(encoding="utf-8", errors="replace")
-
-    def included(line: re.Match[str]) -> str:
-        return _text(path.parent / line[1].strip().strip('"'), opened)
-
-    text = re.sub(r"^\*\*.*\n?", "", text, flags=re.MULTILINE)
-    text = re.sub(r"^(\*.*,)[ \t]*\n", r"\1", text, flags=re.MULTILINE)
-    include = r"^\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,\n]+).*$"
-    return re.sub(include, included, text, flags=re.IGNORECASE | re.MULTILINE)
-
-
-def _keyword(line: str) -> tuple[str, str]:
-    """Keyword without blanks, and the option TYPE or nothing, in capitals."""
-    keyword, *options = re.sub(r"\s", "", line).upper().split(",")
-    pairs = dict(option.partition("=")[::2] for option in options)
-    return keyword, pairs.get("TYPE", "")

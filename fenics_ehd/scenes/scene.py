@@ -529,10 +529,40 @@ def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> 
         scene = attrs.evolve(build(Scene, tables), name=name, tables=tables)
     except UnknownKeyError as error:
         raise SettingsError(f"unknown key {error}{_hint(tables, str(error))}") from None
+    scene, replaced = with_model_materials(scene)
     check_names(scene)
     check_time(scene)
-    warnings = (*lines, *unusual(scene), *notices(scene))
+    warnings = (*lines, *replaced, *unusual(scene), *notices(scene))
     return attrs.evolve(scene, renamed=tuple(lines), warnings=warnings)
+
+
+def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
+    """The scene with the materials that models keep, and a line for each value written otherwise.
+
+    What the scene's tables write is valid; `fenics_ehd.fem.models.store_material` wrote the rest.
+
+    Raises
+    ------
+    MeshError
+        A model keeps what is no material.
+    """
+    bodies, lines = dict(scene.bodies), []
+    for name in meshed(scene):
+        body = scene.bodies[name]
+        path = Path(body.model)
+        if path.suffix != ".msh" or not path.is_file():
+            continue
+        from fenics_ehd.fem.models import stored_material  # with the reduction
+
+        written = scene.tables["bodies"][name].get("material", {})
+        kept = stored_material(path)
+        for key, value in kept.items():
+            if key in written and (own := getattr(body.material, key)) != value:
+                full = f"bodies.{name}.material.{key}"
+                lines.append(f"{full} = {own:g} is taken, the model {path.name} has {value:g}")
+        values = {key: value for key, value in kept.items() if key not in written}
+        bodies[name] = attrs.evolve(body, material=attrs.evolve(body.material, **values))
+    return attrs.evolve(scene, bodies=bodies), lines
 
 
 def _hint(tables: Mapping[str, Any], key: str) -> str:

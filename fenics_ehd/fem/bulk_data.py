@@ -1,0 +1,246 @@
+"""Bulk data of Nastran: nodes and solid cells, and the materials of these.
+
+Cards of fields of 8 or 16 columns, or free ones between commas (MSC Nastran, Quick Reference Guide,
+"Format of Bulk Data entries"). A continuation follows its card, with an empty first field or one
+that begins with ``+`` or ``*``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
+
+#: Solid cells: names in meshio by numbers of nodes.
+_SOLID = {
+    "CTETRA": {4: "tetra", 10: "tetra10"},
+    "CHEXA": {8: "hexahedron", 20: "hexahedron20"},
+    "CPENTA": {6: "wedge", 15: "wedge15"},
+    "CPYRAM": {5: "pyramid", 13: "pyramid13"},
+    "CPYRA": {5: "pyramid", 13: "pyramid13"},
+}
+
+#: Places of Nastran's nodes in VTK's order: middles of upright edges come before those on top.
+_ORDERS = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)]}
+
+#: Beginnings of cards that are no element though they begin as one does.
+_NO_ELEMENT = ("CORD", "CAERO", "CSET", "CLOAD", "CYAX", "CYJOIN", "CSUPER", "CREEP", "CFLUID")
+
+#: Cards, besides elements, that hold or join nodes or give them mass.
+_JOINING = ("RBE", "RBAR", "RROD", "RJOINT", "MPC", "SPC", "PLOTEL", "SUPORT")
+
+#: Cards that make up properties of solids with other materials than one isotropic one.
+_LAYERED = ("PCOMPS", "PCOMPLS", "PLSOLID")
+
+#: Most files that one includes, each as often as it is included.
+MOST_FILES = 100
+
+#: A card: its name and its fields.
+Card = tuple[str, list[str]]
+
+
+def read_bulk_data(path: Path) -> ForeignMesh:
+    """Nodes by ascending number, solid cells and their materials; other elements are counted.
+
+    Raises
+    ------
+    MeshError
+        It cannot be read, or has nodes of another coordinate system than the basic one.
+    """
+    cards: dict[str, list[list[str]]] = {}
+    for name, fields in _cards(_bulk(_text(path, []), path)):
+        cards.setdefault(name, []).append(fields)
+    numbers, points = _nodes(cards, path)
+    blocks, properties = _cells(cards, numbers, path)
+    return ForeignMesh(points, blocks, _others(cards), _materials(cards, properties))
+
+
+def _text(path: Path, opened: list[Path]) -> str:
+    """A file with those that it includes, without comments."""
+    opened.append(path)
+    if len(opened) > MOST_FILES:
+        raise MeshError(f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}")
+    with named(MeshError, str(path)):
+        require_file(path)
+        text = path.read_text(encoding="utf-8", errors="replace")
+    text = re.sub(r"\$.*", "", text)
+    pattern = re.compile(r"^\s*INCLUDE\s+(?:'([^']+)'|\"([^\"]+)\"|(\S+))", re.I | re.M)
+    return pattern.sub(lambda m: _text(path.parent / (m[1] or m[2] or m[3]).strip(), opened), text)
+
+
+def _bulk(text: str, path: Path) -> list[str]:
+    """Lines of the bulk data: behind its beginning, if a whole deck is there, up to its end."""
+    parts = re.split(r"^\s*BEGIN\b.*$", text, flags=re.I | re.M)
+    if len(parts) > 2:
+        raise MeshError(f"{path} has {len(parts) - 1} sections of bulk data (superelements), not 1")
+    bulk = re.split(r"^\s*ENDDATA\b", parts[-1], flags=re.I | re.M)[0]
+    return [line.rstrip() for line in bulk.splitlines() if line.strip()]
+
+
+def _cards(lines: Sequence[str]) -> Iterator[Card]:
+    """Cards with the fields of their continuations."""
+    card: Card | None = None
+    for line in lines:
+        first, fields = _fields(line)
+        if card is not None and (not first or first[0] in "+*"):
+            card[1].extend(fields)
+            continue
+        if card is not None:
+            yield card
+        card = first.rstrip("*").upper(), fields
+    if card is not None:
+        yield card
+
+
+def _fields(line: str) -> tuple[str, list[str]]:
+    """First field of a line, and those of its data, 8 or 4 wide ones."""
+    if "," in line:
+        first, *fields = (field.strip() for field in line.split(","))
+        count = 4 if "*" in first else 8
+        return first, [*fields, *[""] * count][:count]
+    line = line.expandtabs(8)
+    first = line[:8].strip()
+    width = 16 if "*" in first else 8
+    return first, [line[i : i + width].strip() for i in range(8, 72, width)]
+
+
+def _number(text: str) -> float:
+    """A real number, whose exponent may lack its letter; an empty field is zero.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
+    if not re.fullmatch(r"[0-9.eEdD+\-]*", text):
+        raise ValueError(f"{text!r} is no number")
+    text = re.sub("[dD]", "e", text).lower()
+    if "e" not in text:
+        text = re.sub(r"(?<=[0-9.])([+-])", r"e\1", text)
+    return float(text or 0)
+
+
+def _whole(text: str) -> int:
+    """A whole number.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
+    if not re.fullmatch(r"[0-9]{1,18}", text):
+        raise ValueError(f"{text!r} is no whole number")
+    return int(text)
+
+
+def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of nodes, ascending, and their positions, shape (n, 3)."""
+    standard = [fields[1] for fields in cards.get("GRDSET", [])]
+    listed = {}
+    for fields in cards.get("GRID", []):
+        number, system, *place = [*fields, *[""] * 5][:5]
+        if (system or "".join(standard) or "0").strip("0"):
+            raise MeshError(
+                f"{path}: GRID {number} lies in another coordinate system than the basic one: "
+                "write x, y, z of nodes"
+            )
+        try:
+            listed[_whole(number)] = [_number(text) for text in place]
+        except ValueError as error:
+            raise MeshError(f"{path}: GRID {number}: {error}") from None
+    numbers = np.array(sorted(listed), dtype=np.int64)
+    points = np.array([listed[number] for number in numbers.tolist()], dtype=float)
+    return numbers, points.reshape(-1, 3)
+
+
+def _cells(
+    cards: Mapping[str, list[list[str]]], numbers: np.ndarray, path: Path
+) -> tuple[list[tuple[str, np.ndarray]], set[str]]:
+    """Blocks of solid cells, and the numbers of their properties."""
+    found: dict[str, list[list[int]]] = {}
+    properties = set()
+    row = {number: place for place, number in enumerate(numbers.tolist())}
+    for name, kinds in _SOLID.items():
+        for fields in cards.get(name, []):
+            label = f"{path}: {name} {fields[0]}"
+            properties.add(fields[1] or fields[0])
+            nodes = [text for text in fields[2:22] if text not in ("", "0")]
+            if len(nodes) not in kinds:
+                wanted = " or ".join(map(str, kinds))
+                raise MeshError(f"{label} has {len(nodes)} nodes, it must have {wanted}")
+            try:
+                found.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
+            except (ValueError, KeyError) as error:
+                raise MeshError(f"{label}: node {error} is not among the GRIDs") from None
+    blocks = [(name, np.array(cells, dtype=np.int64)) for name, cells in found.items()]
+    return [(n, cells[:, _ORDERS[n]] if n in _ORDERS else cells) for n, cells in blocks], properties
+
+
+def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
+    """Number of elements that are not solid, and of cards that join nodes."""
+    found: Counter[str] = Counter()
+    for name, rows in cards.items():
+        element = name.startswith("C") and not name.startswith(_NO_ELEMENT)
+        if (element and name not in _SOLID) or name.startswith(_JOINING):
+            found[name] += len(rows)
+    return dict(found)
+
+
+def _materials(cards: Mapping[str, list[list[str]]], properties: set[str]) -> list[FileMaterial]:
+    """Materials of the solid cells' properties."""
+    layered = {fields[0]: name for name in _LAYERED for fields in cards.get(name, [])}
+    found = {
+        number: FileMaterial(f"of {layered[number]} {number}", {}, _problem(layered[number]))
+        for number in sorted(properties & set(layered))
+    }
+    isotropic = {fields[0]: fields for fields in cards.get("MAT1", [])}
+    factor = _mass_factor(cards)
+    for fields in cards.get("PSOLID", []):
+        if fields[0] in properties:
+            number = fields[1]
+            found[number] = _material(number, isotropic.get(number), factor)
+    return list(found.values())
+
+
+def _problem(text: str) -> dict[str, str]:
+    """No value of a material."""
+    return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
+
+
+def _mass_factor(cards: Mapping[str, list[list[str]]]) -> float:
+    """Factor of all densities, ``PARAM,WTMASS``."""
+    for name, value, *_ in cards.get("PARAM", []):
+        if name.upper() == "WTMASS":
+            return _number(value)
+    return 1.0
+
+
+def _material(number: str, fields: Sequence[str] | None, factor: float) -> FileMaterial:
+    """Material of a MAT1, or of what is none."""
+    name = f"MAT1 {number}"
+    if fields is None:
+        return FileMaterial(number, {}, _problem("no MAT1"))
+    try:
+        given = dict(zip("EGNR", [_number(text) for text in fields[1:5]], strict=True))
+    except ValueError as error:
+        return FileMaterial(name, {}, _problem(str(error)))
+    there = {letter for letter, text in zip("EGNR", fields[1:5], strict=True) if text}
+    values = {}
+    if "E" in there:
+        values["youngs_modulus"] = given["E"]
+    elif {"G", "N"} <= there:
+        values["youngs_modulus"] = 2 * given["G"] * (1 + given["N"])
+    if "N" in there:
+        values["poissons_ratio"] = given["N"]
+    elif {"E", "G"} <= there and given["G"]:
+        values["poissons_ratio"] = given["E"] / (2 * given["G"]) - 1
+    if "R" in there:
+        values["density"] = given["R"] * factor
+    return FileMaterial(name, values)

@@ -1,0 +1,354 @@
+"""Decks of Abaqus and CalculiX: nodes and elements of all types, and the materials of solids.
+
+Read here and not by meshio, which forgets all nodes at a second ``*NODE`` (reference points of an
+assembly, say), knows type names in capitals alone, and refuses a deck for any type of element that
+it does not know. A deck from elsewhere may include any file: no message shows a row.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
+
+#: Names in meshio of C3D elements by their numbers of nodes. Their order is VTK's.
+_NAMES = {
+    **{4: "tetra", 10: "tetra10", 8: "hexahedron", 20: "hexahedron20", 27: "hexahedron27"},
+    **{5: "pyramid", 6: "wedge", 15: "wedge15"},
+}
+#: Families of elements that fill a volume of a part, with their numbers of nodes: solids, continuum
+#: shells, cohesive ones.
+_SOLID = re.compile(r"(?:C3D|SC|CSS|COH3D)(\d+)[A-Z]*")
+
+#: Behind these, node numbers mean other nodes: they are those of one part or instance.
+_SCOPES = {
+    *("PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY", "ENDASSEMBLY"),
+}
+
+#: Keywords that make or move nodes and elements without listing them.
+_GENERATORS = {"NCOPY", "NFILL", "NGEN", "NMAP", "SYSTEM", "ELCOPY", "ELGEN"}
+
+#: Keywords of what holds, joins or loads nodes with mass, which no part takes from a deck.
+_JOINING = {
+    *("BOUNDARY", "EQUATION", "MPC", "TIE", "COUPLING", "KINEMATICCOUPLING"),
+    *("DISTRIBUTINGCOUPLING", "RIGIDBODY", "EMBEDDEDELEMENT", "NONSTRUCTURALMASS"),
+    *("PRE-TENSIONSECTION", "SHELLTOSOLIDCOUPLING"),
+}
+
+#: Most files that a deck includes, each as often as it is included.
+MOST_FILES = 100
+
+
+@dataclass
+class _Section:
+    """A keyword with its options in capitals, and its rows."""
+
+    keyword: str
+    options: Mapping[str, str]
+    rows: list[str]
+
+
+@dataclass
+class _Scope:
+    """Sections of one part or instance, or of a flat deck.
+
+    Attributes
+    ----------
+    kind, options
+        Keyword that begins it, and its options.
+    sections
+        In it.
+    """
+
+    kind: str = ""
+    options: Mapping[str, str] = field(default_factory=dict)
+    sections: list[_Section] = field(default_factory=list)
+
+    def of(self, keyword: str) -> list[_Section]:
+        """Sections of a keyword."""
+        return [section for section in self.sections if section.keyword == keyword]
+
+    @property
+    def solids(self) -> list[_Section]:
+        """Sections of solid elements."""
+        return [s for s in self.of("ELEMENT") if _SOLID.fullmatch(s.options.get("TYPE", ""))]
+
+
+def read_deck(path: Path) -> ForeignMesh:
+    """Nodes by ascending number, solid cells and their materials; everything else is counted.
+
+    Parameters
+    ----------
+    path
+        Flat, or of parts and instances, of which one has solid cells: instances are not moved to
+        where the assembly has them. ``*INCLUDE`` and ``INPUT=`` are followed.
+
+    Raises
+    ------
+    MeshError
+        It has no solid cells, those of several parts or instances, or what cannot be read.
+    """
+    scopes = _scopes(path)
+    solid = [scope for scope in scopes if scope.solids]
+    if not solid:
+        raise MeshError(f"{path} has no C3D4, C3D8, C3D10, C3D20: it needs one kind of solid cells")
+    count = max(len(solid), _instances(scopes, solid[0]))
+    if count > 1:
+        raise MeshError(
+            f"{path} has {count} parts of solid cells, it must have one: export the part alone"
+        )
+    scope = solid[0]
+    try:
+        numbers, points = _nodes(scope)
+        elements = [_elements(section) for section in scope.solids]
+        nodes = [_looked_up(numbers, table[:, 1:]) for table in elements]
+    except (ValueError, OverflowError):
+        types = dict.fromkeys(section.options["TYPE"] for section in scope.solids)
+        raise MeshError(
+            f"{path}: its rows are not nodes with coordinates and {', '.join(types)} "
+            "with as many of these nodes as they have"
+        ) from None
+    blocks = [(_cell(section), cells) for section, cells in zip(scope.solids, nodes, strict=True)]
+    own = [table[:, 0] for table in elements]
+    return ForeignMesh(points, blocks, _others(scopes), _materials(scopes, scope, own))
+
+
+def _scopes(path: Path) -> list[_Scope]:
+    """Parts and instances with their sections."""
+    scopes = [_Scope()]
+    # Before each keyword a star, before a comment two, which are gone already.
+    for text in re.split(r"^\*", _text(path, []), flags=re.MULTILINE)[1:]:
+        header, _, body = text.partition("\n")
+        keyword, options = _keyword(header)
+        if keyword in _SCOPES:
+            scopes.append(_Scope(keyword, options))
+        elif keyword in _GENERATORS:
+            raise MeshError(f"{path} has *{keyword}: write a deck that lists nodes and elements")
+        elif keyword == "NODE" and options.get("SYSTEM", "R") != "R":
+            raise MeshError(f"{path} has *NODE, SYSTEM={options['SYSTEM']}: write x, y, z of nodes")
+        rows = [row for row in body.splitlines() if row.strip()]
+        scopes[-1].sections.append(_Section(keyword, options, rows))
+    return scopes
+
+
+def _instances(scopes: Sequence[_Scope], part: _Scope) -> int:
+    """How often an assembly places a part."""
+    if part.kind != "PART":
+        return 1
+    name = part.options.get("NAME")
+    return sum(scope.kind == "INSTANCE" and scope.options.get("PART") == name for scope in scopes)
+
+
+def _nodes(scope: _Scope) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of nodes, ascending, and their positions, shape (n, 3)."""
+    rows = [row for section in scope.of("NODE") for row in section.rows]
+    _require_numbers(rows, "0-9eEdD+.")
+    fields = [row.upper().replace("D", "E").split(",") for row in rows]
+    # A row may leave out what is zero; of two rows of one number the last is valid.
+    listed = {int(row[0]): [*row[1:4], "", ""][:3] for row in fields}
+    numbers = np.array(sorted(listed), dtype=np.int64)
+    texts = [[text.strip() or "0" for text in listed[number]] for number in numbers.tolist()]
+    return numbers, np.array(texts, dtype=float).reshape(-1, 3)
+
+
+def _elements(section: _Section) -> np.ndarray:
+    """Number and nodes of each element, shape (c, 1 + k)."""
+    found = _SOLID.fullmatch(section.options["TYPE"])
+    assert found is not None
+    _require_numbers(section.rows, "0-9")
+    texts = [text for text in ",".join(section.rows).split(",") if text.strip()]
+    return np.array(texts, dtype=object).astype(np.int64).reshape(-1, 1 + int(found[1]))
+
+
+def _require_numbers(rows: Sequence[str], characters: str) -> None:
+    """Refuse what Python alone takes for a number.
+
+    Raises
+    ------
+    ValueError
+        A row has other characters.
+    """
+    if re.search(rf"[^{characters},\s-]", "\n".join(rows)):
+        raise ValueError("rows are no numbers")
+
+
+def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Places of nodes among ascending numbers.
+
+    Raises
+    ------
+    ValueError
+        One is not there.
+    """
+    places = np.minimum(np.searchsorted(numbers, nodes), len(numbers) - 1)
+    if not len(numbers) or (numbers[places] != nodes).any():
+        raise ValueError("a node is not there")
+    return places
+
+
+def _cell(section: _Section) -> str:
+    """Name in meshio of a section's cells; with their type, if no part can be made of these."""
+    type_name = section.options["TYPE"]
+    found = _SOLID.fullmatch(type_name)
+    assert found is not None
+    name = _NAMES.get(int(found[1]), "polyhedron")
+    return name if type_name.startswith("C3D") else f"{name} {type_name}"
+
+
+def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
+    """Number of elements that are not solid, of sets, and of what joins or holds nodes."""
+    found: Counter[str] = Counter()
+    for section in (section for scope in scopes for section in scope.sections):
+        if section.keyword == "ELEMENT":
+            type_name = section.options.get("TYPE", "elements")
+            if not _SOLID.fullmatch(type_name):
+                ends = [row.rstrip().endswith(",") for row in section.rows]
+                found[type_name] += len(ends) - sum(ends[:-1])
+        elif section.keyword in ("NSET", "ELSET"):
+            found["sets"] += 1
+        elif section.keyword in _JOINING:
+            found[f"*{section.keyword}"] += 1
+    return dict(found)
+
+
+def _materials(
+    scopes: Sequence[_Scope], solid: _Scope, elements: Sequence[np.ndarray]
+) -> list[FileMaterial]:
+    """Materials of the solid elements, whose numbers are given section by section."""
+    known = _all_materials(section for scope in scopes for section in scope.sections)
+    names = [
+        section.options.get("MATERIAL", "")
+        for section in solid.of("SOLIDSECTION")
+        if _holds(solid, section.options.get("ELSET", ""), elements)
+    ]
+    if not names:  # no section is there, or none that says so
+        return list(known.values())
+    return [known.get(name, FileMaterial(name)) for name in dict.fromkeys(names)]
+
+
+def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
+    """True of a set with a solid element in it, or that is nowhere to be found."""
+    pending, seen = [name], set()
+    while pending:
+        seen.add(name := pending.pop())
+        for section in scope.of("ELEMENT"):
+            if section.options.get("ELSET", "") == name and section in scope.solids:
+                return True
+        for section in scope.of("ELSET"):
+            if section.options.get("ELSET") == name:
+                if any(_lists(section, own) for own in elements):
+                    return True
+                pending += _words(section) - seen
+    sets = {s.options.get("ELSET", "") for s in scope.sections if s.keyword in ("ELEMENT", "ELSET")}
+    return not seen & sets
+
+
+def _words(section: _Section) -> set[str]:
+    """What a section of a set lists, in capitals without blanks."""
+    rows = re.sub(r"[^\S\n]", "", "\n".join(section.rows)).upper()
+    return {word for word in re.split(r"[,\n]", rows) if word}
+
+
+def _lists(section: _Section, elements: np.ndarray) -> bool:
+    """True of a section of a set that lists one of some elements, by numbers or as a range."""
+    if "GENERATE" in section.options:
+        for row in section.rows:
+            first, last, step = [*map(int, re.findall(r"\d+", row)[:3]), 1, 1, 1][:3]
+            inside = (elements >= first) & (elements <= last)
+            if (inside & ((elements - first) % max(step, 1) == 0)).any():
+                return True
+        return False
+    return not _words(section).isdisjoint(map(str, elements.tolist()))
+
+
+def _all_materials(sections: Iterable[_Section]) -> dict[str, FileMaterial]:
+    """Isotropic elastic materials by name."""
+    found: dict[str, dict[str, _Section]] = {}
+    name = None
+    for section in sections:
+        if section.keyword == "MATERIAL":
+            name = section.options.get("NAME", "")
+            found[name] = {}
+        elif section.keyword in _QUANTITIES and name is not None:
+            found[name][section.keyword] = section
+    return {name: _material(name, parts) for name, parts in found.items()}
+
+
+#: Keywords of a material, and the names of their first numbers in `Material`.
+_QUANTITIES = {"ELASTIC": ("youngs_modulus", "poissons_ratio"), "DENSITY": ("density",)}
+
+
+def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
+    """Material of the sections behind its keyword."""
+    values: dict[str, float] = {}
+    problems: dict[str, str] = {}
+    for keyword, section in parts.items():
+        names = _QUANTITIES[keyword]
+        numbers = _numbers(section.rows[0]) if section.rows else []
+        kind = section.options.get("TYPE", "ISO")
+        if not "ISOTROPIC".startswith(kind):
+            problems |= dict.fromkeys(names, f"*{keyword}, TYPE={kind}")
+        elif len(section.rows) != 1:
+            problems |= dict.fromkeys(names, f"*{keyword} of {len(section.rows)} rows, not one")
+        elif len(numbers) < len(names):
+            problems |= dict.fromkeys(names, f"*{keyword} without {' and '.join(names)}")
+        else:
+            values |= dict(zip(names, numbers, strict=False))
+    return FileMaterial(name or "without a name", values, problems)
+
+
+def _numbers(row: str) -> list[float]:
+    """Numbers of a row up to the first that is none."""
+    found = []
+    for text in row.split(","):
+        try:
+            found.append(float(text))
+        except ValueError:
+            break
+    return found
+
+
+def _text(path: Path, opened: list[Path]) -> str:
+    """A deck with those that it includes; keywords with their options in one line, no comments."""
+    opened.append(path)
+    if len(opened) > MOST_FILES:
+        raise MeshError(
+            f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}: does one "
+            "include itself?"
+        )
+    with named(MeshError, str(path)):
+        require_file(path)
+        text = path.read_text(encoding="utf-8", errors="replace")
+
+    def included(name: str) -> str:
+        return _text(path.parent / name.strip().strip('"'), opened)
+
+    text = re.sub(r"^\*\*.*\n?", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^(\*.*,)[ \t]*\n", r"\1", text, flags=re.MULTILINE)
+    text = _INCLUDE.sub(lambda line: included(line[1]), text)
+    return _ROWS_ELSEWHERE.sub(lambda line: f"{line[1]}{line[3]}\n{included(line[2])}", text)
+
+
+#: Keywords that stand for a file.
+_INCLUDE = re.compile(r"^\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,\n]+).*$", re.IGNORECASE | re.MULTILINE)
+
+#: Keywords whose rows are in a file.
+_ROWS_ELSEWHERE = re.compile(
+    r"^(\*[ \t]*(?:NODE|ELEMENT|NSET|ELSET)[ \t]*(?:,.*?)?),[ \t]*INPUT[ \t]*=[ \t]*([^,\n]+)(.*)$",
+    re.IGNORECASE | re.MULTILINE,
+)
+
+
+def _keyword(line: str) -> tuple[str, dict[str, str]]:
+    """Keyword without blanks, and its options by name, in capitals."""
+    keyword, *options = re.sub(r"\s", "", line).upper().split(",")
+    pairs = [option.partition("=") for option in options if option]
+    return keyword, {name: value.strip('"') for name, _, value in pairs}

@@ -1,0 +1,233 @@
+"""Contents of mesh files of other programs: nodes, cells of all kinds, materials, the rest counted.
+
+Files have no units. Lengths are in the unit that the user gives. Moduli and densities of a deck are
+in the consistent system of that length with newton (with inches: pound-force) and second: MPa and
+t/mm3 with mm, Pa and kg/m3 with m. A value that no known material has in these units is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import attrs
+import numpy as np
+
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.fields import Material, in_unit
+
+#: Solid cells by meshio's names: kind, nodes that are kept, nodes of a cell.
+CELLS = {
+    "tetra": ("tet", 4, 4),
+    "tetra10": ("tet", 10, 10),
+    "hexahedron": ("hex", 8, 8),
+    "hexahedron20": ("hex", 20, 20),
+    "hexahedron27": ("hex", 20, 27),
+}
+
+#: Beginnings of meshio's names of solid cells, those that no part can be made of too.
+_SOLID = (
+    *("tetra", "hexahedron", "wedge", "pyramid", "polyhedron"),
+    *(f"VTK_LAGRANGE_{name}" for name in ("TETRAHEDRON", "HEXAHEDRON", "WEDGE", "PYRAMID")),
+)
+
+#: Nodes of other cells by meshio's names.
+_OTHERS = {
+    **{"vertex": 1, "line": 2, "line3": 3, "triangle": 3, "triangle6": 6, "quad": 4, "quad8": 8},
+    **{"quad9": 9, "wedge": 6, "wedge15": 15, "wedge18": 18, "pyramid": 5, "pyramid13": 13},
+    **{"pyramid14": 14, "tetra20": 20},
+}
+
+#: Force of the consistent system that goes with a unit of length, where it is not 1 N [N].
+_FORCES = {"in": (4.4482216152605, "lbf")}
+
+#: SI units of quantities, and the power of length that their consistent unit divides a force by.
+_DIMENSIONS = {"youngs_modulus": ("Pa", 2), "density": ("kg/m3", 4)}
+
+
+@dataclass(frozen=True)
+class FileMaterial:
+    """Material of solid cells in a file's own units.
+
+    Attributes
+    ----------
+    name
+        In the file.
+    values
+        By the names of `Material`, those that the file has.
+    problems
+        By the same names, why a value is none of an isotropic elastic material.
+    """
+
+    name: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    problems: Mapping[str, str] = field(default_factory=dict)
+
+    def same(self, other: FileMaterial) -> bool:
+        """True of another name for equal values."""
+        return (self.values, self.problems) == (other.values, other.problems)
+
+    def in_si(self, name: str, unit: str, path: object) -> float:
+        """A value in SI units, of a file whose lengths are in a unit.
+
+        Raises
+        ------
+        MeshError
+            It is none of an isotropic material, or far from those of known materials.
+        """
+        option = name.replace("_", "-")
+        label = f"{path}: material {self.name} has"
+        if name in self.problems:
+            raise MeshError(f"{label} {self.problems[name]}: give --{option}")
+        value = self.values[name]
+        if name == "poissons_ratio":
+            if not -1 < value < 0.49:
+                raise MeshError(
+                    f"{label} {name} {value:g}, it must be above -1 and below 0.49: give --{option}"
+                )
+            return value
+        si_unit, power = _DIMENSIONS[name]
+        force, force_name = _FORCES.get(unit, (1.0, "N"))
+        converted = value * force / in_unit(f"1 {unit}", "m") ** power
+        low, high = attrs.fields_dict(Material)[name].metadata["usual"][0]
+        if not low <= converted <= high:
+            raise MeshError(
+                f"{label} {name} {value:g}, in {unit}, {force_name} and s that is {converted:.3g} "
+                f"{si_unit}, outside {low:g} to {high:g}: give --unit, or --{option} in {si_unit}"
+            )
+        return converted
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignMesh:
+    """Nodes and all blocks of cells of a file.
+
+    Attributes
+    ----------
+    points
+        Nodes, shape (n, 3), in the file's unit.
+    blocks
+        Cells of each block by meshio's names, solid or not: nodes, shape (c, k).
+    others
+        Number of what is no block of cells, by its name: elements that are not solid, sets.
+    materials
+        Those of solid cells, each once.
+    """
+
+    points: np.ndarray
+    blocks: Sequence[tuple[str, np.ndarray]]
+    others: Mapping[str, int] = field(default_factory=dict)
+    materials: Sequence[FileMaterial] = ()
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Number of cells by meshio's names."""
+        found: dict[str, int] = {}
+        for name, cells in self.blocks:
+            found[name] = found.get(name, 0) + len(cells)
+        return found
+
+    def left_out(self) -> str:
+        """What is not part of the solid, in words; empty if nothing."""
+        parts = {name: n for name, n in self.counts.items() if not name.startswith(_SOLID)}
+        for name, number in self.others.items():
+            parts[name] = parts.get(name, 0) + number
+        return ", ".join(f"{number} {name}" for name, number in parts.items() if number)
+
+    def solid_cells(self, path: object) -> tuple[str, np.ndarray]:
+        """Kind of the solid cells, and their nodes, shape (c, 4, 8, 10 or 20).
+
+        Raises
+        ------
+        MeshError
+            There are none, several kinds, or a block whose cells have another number of nodes.
+        """
+        solids = {name: n for name, n in self.counts.items() if name.startswith(_SOLID) and n}
+        if len(solids) != 1 or not set(solids) <= set(CELLS):
+            there = ", ".join(f"{n} {name}" for name, n in (solids or self.counts).items())
+            raise MeshError(
+                f"{path} has {there or 'no cells'}: it needs one kind of solid cells, of "
+                f"{', '.join(CELLS)}"
+            )
+        (name,) = solids
+        kind, kept, _ = CELLS[name]
+        blocks = [np.asarray(cells)[:, :kept] for block, cells in self.blocks if block == name]
+        return kind, np.concatenate([cells for cells in blocks if len(cells)]).astype(np.int64)
+
+    def check(self, path: object) -> ForeignMesh:
+        """The same, its blocks' shapes and numbers found to be those of their kinds.
+
+        Raises
+        ------
+        MeshError
+            Naming the block.
+        """
+        nodes = len(self.points)
+        for name, cells in self.blocks:
+            size = CELLS[name][2] if name in CELLS else _OTHERS.get(name)
+            shape = np.shape(cells)
+            if size is None or not len(cells):
+                continue
+            if len(shape) != 2 or shape[1] != size or np.asarray(cells).dtype.kind not in "iu":
+                wrong = f"{shape[1]} nodes" if len(shape) == 2 else "different numbers of nodes"
+                raise MeshError(f"{path}: {name} cells must have {size} nodes, they have {wrong}")
+            if name in CELLS and not 0 <= np.min(cells) <= np.max(cells) < nodes:
+                raise MeshError(f"{path}: {name} cells name nodes that the file does not have")
+            if name in CELLS and np.shape(self.points)[1:] != (3,):
+                raise MeshError(f"{path}: nodes of shape {np.shape(self.points)}, not (n, 3)")
+        return self
+
+    def require_one_material(self, path: object) -> None:
+        """Refuse solid cells of several materials.
+
+        Raises
+        ------
+        MeshError
+            Naming them.
+        """
+        different: list[FileMaterial] = []
+        for one in self.materials:
+            if not any(one.same(other) for other in different):
+                different.append(one)
+        if len(different) > 1:
+            names = ", ".join(one.name for one in different)
+            raise MeshError(
+                f"{path} has solid cells of {len(different)} materials, {names}: a part has one, "
+                "export the cells of one material"
+            )
+
+
+def part_material(
+    found: Sequence[FileMaterial], unit: str, given: Mapping[str, float], path: object
+) -> tuple[Material, list[str]]:
+    """Material of a part, and a line for each value that is not the file's.
+
+    Parameters
+    ----------
+    found
+        Materials of the file's solid cells, of equal values; or none, which needs no line.
+    unit
+        Of the file's lengths.
+    given
+        Values in SI units that take the place of the file's.
+    path
+        Of the file.
+
+    Raises
+    ------
+    MeshError
+        See `FileMaterial.in_si`.
+    """
+    lines, values = [], dict(given)
+    for own in found[:1]:
+        label = f"{path}: material {own.name} has"
+        for name, setting in attrs.fields_dict(Material).items():
+            if name in given:
+                if name in own.values:
+                    lines.append(f"{label} {name} {own.values[name]:g}, {given[name]:g} is given")
+            elif name in own.values or name in own.problems:
+                values[name] = own.in_si(name, unit, path)
+            else:
+                lines.append(f"{label} no {name}: {setting.default:g} is taken")
+    return Material(**values), lines
