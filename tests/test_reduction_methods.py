@@ -889,8 +889,10 @@ def reversed_axes(item, name):
     else:
         negative = isinstance(item, np.ndarray) and min(item.strides, default=0) < 0
         return [name] if negative else []
-    parts = [reversed_axes(value, f"{name}.{key}") for key, value in values.items()]
-    return sum(parts, [])
+    found = []
+    for key, value in values.items():
+        found += reversed_axes(value, f"{name}.{key}")
+    return found
 
 
 @pytest.mark.parametrize("method", REDUCTIONS)
