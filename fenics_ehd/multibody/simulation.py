@@ -339,7 +339,8 @@ class Simulation(Stateful):
         films = self.system.films
         self.rows: list[Row] = []
         self.worth: dict[str, dict[str, Any]] = {}
-        self._crank, self._coordinates = crank(self.system), _coordinates(self.system)
+        self._crank, self._turn = crank(self.system), cycle_length(self.system)[0]
+        self._coordinates = _coordinates(self.system)
         self.estimates = {
             place.name: estimate_at(bore_body(self.system, place), place.bore)
             for place in films
@@ -430,15 +431,16 @@ class Simulation(Stateful):
     def _angle(self, step: MechanismStep) -> float:
         """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns.
 
-        Every cycle but the first begins in 0 to 360 degrees: an engine's last one is 0 to 720
-        degrees, not 1440 to 2160.
+        Every cycle but the first of a search begins within the first one of the loads: an engine's
+        last one is 0 to 720 degrees, not 1440 to 2160.
         """
         if self._crank is None:
             return 0.0
-        turns, cycles = 0.0, self.cycles
+        former, cycles = 0.0, self.cycles
         if cycles is not None and cycles.number > 1:
-            turns = np.floor(cycles.began.x[0, self._crank] / (2 * np.pi) + WHOLE)
-        return float(np.degrees(step.x[self._crank]) - 360.0 * turns)
+            began = float(np.degrees(cycles.began.x[0, self._crank]))
+            former = self._turn * np.floor(began / self._turn + WHOLE)
+        return float(np.degrees(step.x[self._crank]) - former)
 
     def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
         """Columns of the lubricated joints at a step of a size [s]; wear and estimates go on."""
