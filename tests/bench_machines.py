@@ -4,7 +4,14 @@
 
 from fenics_ehd.analysis.bearing import minimum_film
 from fenics_ehd.analysis.equilibrium import stability
-from fenics_ehd.analysis.error_budget import SETTLED, ErrorCurves, Extreme, lacking_gaps, summed
+from fenics_ehd.analysis.error_budget import (
+    SETTLED,
+    ErrorCurves,
+    Estimator,
+    Extreme,
+    lacking_gaps,
+    summed,
+)
 from fenics_ehd.analysis.multiplier import largest_multiplier
 from fenics_ehd.analysis.replay import (
     LONGEST,
