@@ -123,9 +123,7 @@ def test_a_step_without_a_partner_in_parts_either_is_left_out(course):
     assert replay.left_out == pytest.approx(np.diff(course.times)[row - 1])
     np.testing.assert_array_equal(again.times, np.delete(course.times, row))
     # It continues as any run begins, by a formula of first order.
-    np.testing.assert_allclose(
-        again.between_nodes[:, -1:], course.between_nodes[:, -1:], rtol=1e-2
-    )
+    np.testing.assert_allclose(again.between_nodes[:, -1:], course.between_nodes[:, -1:], rtol=1e-2)
 
 
 def test_a_film_keeps_its_oil_where_a_step_is_left_out():
@@ -142,7 +140,7 @@ def test_a_film_keeps_its_oil_where_a_step_is_left_out():
 def test_a_replay_that_is_not_asked_to_forgive_ends_there(course):
     replay = Stopped(course, 0.0, len(course) - 5)
     replay._forgiving = False
-    with pytest.raises(ehd.errors.StepSizeError, match="no step .* beside those of the run"):
+    with pytest.raises(ehd.errors.StepSizeError, match=r"no step .* beside those of the run"):
         recorded(replay, course.times[-1])
 
 

@@ -487,9 +487,7 @@ class Estimator:
             place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
         }
         seconds = process_time() - began
-        return ErrorBudget(
-            joints, self._curves, changes, notes, left_out, self.iterations, seconds
-        )
+        return ErrorBudget(joints, self._curves, changes, notes, left_out, self.iterations, seconds)
 
     def _follow(self, course: Course, run: Run | None = None, **how: Any) -> Course:
         """A course of the run once more, maybe by another run; see `Replay`."""

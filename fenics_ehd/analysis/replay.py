@@ -576,9 +576,7 @@ class _Guess:
         found[self._voids] = np.clip(found[self._voids], 0.0, 1.0)
         return own + x, found
 
-    def learn(
-        self, row: int, share: float, step: Step[CoupledState], solver: SolverState
-    ) -> None:
+    def learn(self, row: int, share: float, step: Step[CoupledState], solver: SolverState) -> None:
         """Take the solution at a share of the way to a row."""
         x, values = self._own(row, share)
         self._last = step.x[: len(x)] - x, solver.values[0] - values

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import fcntl
 import inspect
+import logging
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
@@ -285,3 +288,39 @@ def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.M
         pattern = cpp.fem.create_sparsity_pattern(form)
         pattern.finalize()
     return cpp.la.MatrixCSR_float64(pattern)
+
+
+@contextmanager
+def quiet_compiler() -> Iterator[None]:
+    """No log of a C compiler, and afterwards logging and warnings as they were.
+
+    Setuptools, which compiles, gives the root logger a handler and a level, and has it print what
+    Python warns of.
+    """
+    root, shown, disabled = logging.getLogger(), warnings.showwarning, logging.root.manager.disable
+    handlers, level = list(root.handlers), root.level
+    logging.disable(max(disabled, logging.INFO))
+    try:
+        yield
+    finally:
+        logging.disable(disabled)
+        if warnings.showwarning is not shown:
+            logging.captureWarnings(False)
+        root.handlers[:] = handlers
+        root.setLevel(level)
+
+
+def _silence(module: ModuleType, name: str) -> None:
+    """Have a module's function that compiles do so quietly."""
+    function = getattr(module, name)
+
+    @wraps(function)
+    def compile_quietly(*arguments: Any, **options: Any) -> Any:
+        with quiet_compiler():
+            return function(*arguments, **options)
+
+    setattr(module, name, compile_quietly)
+
+
+# What dolfinx compiles, elements of spaces among it, goes through this function, too.
+_silence(ffcx_jit, "_compile_objects")
