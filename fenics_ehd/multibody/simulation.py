@@ -50,13 +50,17 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
+    RINGING,
+    SPIKE,
     above,
     balance_error,
     bore_body,
     bore_loads,
     energy_row,
     estimate_at,
+    in_one_step,
     integral,
+    rings,
     stated,
     step_powers,
     too_coarse,
@@ -582,6 +586,28 @@ class Simulation(Stateful):
                 f"{name}: nothing moves or loads its film, the {largest[name]:.2g} Pa in it are "
                 "rounding"
             )
+        return told + self._single_peaks()
+
+    def _single_peaks(self) -> list[str]:
+        """One line each of peaks that are one step's or the ringing of a start."""
+        own, told = columns_of(self.rows[self.first :]), []
+        ringing = self.cycles is None and self.system.least_damping < RINGING
+        rows = {p.name: own.get(f"joints/{p.name}/max_pressure_Pa") for p in self.system.films}
+        for name, values in rows.items():
+            if values is None or name in self._resting:
+                continue
+            peak, ratio = 1e-6 * float(values.max()), in_one_step(values)
+            if ratio > SPIKE:
+                told.append(
+                    f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times "
+                    "those around it: lower time.tolerance, and see what jumps there"
+                )
+            elif ringing and rings(values):
+                told.append(
+                    f"{name}: the peak of {peak:.4g} MPa is the first swing of a start that rings, "
+                    "with modes of hardly any damping: let loads grow (ramp), damp the bodies "
+                    "(damping_time, damping_ratio), or see later cycles (time.periodic = true)"
+                )
         return told
 
     @property
