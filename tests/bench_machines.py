@@ -4,7 +4,14 @@
 
 from fenics_ehd.analysis.bearing import minimum_film
 from fenics_ehd.analysis.equilibrium import stability
-from fenics_ehd.analysis.error_budget import SETTLED, ErrorCurves, Extreme, lacking_gaps, summed
+from fenics_ehd.analysis.error_budget import (
+    SETTLED,
+    ErrorCurves,
+    Estimator,
+    Extreme,
+    lacking_gaps,
+    summed,
+)
 from fenics_ehd.analysis.multiplier import largest_multiplier
 from fenics_ehd.analysis.replay import (
     LONGEST,
@@ -50,6 +57,7 @@ from fenics_ehd.multibody.body import (
     with_total,
 )
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
+from fenics_ehd.multibody.contact import JointContact
 from fenics_ehd.multibody.forces import Table
 from fenics_ehd.multibody.history import FIELD_UNITS, JointResult, fixed
 from fenics_ehd.multibody.lubricated_joint import (
@@ -61,7 +69,7 @@ from fenics_ehd.multibody.mechanism import Instant, Motion, System, assemble
 from fenics_ehd.multibody.newton import CoupledSteps, classify_failure
 from fenics_ehd.multibody.periodic import PeriodicSolver, check_period, repeating
 from fenics_ehd.multibody.quantities import OUTPUTS, averaged, joint_row, upper_most
-from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.run import Run, touching_film
 from fenics_ehd.multibody.shaft import beam_plane
 from fenics_ehd.multibody.simulation import EXTREMES, Simulation, columns_of, used_cycle
 from fenics_ehd.multibody.static_correction import BoreResponses
@@ -86,7 +94,9 @@ from fenics_ehd.multibody.trust import (
     bore_loads,
     energy_row,
     estimate_at,
+    in_one_step,
     neglected_inertia,
+    rings,
     slowest_pattern,
     step_powers,
 )

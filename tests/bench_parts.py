@@ -55,6 +55,7 @@ from fenics_ehd.reduction.load_dependent_basis import (
     energy_orthonormal,
     pressure_patterns,
     proper_orthogonal,
+    ranked,
     unit_pressures,
     without_redundancy,
 )

@@ -190,13 +190,13 @@ def test_two_turning_surfaces():
     settings = ehd.BearingSettings()
     one, both, counter, bore = (
         ehd.solve_bearing(attrs.evolve(settings, speed=shaft, bore_speed=bore), eccentricity=0.6)
-        for shaft, bore in ((500.0, 0.0), (500.0, 500.0), (500.0, -500.0), (0.0, 500.0))
+        for shaft, bore in ((500.0, 0.0), (500.0, 500.0), (500.0, -498.0), (0.0, 500.0))
     )
     ratio = settings.clearance / settings.radius
     assert both.load == pytest.approx(2 * one.load, rel=2 * ratio)
     assert bore.load == pytest.approx(one.load, rel=3 * ratio)
-    # Nothing is dragged in; what is left is the difference of the two radii.
-    assert counter.load < 3 * ratio * one.load
+    # Little is dragged in: that of the sum of the speeds, and of the difference of the two radii.
+    assert counter.load < (2.0 / 500.0 + 3 * ratio) * one.load
     assert counter.power_loss > 3 * one.power_loss
 
 
@@ -340,6 +340,17 @@ def test_a_bore_that_turns_entrains_as_much_oil_as_its_journal():
         alone = ehd.bearing(load=5e3, speed=1000.0, **cells)
         apart = np.linalg.norm(found.position - alone.position) / np.linalg.norm(alone.position)
         assert apart < 2 * 17e-6 / 0.0225
+        np.testing.assert_allclose(found.sommerfeld_number, alone.sommerfeld_number, rtol=1e-12)
+
+
+@pytest.mark.parametrize("bore_speed", [-500.0, -500.7, -499.3])
+def test_surfaces_that_turn_against_each_other_draw_no_oil_in(bore_speed):
+    """Of terms of clearance / radius a film would carry 2 kN at eccentricity 0.9965."""
+    speeds = {"speed": 500.0, "bore_speed": bore_speed}
+    with pytest.raises(ehd.errors.SettingsError, match=r"no oil is drawn in; .* 0\.75\d rad/s"):
+        ehd.bearing(load=2e3, **speeds)
+    squeezed = ehd.bearing(load=2e3, squeeze=(2e-4, 0.0), cells_around=24, **speeds)
+    assert squeezed.load == pytest.approx(2e3)
 
 
 def test_the_small_coefficient_of_a_plain_bearing_does_not_feel_its_mesh():

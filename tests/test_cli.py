@@ -10,12 +10,14 @@ import h5py
 import numpy as np
 import pytest
 from bench_machines import SIGNS
-from bench_output import check
+from bench_output import answer, check
 from bench_parts import BasisFile
 from command_line import COMMAND, exit_of, program
 from csv_history import read_history
 from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
 from study_cases import COARSE
+
+import fenics_ehd as ehd
 
 #: The rod without elasticity over the first degrees of crank angle: everything but the many modes.
 TIMES = {"time.revolutions": 0.02, "time.tolerance": 1e-3}
@@ -193,6 +195,18 @@ def test_too_little_memory_is_one_line(most):
     assert found.returncode == 1
     assert found.stderr.startswith("fenics-ehd: EhdError: less than 768 MB of address space left")
     assert found.stderr.count("\n") == 1
+
+
+def test_no_figure_that_is_not_finite_is_printed(capsys):
+    found = {"joint": {"peak_Pa": float("nan"), "film_m": 1e-6, "flows": [float("inf")]}}
+    with pytest.raises(ehd.errors.VerificationError, match="flows, peak_Pa: no finite number, in"):
+        answer(found, "  peak        nan MPa\n  film 1 um", as_json=False)
+    answer(found, "  film 1 um\n  results in nano/information", as_json=False)
+    answer({"film_m": 1e-6}, "  results in nan", as_json=False)
+    answer(found, "", as_json=True)
+    out = capsys.readouterr().out
+    assert "peak " not in out
+    assert '"peak_Pa": null' in out
 
 
 def test_info_names_the_package_and_its_models(capfd):

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from bench_film import aligned_grid
-from bench_machines import EXTREMES, JointFilm, upper_most, used_cycle
+from bench_machines import EXTREMES, Curve, JointFilm, upper_most, used_cycle
 from bench_output import joint_lines
-from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, journal, make_film
+from bench_scenes import Quantity
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, in_bearing, journal, make_film
+from scipy.interpolate import PchipInterpolator
 
 import fenics_ehd as ehd
 
@@ -128,6 +130,44 @@ def test_search_tells_its_last_cycle_from_its_own_zero():
     found = result.figures["bearing"]
     for key in ("max_pressure_Pa", "min_film_thickness_m"):
         assert found[f"cycle_{key}"] == found[key]
+
+
+def test_a_cycle_of_two_turns_keeps_its_stroke():
+    """Begun in the second turn of its loads: 400 degrees are no 40 in a later cycle either."""
+    angles = np.radians([0.0, 180.0, 370.0, 540.0, 720.0])
+    sizes = 0.1 * UNIT_LOAD * np.array([1.0, 1.5, 4.0, 1.5, 1.0])
+    load = Curve(PchipInterpolator(angles, sizes), periodic=True)
+    mechanism = in_bearing(
+        make_film((16, 3)), {"gas": ehd.PointForce("journal", (0.0, -1.0), load, "journal")}
+    )
+    mechanism.bodies["journal"] = ehd.RigidBody(0.0, 0.0, angle=400.0)
+    mechanism.drives["journal"] = ehd.Speed(OMEGA, np.radians(400.0))
+    result = ehd.simulate(mechanism, period=2 * TURN, tolerance=1e-2, periodicity=1e-2)
+    angle = result.columns["crank_angle_deg"]
+    assert result.cycles > 1
+    assert angle[[0, -1]] == pytest.approx([400.0, 1120.0])
+    # The largest force is that of the table, a turn and ten degrees after its start.
+    strongest = angle[np.argmax(result.columns["force_N"])]
+    assert strongest == pytest.approx(1090.0, abs=5.0)
+    np.testing.assert_array_equal(result.angle_of("journal"), angle)
+
+
+@pytest.mark.parametrize(("first", "shown"), [(1440.0, 0.0), (1800.0, 0.0), (400.0, 40.0)])
+def test_angle_of_a_body_is_that_of_the_run(first, shown):
+    """Where the body turns with the run's angle; another one begins within a turn."""
+    turned = np.linspace(0.0, 720.0, 9)
+    values = {
+        "time": Quantity(turned, "s"),
+        "run/crank_angle": Quantity(turned, "deg"),
+        "bodies/crank/angle": Quantity(np.radians(1440.0 + turned), "rad"),
+        "bodies/cam/angle": Quantity(np.radians(first + 0.5 * turned), "rad"),
+        "bodies/piston/x": Quantity(turned, "m"),
+    }
+    found = ehd.History(values)
+    np.testing.assert_array_equal(found.angle_of("crank"), turned)
+    np.testing.assert_allclose(found.angle_of("cam"), shown + 0.5 * turned)
+    assert found.angle_of("piston") is None
+    assert found.angle_of("none") is None
 
 
 def test_search_that_was_stopped_tells_its_last_whole_cycle():

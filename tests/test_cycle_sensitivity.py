@@ -1,6 +1,7 @@
 """Derivatives of what a run answers, through its steps, against scaling laws and other runs."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -283,6 +284,30 @@ def test_an_extreme_between_steps_is_exact_on_a_parabola():
     values = 3.0 - 2.0 * (times - 0.62) ** 2
     assert smooth_extreme(times, values, None, 1) == pytest.approx(3.0)
     assert smooth_extreme(times, -values, None, -1) == pytest.approx(-3.0)
+
+
+@pytest.mark.parametrize("period", [None, 1.0])
+@pytest.mark.parametrize(
+    "values", [np.zeros(6), np.full(6, 3e7), np.array([0.0, 2.0, 2.0, 2.0, 2.0, 2.0])]
+)
+def test_an_extreme_of_equal_values_is_that_value(values, period):
+    """A contact that no asperity touches at an instant, or that is level over some."""
+    times = np.linspace(0.0, 1.0, 7)[1:]
+    assert smooth_extreme(times, values, period, 1) == pytest.approx(values.max(), rel=0.3)
+    level = np.full_like(values, values.max())
+    assert smooth_extreme(times, level, period, 1) == pytest.approx(values.max(), rel=1e-12)
+    assert smooth_extreme(times, -level, period, -1) == pytest.approx(-values.max(), rel=1e-12)
+
+
+def test_a_figure_that_is_no_number_is_refused():
+    values = np.array([1.0, np.nan, 2.0, 1.0, 0.5])
+    joint = SimpleNamespace(columns={"max_contact_pressure_Pa": values})
+    course = SimpleNamespace(
+        joints={"pin": joint}, times=np.arange(1.0, 6.0), began=0.0, period=None
+    )
+    figure = figure_of("max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
+    with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* no finite number"):
+        figure.value(course)
 
 
 def test_an_extreme_across_the_ends_of_a_cycle_converges_and_never_jumps():

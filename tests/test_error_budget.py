@@ -15,6 +15,7 @@ from bench_machines import (
     SETTLED,
     Course,
     ErrorCurves,
+    Estimator,
     Extreme,
     IntegratorOptions,
     IntegratorState,
@@ -83,6 +84,127 @@ def test_along_its_own_steps_a_run_is_met_again_and_in_longer_ones_it_ends_where
     sizes = np.diff(longer, prepend=0.0)
     assert (sizes[1:] / sizes[:-1] <= LONGEST).all()
     assert len(course.times) / 3 < len(longer) < 0.6 * len(course.times)
+
+
+class Stopped(Replay):
+    """A replay whose steps have no solution beyond a time, if they are longer than some."""
+
+    def __init__(self, course, longest, row):
+        super().__init__(course.base, course, 1e-4, forgiving=True)
+        before, after = course.times[row - 1 : row + 1]
+        own = self.solve
+
+        def solve(norm, step, former):
+            length = step.time - self.state.time
+            if before < step.time <= after and length > longest * (after - before):
+                return SimpleNamespace(solved=None, iterations=1)
+            return own(norm, step, former)
+
+        self.solve = solve
+
+
+@pytest.mark.parametrize(("longest", "parts"), [(0.6, 2), (0.3, 4), (0.1, 16)])
+def test_a_step_without_a_partner_is_taken_in_parts(course, longest, parts):
+    row = len(course) - 5
+    replay = Stopped(course, longest, row)
+    again = recorded(replay, course.times[-1])
+    assert replay.left_out == 0.0
+    between = np.linspace(*course.times[row - 1 : row + 1], parts + 1)[1:-1]
+    np.testing.assert_allclose(np.setdiff1d(again.times, course.times), between)
+    assert np.isin(course.times, again.times).all()
+    found, expected = again.between_nodes[:, -4:], course.between_nodes[:, -4:]
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
+
+
+def test_a_step_without_a_partner_in_parts_either_is_left_out(course):
+    row = len(course) - 5
+    replay = Stopped(course, 0.0, row)
+    again = recorded(replay, course.times[-1])
+    assert replay.left_out == pytest.approx(np.diff(course.times)[row - 1])
+    np.testing.assert_array_equal(again.times, np.delete(course.times, row))
+    # It continues as any run begins, by a formula of first order.
+    np.testing.assert_allclose(again.between_nodes[:, -1:], course.between_nodes[:, -1:], rtol=1e-2)
+
+
+def test_a_film_keeps_its_oil_where_a_step_is_left_out():
+    mechanism = machine((24, 6), family="bilinear", **conserved(initial_filling=0.6))
+    course = course_of(ehd.simulate(mechanism, 3e-4, tolerance=1e-2).solved)
+    replay = Stopped(course, 0.0, len(course) - 3)
+    again = recorded(replay, course.times[-1])
+    assert replay.left_out > 0.0
+    filled = [own.joints["big_end"].film.fluid_fraction[-1] for own in (again, course)]
+    assert np.mean(filled[1]) < 0.95
+    np.testing.assert_allclose(np.mean(filled[0]), np.mean(filled[1]), rtol=2e-3)
+
+
+def test_a_replay_that_is_not_asked_to_forgive_ends_there(course):
+    replay = Stopped(course, 0.0, len(course) - 5)
+    replay._forgiving = False
+    with pytest.raises(ehd.errors.StepSizeError, match=r"no step .* beside those of the run"):
+        recorded(replay, course.times[-1])
+
+
+@pytest.mark.parametrize("missed", ["late step", "every step"])
+def test_an_estimate_is_of_what_has_partners(course, missed, monkeypatch):
+    """One late step without a solution in the run's own steps does not take the estimate away."""
+    history = ehd.simulate(machine((12, 3)), END, tolerance=1e-3)
+    times = history.time
+    first, last = (times[-9], times[-4]) if missed == "late step" else (0.0, times[-1])
+    own = Replay._step
+
+    def step(replay, row, time, share=1.0):
+        return None if first < time <= last else own(replay, row, time, share)
+
+    monkeypatch.setattr(Replay, "_step", step)
+    budget = ehd.error_budget(history)
+    peak = budget.joints["big_end"]["max_pressure"]
+    if missed == "late step":
+        assert budget.notes == {}
+        assert 0.0 < budget.left_out["film_mesh"] < 0.1
+        assert 0.0 < peak["total"] < 0.5
+    else:
+        assert set(budget.notes) == {"step_size", "film_mesh"}
+        assert peak["known"] == NOT_ESTIMATED
+
+
+def test_notes_are_printed_once():
+    notes = {"step_size": "no step", "film_mesh": "no step", "part_mesh": "no mesh"}
+    quantities = dict.fromkeys(QUANTITIES, summed(dict.fromkeys(COMPONENTS, NOT_ESTIMATED)))
+    joint = {"error_budget": {**quantities, "largest_over_cycle": quantities}}
+    parts = {"film_mesh": 0.004}
+    summary = {"error_budget_notes": notes, "error_budget_left_out": parts}
+    lines = budget_table({"pin": joint}, summary)
+    assert "  step size and film mesh not estimated: no step" in lines
+    assert "  part mesh not estimated: no mesh" in lines
+    assert sum("not estimated: " in line for line in lines) == 2
+    assert lines[-1].startswith("  film mesh: without 0.4 % of the time")
+    assert any("over the cycle" in line for line in lines)
+    whole = budget_table({"pin": joint}, {**summary, "cycle_used": "whole run: no full cycle"})
+    assert not any("cycle" in line for line in whole)
+
+
+@pytest.mark.parametrize(
+    ("moved", "left", "contraction", "start"),
+    [
+        (1e-3, 2e-4, 0.2, 2.5e-4),
+        (1e-9, 2e-9, 2.0, 2e-8),
+        (4e-4, 5e-4, 1.2, 5e-3),
+        (4e-2, 5e-4, 1.2, NOT_ESTIMATED),
+        (4e-2, 5e-2, 1.2, NOT_ESTIMATED),
+        (np.nan, 1e-9, np.nan, NOT_ESTIMATED),
+    ],
+)
+def test_a_cycle_that_repeats_to_its_noise_is_off_by_what_is_left(moved, left, contraction, start):
+    """Where nothing moves any more the ratio of two cycles' changes is one of rounding."""
+    cycles = SimpleNamespace(moved=moved, left=left, contraction=contraction, periodicity=1e-4)
+    peaks = {"pin": {"max_pressure": (1e7, 0.0)}}
+    estimator = SimpleNamespace(
+        _cycles=cycles,
+        _solved=SimpleNamespace(extremes=peaks, former=peaks),
+        _run=SimpleNamespace(control=SimpleNamespace(tolerance=1e-3)),
+    )
+    _, over_cycle = Estimator._start(estimator, "pin", "max_pressure")
+    assert over_cycle == (start if isinstance(start, str) else pytest.approx(start))
 
 
 def test_a_given_gap_acts_as_a_clearance_does(course):

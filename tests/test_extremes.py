@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from bench_film import cavitation
-from bench_machines import Run
+from bench_machines import Run, touching_film
 from bench_scenes import scene_of
+from journal_cases import in_bearing, make_film, steady
 from oracle_slider_crank import RigidSliderCrank, balanced
 from scene_cases import RIGID_ROD, tables_of
 
@@ -81,6 +82,37 @@ def test_a_run_does_not_step_through_the_bore():
     with pytest.raises(ehd.errors.FilmTooThinError):  # noqa: PT012
         for step in run.until(1.0):
             assert run.norm.gaps(step.observed).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("share", "clearance", "limit", "reason"),
+    [
+        (0.01, 200e-6, 0.2e-6, "the least film of surfaces without a roughness"),
+        (0.01, 17e-6, 0.17e-6, "joints.pin.smallest_film of the clearance"),
+        (1e-4, 200e-6, 0.02e-6, "joints.pin.smallest_film of the clearance"),
+        (0.6, 17e-6, 10.2e-6, "joints.pin.smallest_film of the clearance"),
+    ],
+)
+def test_surfaces_touch_at_the_smaller_of_a_share_and_a_film(share, clearance, limit, reason):
+    """A share above the default is meant as it is."""
+    found = touching_film("pin", share, clearance)
+    assert found == (pytest.approx(limit), reason)
+
+
+def test_a_thin_film_of_a_large_clearance_is_no_touch():
+    """1.9 um of 200 um."""
+    film = make_film((64, 4), clearance=200e-6)
+    start = {"eccentricity": (198.1e-6, 0.0)}
+
+    def films(**joint):
+        load = steady(3e5)
+        return ehd.simulate(
+            in_bearing(film, {"load": load}, **start, **joint), 1e-5, tolerance=1e-2
+        )
+
+    assert films().joints["bearing"].min_film_thickness.min() < 1.95e-6
+    with pytest.raises(ehd.errors.FilmTooThinError, match=r"below joints\.bearing\.smallest_film"):
+        films(smallest_film=0.011)
 
 
 def test_few_patterns_without_damping_start_a_film(monkeypatch):

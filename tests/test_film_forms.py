@@ -1,10 +1,12 @@
 """Forms of a film: derivatives of every law, other meshes, compilations that are killed."""
 
+import logging
 import os
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -132,6 +134,36 @@ def test_another_mesh_and_another_oil_compile_nothing():
         make_film((16, 4), oil=ehd.Lubricant(2 * ETA, ehd.Barus(1e-8))).equation.forms is not known
     )
     assert compiled.cache_info().misses == before
+
+
+def test_what_compiles_leaves_logging_and_warnings_as_they_were(capfd):
+    root, shown = logging.getLogger(), warnings.showwarning
+    handlers, level = list(root.handlers), root.level
+    with compat.quiet_compiler():  # what setuptools does
+        root.addHandler(logging.StreamHandler())
+        root.setLevel(logging.INFO)
+        logging.captureWarnings(True)
+        logging.info("x86_64-linux-gnu-gcc")
+    assert (list(root.handlers), root.level, warnings.showwarning) == (handlers, level, shown)
+    assert logging.root.manager.disable == logging.NOTSET
+    assert "gcc" not in capfd.readouterr().err
+
+
+FIRST = """
+from film_cases import make_film
+make_film((12, 3)).equation.forms
+"""
+
+
+@pytest.mark.slow
+def test_the_first_film_model_says_nothing_of_its_compiler(tmp_path):
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    command = [sys.executable, "-c", FIRST]
+    found = subprocess.run(
+        command, capture_output=True, text=True, env=environment, cwd=Path(__file__).parent
+    )
+    assert list(tmp_path.rglob("libffcx_forms_*.so"))
+    assert (found.returncode, found.stderr) == (0, "")
 
 
 COMPILE = """

@@ -11,7 +11,7 @@ from pathlib import Path
 import attrs
 import numpy as np
 import pytest
-from bench_machines import StepEquations, StepNorm, System
+from bench_machines import JointContact, StepEquations, StepNorm, System, joint_row
 from film_cases import oval
 from oil_cases import conserved as oil_kept
 from rough_cases import surfaces
@@ -219,6 +219,69 @@ def test_the_film_does_not_know_who_looks(name, way):
     if way == "exchange":
         assert max(off.pop(key) for key in ("pressure", "film")) < 1e-2
     assert max(off.values()) < LIMITS[way], off
+
+
+def rubbing(exchanged, friction):
+    """Shaft at rest in its bearing under a load of which asperities carry 0.32.
+
+    Share of the contact, its force, power, thinnest film, and the shaft's place over the clearance.
+    """
+    grid = ehd.uniform_grid(R, WIDTH, (40, 4), "lagrange")
+    rough = surfaces(0.8e-6, 0.2 if exchanged else 0.8, friction=abs(friction))
+    # Less than none is no setting: the same force, reversed.
+    object.__setattr__(rough, "boundary_friction", friction)
+    film = ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(3.3e-4), OMEGA, surfaces=rough))
+    start = 0.9 * C * np.array([np.cos(0.5), np.sin(0.5)])
+    pair, seen, rate = ("shaft", "bearing"), start, (0.0, 0.0)
+    if exchanged:
+        pair, seen = pair[::-1], -start
+        rate = (OMEGA * seen[1], -OMEGA * seen[0])
+    joint = ehd.LubricatedJoint(
+        *pair, film, friction=True, eccentricity=tuple(seen), eccentricity_rate=rate
+    )
+    found = ehd.equilibrium(
+        ehd.Mechanism(
+            {"shaft": ehd.RigidBody(1.0, 1e-3, position=start), "bearing": ehd.MasslessBody()},
+            {"held": ehd.Revolute(("ground", "bearing")), "film": joint},
+            {"shaft": ehd.Speed(OMEGA), "bearing": ehd.Speed(0.0)},
+            {"load": ehd.PointForce("shaft", (1.0, 0.0), lambda _: (5000.0, 0.0))},
+        )
+    )
+    row = joint_row(found.joints()["film"])
+    names = ("contact_share", "contact_force_N", "friction_power_W", "min_film_thickness_m")
+    place = found.z[found.system.bodies["shaft"]][:2] / C
+    return np.array([row[name] for name in names]), place
+
+
+def test_boundary_friction_breaks_the_exchange_by_its_own_force():
+    """It pushes the journal's centre aside; inside out the side that touches is the other one."""
+    plain, place = rubbing(exchanged=False, friction=0.0)
+    inside_out, other_place = rubbing(exchanged=True, friction=0.0)
+    assert plain[0] == pytest.approx(0.32, abs=0.01)
+    np.testing.assert_allclose(inside_out, plain, rtol=1e-3)
+    np.testing.assert_allclose(other_place, place, atol=1e-3)
+    rubbed, pushed = rubbing(exchanged=False, friction=0.1)
+    other, other_pushed = rubbing(exchanged=True, friction=0.1)
+    off = np.abs(other / rubbed - 1.0)
+    assert (off[1:] > 5e-3).all()
+    assert off.max() < 0.03
+    # Aside, and by as much to the other side.
+    assert (pushed - place)[1] < -0.02
+    np.testing.assert_allclose(other_pushed - place, place - pushed, atol=3e-3)
+
+
+def test_with_boundary_friction_reversed_the_exchange_holds(monkeypatch):
+    create = JointContact.__init__
+
+    def with_friction(self, place):
+        create(self, place)
+        self.friction = True
+
+    monkeypatch.setattr(JointContact, "__init__", with_friction)
+    (share, force, _, film), place = rubbing(exchanged=False, friction=0.1)
+    (own_share, own_force, _, own_film), own_place = rubbing(exchanged=True, friction=-0.1)
+    np.testing.assert_allclose([own_share, own_force, own_film], [share, force, film], rtol=1e-3)
+    np.testing.assert_allclose(own_place, place, atol=1e-3)
 
 
 @pytest.mark.parametrize("held", ["bore", "journal"])

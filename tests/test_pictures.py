@@ -334,16 +334,24 @@ WHOLE, FIRST = "whole run: no full cycle", "first cycle: films build up"
         ([1.0, 2.0, 3.0, 4.0], [540.0, 720.0, 900.0, 1080.0], None,
          {"cycle_used": "last of 2", "cycle_start_s": 2.5, "cycle_end_s": 4.0},
          [(0.0, 1.5, 90.0), (0.5, 2.0, 180.0), (1.5, 3.0, 360.0)], ""),
+        # A cycle of two turns, from its second one on: no other stroke. Backwards, too.
+        ([2.0, 2.2, 3.0, 4.0], [1080.0, 1090.0, 1450.0, 1800.0], None,
+         {"cycle_used": "last of 1", "cycle_start_s": 2.0, "cycle_end_s": 4.0},
+         [(0.0, 0.0, 360.0), (0.2, 1.0, 370.0), (1.0, 2.0, 730.0), (2.0, 3.0, 1080.0)], ""),
+        ([2.0, 2.2, 3.0, 4.0], [0.0, -10.0, -350.0, -720.0], [2, 2, 2, 2],
+         {"cycle_used": "last of 2", "cycle_start_s": 2.0, "cycle_end_s": 4.0},
+         [(0.0, 0.0, 0.0), (0.2, 1.0, -10.0), (1.0, 2.0, -350.0), (2.0, 3.0, -720.0)], ""),
         ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0], None, {"cycle_used": WHOLE},
          [(1.0, 0.0, None), (2.0, 1.0, None), (3.0, 2.0, None)], WHOLE),
     ],
-    ids=["periodic", "search", "killed", "first cycle", "full cycle", "no full cycle"],
+    ids=["periodic", "search", "killed", "first cycle", "full cycle", "two turns",
+         "backwards", "no full cycle"],
 )  # fmt: skip
 def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monkeypatch):
     cycle = None if cycle is None else np.array(cycle)
     run, columns = shown_run(monkeypatch, np.array(time), np.array(angle), cycle, **summary)
     clock, pressure, turned = (list(values) for values in zip(*shown, strict=True))
-    assert columns["time_s"].tolist() == clock
+    assert columns["time_s"].tolist() == pytest.approx(clock)
     assert (1e-6 * columns["max_pressure_Pa"]).tolist() == pytest.approx(pressure)
     if turned[0] is None:
         assert "crank_angle_deg" not in columns

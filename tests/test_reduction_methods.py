@@ -18,6 +18,7 @@ from bench_parts import (
     StaticSolver,
     eigenmodes,
     lowest_modes,
+    ranked,
     rigid,
     two_step_craig_bampton,
 )
@@ -877,6 +878,61 @@ def test_a_reductor_keeps_the_responses_to_one_pressure_set(monkeypatch):
     del shared
     gc.collect()
     assert not kept
+
+
+def reversed_axes(item, name):
+    """Names of the arrays of a body, or of what it holds, with a negative stride."""
+    if is_dataclass(item):
+        values = {f.name: getattr(item, f.name) for f in fields(item)}
+    elif isinstance(item, dict):
+        values = item
+    else:
+        negative = isinstance(item, np.ndarray) and min(item.strides, default=0) < 0
+        return [name] if negative else []
+    found = []
+    for key, value in values.items():
+        found += reversed_axes(value, f"{name}.{key}")
+    return found
+
+
+@pytest.mark.parametrize("method", REDUCTIONS)
+def test_no_array_of_a_body_is_a_reversed_view(method):
+    """NumPy multiplies such views without BLAS."""
+    body = REDUCTIONS[method](structure("free"), keep_basis=True)
+    assert not reversed_axes(body, method)
+
+
+@pytest.mark.parametrize("selection", ehd.reduction.SELECTIONS)
+def test_no_combination_of_candidates_is_a_reversed_view(selection):
+    grown = np.arange(1.0, 7.0) + np.ones((6, 6)) * 0.1
+    stiffness = grown @ grown.T + np.eye(6)
+    combinations = ranked(selection, stiffness, np.diag(np.arange(1.0, 7.0)))
+    assert min(combinations.strides) > 0
+
+
+@pytest.mark.mpi
+def test_modes_are_found_with_a_ninth_of_the_entries_of_an_isotropic_mass(monkeypatch):
+    """What SLEPc multiplies with: the matrix of the nodes, whose products are those of M."""
+    part_of_ranks = shared_rod(1)
+    mass = distributed.MassOperator(part_of_ranks.mass)
+    context = mass.matrix.getPythonContext()
+    entries = [m.getInfo(info=PETSc.Mat.InfoType.GLOBAL_SUM) for m in (context.nodal, mass._mass)]
+    assert 9 * entries[0]["nz_used"] == entries[1]["nz_used"]
+    x, product = part_of_ranks.mass.createVecs()
+    x.array = np.sin(np.arange(*x.getOwnershipRange()))
+    other = product.duplicate()
+    part_of_ranks.mass.mult(x, product)
+    mass.matrix.mult(x, other)
+    other.axpy(-1.0, product)
+    assert other.norm() < 1e-13 * product.norm()
+    applied = counted(monkeypatch, distributed.NodalProduct, "mult")
+    lowest_modes(StaticSolver(part_of_ranks, mass=mass), 3)
+    assert len(applied) > 3
+
+
+def test_another_mass_for_each_direction_is_multiplied_as_it_is():
+    matrix = distributed.as_matrix(sparse.diags([1.0, 2.0, 3.0, 1.0, 2.0, 3.0]), MPI.COMM_SELF)
+    assert distributed.MassOperator(matrix).matrix == matrix
 
 
 # --- units, shapes and shares -----------------------------------------------------------------

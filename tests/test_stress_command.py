@@ -8,7 +8,7 @@ import attrs
 import meshio
 import numpy as np
 import pytest
-from bench_output import gather_part, last_rows, recorded
+from bench_output import gather_part, instants_of, last_rows, recorded
 from bench_parts import von_mises
 from bench_scenes import Quantity, as_stored, elastic_part, listed
 from command_line import call, exit_of
@@ -173,6 +173,19 @@ def test_a_program_that_the_folder_names_runs_only_if_the_user_names_it_unchange
     unnamed, other = refuse(folder), refuse(folder, "--model", folder / "scene.toml")
     assert f"have it run by --model {model}" in unnamed == other
     assert not ran.exists()
+
+
+def test_angles_are_those_of_the_run():
+    """Of the fifth cycle of a four-stroke: 370 degrees are no 10, another dead centre."""
+    turned = np.array([0.0, 100.0, 370.0, 720.0])
+    values = {
+        "time": Quantity(turned, "s"),
+        "run/time": Quantity(turned, "s"),
+        "run/crank_angle": Quantity(turned, "deg"),
+        "bodies/crank/angle": Quantity(np.radians(4 * 720.0 + turned), "rad"),
+    }
+    instants = instants_of(ehd.read_scene("engine"), ehd.History(values))
+    np.testing.assert_array_equal(instants["crank_angle_deg"], turned)
 
 
 def test_instants_are_those_of_the_cycle_that_the_figures_are_of():

@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from time import perf_counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from bench_machines import (
     Simulation,
     energy_row,
     estimate_at,
+    in_one_step,
+    rings,
     simulation,
     slowest_pattern,
     summed,
@@ -49,6 +52,70 @@ def test_times_add_up_and_a_pressure_that_nothing_bears_is_noticed(tmp_path, cap
     assert f"warning: {notice}" in told.err
     assert "bearing: " in notice
     assert "MPa, more than 0.01 MPa" in notice
+
+
+RINGING = np.array([0.0, 40.0, 73.0, 50.0, 26.0, 56.0, 31.0, 46.0, 30.0, 35.0])
+
+
+@pytest.mark.parametrize(
+    ("values", "ratio"),
+    [
+        ([1.0, 1.6, 858.0, 1.5, 1.0], 536.25),
+        ([858.0, 1.6, 1.5], 536.25),
+        ([1.5, 1.6, 858.0], 536.25),
+        ([1.0, 3.0, 4.0, 3.5], 4.0 / 3.5),
+        ([5.0, 5.0, 5.0], 1.0),
+        ([7.0], 1.0),
+        ([0.0, 0.0], 1.0),
+    ],
+)
+def test_a_peak_is_compared_with_the_steps_around_it(values, ratio):
+    assert in_one_step(np.array(values)) == pytest.approx(ratio)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (RINGING, True),
+        (RINGING[:7], False),  # three swings
+        ([0.0, 37.5, 12.6, 47.0, 13.5, 20.0], False),  # a rod with its damping
+        ([0.0, 73.0, 26.0, 30.0, 28.0, 31.0, 29.0], False),  # too small to be seen
+        (np.linspace(1.0, 0.0, 20), False),
+        ([0.0, 50.0, 10.0, 50.0, 10.0, 50.0, 10.0], False),  # no less and less
+        ([1.0], False),
+    ],
+)
+def test_a_start_rings_where_its_peak_is_the_first_of_falling_swings(values, expected):
+    assert rings(np.array(values)) is expected
+    assert rings(np.repeat(values, 3)) is expected
+
+
+@pytest.mark.parametrize(
+    ("values", "damping", "periodic", "notice"),
+    [
+        (RINGING, 0.0, False, "the peak of 73 MPa is the first swing of a start that rings"),
+        (RINGING, 0.5, False, None),
+        (RINGING, 0.0, True, None),
+        (
+            np.where(RINGING == 73.0, 858.0, 1.6),
+            0.5,
+            True,
+            "858 MPa is in a single step, 536 times",
+        ),
+    ],
+)
+def test_a_peak_that_is_hardly_meant_is_noticed(values, damping, periodic, notice, monkeypatch):
+    mechanism, period = journal(make_film((12, 2)), ellipse(0.2, 0.5, 1), 2 * np.pi / OMEGA)
+    solved = ehd.simulate(mechanism, 0.1 * period, tolerance=1e-2).solved
+    monkeypatch.setattr(type(solved.system), "least_damping", damping)
+    rows = zip(solved.rows, 1e6 * values, strict=False)
+    solved.rows = [row | {"joints/bearing/max_pressure_Pa": value} for row, value in rows]
+    assert len(solved.rows) == len(values)
+    if periodic:
+        solved.cycles = SimpleNamespace(figures=dict)
+    notices = solved.figures()["notices"]
+    assert len(notices) == (notice is not None)
+    assert notice is None or notice in notices[0]
 
 
 def test_a_mechanism_at_rest_is_complete(tmp_path, capfd):

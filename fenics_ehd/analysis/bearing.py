@@ -32,7 +32,7 @@ from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.analysis.equilibrium import (
     DynamicCoefficients,
     Equilibrium,
-    equilibrium,
+    balanced,
     linearise,
     stability,
 )
@@ -60,7 +60,7 @@ from fenics_ehd.multibody.body import MasslessBody, ground
 from fenics_ehd.multibody.forces import PointForce
 from fenics_ehd.multibody.joints import Revolute, Speed
 from fenics_ehd.multibody.lubricated_joint import QUARTER, LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.quantities import JointStep, film_power
 
 #: Angles and heights at which the gap is looked at. Between them a parabola in either direction
@@ -236,7 +236,7 @@ class _Bearing:
             "shaft": Speed(s.direction * s.speed),
             "bore": Speed(s.direction * s.bore_speed, self.angle),
         }
-        return _Found(self, equilibrium(Mechanism(bodies, joints, drives, forces)))
+        return _Found(self, balanced(System(Mechanism(bodies, joints, drives, forces))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +282,7 @@ def _direction(position: np.ndarray) -> float:
 
 def _expected_attitude(settings: BearingSettings) -> float:
     """First guess: ahead of the load when something turns, else where the squeeze goes."""
-    entrainment = settings.direction * (settings.speed + settings.bore_speed)
+    entrainment = settings.direction * settings.entrainment
     if entrainment:
         return float(np.copysign(np.radians(50.0), entrainment))
     return _direction(np.array(settings.squeeze))
@@ -565,7 +565,8 @@ class BearingResult:
     eccentricity_ratio
         e / c at mid-width [-].
     sommerfeld_number
-        ``eta N / p (R / c)^2`` with N in revolutions per second and ``p = W / (2 R B)`` [-].
+        ``eta N / p (R / c)^2`` with N, of shaft and bore together, in revolutions per second and
+        ``p = W / (2 R B)`` [-].
     friction_torque
         With which the film brakes the shaft, about its own axis [N m].
     power_loss
@@ -728,7 +729,7 @@ def _result(found: _Found, with_coefficients: bool, heat: BearingHeat | None) ->
     load = float(np.hypot(*found.push)) if found.carries else 0.0
     pressure, pressure_angle = _peak(found)
     # The load at a Sommerfeld number of 1.
-    stress = film.parameters.lubricant.viscosity * abs(settings.speed) / (2 * np.pi)
+    stress = film.parameters.lubricant.viscosity * abs(settings.entrainment) / (2 * np.pi)
     unit = 2 * settings.width * stress * settings.radius**3 / settings.clearance**2
     return BearingResult(
         settings=settings,

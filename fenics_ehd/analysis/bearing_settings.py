@@ -144,12 +144,27 @@ class BearingSettings(OilSettings, Roughness):
                 f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "
                 "or bore must"
             )
+        self._check_entrainment()
         # A film at rest but for the squeeze only resists: it cannot push the shaft along.
         still = not (self.speed or self.bore_speed or any(g.pressure for g in self.grooves))
         if still and any(self.squeeze) and not self.squeeze[0] > 0:
             raise SettingsError(
                 f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s at speed 0: the shaft "
                 "must move along the load, the first must be above 0"
+            )
+
+    def _check_entrainment(self) -> None:
+        """Refuse surfaces that turn against each other: terms of c / R would carry the load.
+
+        The film's pressure is proportional to the sum of the speeds, but for terms of relative
+        size c / R with their difference, which lubrication theory knows in part only.
+        """
+        least = self.clearance / self.radius * abs(self.speed - self.bore_speed)
+        if abs(self.entrainment) < least and not any(self.squeeze):
+            raise SettingsError(
+                f"bore_speed = {self.bore_speed:g} rad/s against speed = {self.speed:g} rad/s: no "
+                f"oil is drawn in; their sum must be at least {least:.3g} rad/s, clearance / "
+                "radius of their difference"
             )
 
     def _check_shape(self) -> None:
@@ -181,6 +196,11 @@ class BearingSettings(OilSettings, Roughness):
                 f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s: cavitation = "
                 "'mass-conserving' gives the steady film of a shaft at rest in the bearing"
             )
+
+    @property
+    def entrainment(self) -> float:
+        """Sum of the speeds of shaft and bore, at half of which the oil is drawn in [rad/s]."""
+        return self.speed + self.bore_speed
 
     @property
     def direction(self) -> int:

@@ -2,8 +2,12 @@
 
 A mechanism is in equilibrium when its step equations hold with velocities that do not change and
 coordinates that do not follow them: an implicit step of infinite length, shift zero. Shafts turn,
-journals rest in their bores or move as they are told at the start, every film's pressure balances
+journals rest in their bores or move at the rates of the start, every film's pressure balances
 its load. Where a bore turns, the eccentricity in its frame turns back.
+
+What varies with time has no equilibrium. Forces that rotate are left out, with a notice: they
+excite motions about the equilibrium. Tables over time, parts that are carried around, shapes and
+supplies that turn, and shafts without a drive are refused.
 
 The same equations with shift s, linearised there, answer a generalised force f on the motions that
 the joints allow, spanned by the columns of Z, by ``Z^T dz = C(s) f``:
@@ -26,14 +30,27 @@ It is stable for masses below ``kappa / nu^2``, and at every mass when there is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.errors import SettingsError, SolverError
+from fenics_ehd.film.supply import CircumferentialGrooveSupply, Supply
 from fenics_ehd.multibody.bdf import ImplicitStep
-from fenics_ehd.multibody.mechanism import Instant, Mechanism, System, assemble
+from fenics_ehd.multibody.body import POSITION, PlanarBody
+from fenics_ehd.multibody.forces import RotatingForce
+from fenics_ehd.multibody.mechanism import (
+    FilmBinding,
+    Instant,
+    Mechanism,
+    Motion,
+    System,
+    assemble,
+    unresisted,
+)
 from fenics_ehd.multibody.newton import CoupledState, CoupledSteps, SolverState
 from fenics_ehd.multibody.quantities import JointStep
 from fenics_ehd.multibody.step_equations import StepEquations
@@ -66,6 +83,8 @@ class Equilibrium:
         Of Newton's method.
     solver
         At the solution.
+    notices
+        Forces that were left out, in words.
     """
 
     system: System
@@ -74,6 +93,7 @@ class Equilibrium:
     state: CoupledState
     iterations: int
     solver: CoupledSteps
+    notices: tuple[str, ...] = ()
 
     @property
     def z(self) -> np.ndarray:
@@ -118,30 +138,60 @@ class Linearisation:
 
 
 def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equilibrium:
-    """Equilibrium of a mechanism under its loads at time zero.
+    """Equilibrium of a mechanism under its constant loads.
 
     Parameters
     ----------
     mechanism
         Its rough pose and rates at the start are assembled; the search begins there, and the rates
-        stay.
+        stay. Rotating forces are left out, with a warning and in `Equilibrium.notices`.
     tolerance
         On the last update, relative to the gaps.
 
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled.
+        The mechanism cannot be assembled, or something of it varies with time.
     SolverError
         None was found from there.
     """
+    mechanism, notices = _without_rotating_forces(mechanism)
+    for line in notices:
+        warnings.warn(line, stacklevel=2)
     system = System(mechanism)
+    z, rates = assemble(system)
+    for reason in _variations(system, z, rates):
+        raise SettingsError(f"no equilibrium: {reason}")
+    try:
+        return replace(balanced(system, tolerance), notices=notices)
+    except SolverError as error:
+        conserving = any(place.joint.cavitation != "reynolds" for place in system.films)
+        hint = "; take cavitation = 'reynolds', or run it" if conserving else ""
+        error.args = (f"no equilibrium found from the pose at the start: {error}{hint}",)
+        raise
+
+
+def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
+    """The state of a mechanism in balance with its loads at time zero, whatever varies later.
+
+    Parameters
+    ----------
+    system
+        Whose rough pose and rates are assembled; weights of coordinates are changed.
+    tolerance
+        As of `equilibrium`.
+
+    Raises
+    ------
+    SettingsError, SolverError
+        As `equilibrium`.
+    """
+    z, rates = assemble(system)
+    solver = CoupledSteps(system)
     # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
     system.weights = np.full(system.n, GIVEN)
     for place in system.films:
         system.weights[place.xi[: place.film.own]] = 1.0
-    z, rates = assemble(system)
-    solver = CoupledSteps(system)
     norm = StepNorm(solver.equations)
     x = np.concatenate([z, solver.equations.resting(z)])
     observed = norm.observe(x)
@@ -156,6 +206,134 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
         raise attempt.cause
     solved = attempt.solved
     return Equilibrium(system, solved.x, solved.rate, solved.solution, attempt.iterations, solver)
+
+
+# What has no equilibrium
+
+
+def _without_rotating_forces(mechanism: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
+    """The mechanism under its other forces, and a notice of each one that is left out."""
+    rotating = {
+        name: force
+        for name, force in mechanism.forces.items()
+        if isinstance(force, RotatingForce) and (force.speed or force.ramp)
+    }
+    if not rotating:
+        return mechanism, ()
+    constant = {name: f for name, f in mechanism.forces.items() if name not in rotating}
+    notices = (
+        f"the equilibrium is without the rotating force {name} of {force.amplitude:g} N"
+        for name, force in rotating.items()
+    )
+    return replace(mechanism, forces=constant), tuple(notices)
+
+
+def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
+    """What keeps a mechanism from resting, in words."""
+    yield from _varying_loads(system, z, rates)
+    instant = Instant(system, 0.0, z)
+    yield from _moving_parts(system, instant, rates)
+    for place in system.films:
+        yield from _turning_surfaces(place, rates)
+    resting = np.zeros(system.n)
+    stiffness = Motion(instant, resting, resting, np.zeros(system.m)).derivatives().position
+    films = [place.xi[: place.film.own] for place in system.films]
+    resisted = np.eye(system.n)[np.concatenate([*films, np.zeros(0, dtype=int)])]
+    name = unresisted(system, np.arange(system.n), [instant.jacobian, stiffness, resisted])
+    if name:
+        yield f"nothing holds body {name}: give it a drive (a Speed), whose rate it keeps"
+
+
+#: Times at which a function of the time that is no table is compared with its value at zero [s].
+SAMPLES = (1e-4, 0.0137, 0.711, 29.3)
+
+#: Most rows of a table that are looked at; change of a load beside its size that is none.
+MOST_ROWS, UNCHANGED = 200, 1e-9
+
+
+def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
+    """Drives, forces and supplies that are not the same at all times, while the rates last."""
+    times = np.array([0.0, *SAMPLES])
+    for table in system.tables:
+        rows = table.curve.curve.x
+        rows = rows[:: 1 + len(rows) // MOST_ROWS]
+        if table.angle is None:
+            times = np.append(times, rows)
+        elif rates[table.angle]:
+            times = np.append(times, (rows - z[table.angle]) / rates[table.angle])
+    mechanism = system.mechanism
+    for name, drive in mechanism.drives.items():
+        if _differs([drive(time)[1] for time in times]):
+            yield f"the speed of the drive of {name} varies: give it a constant speed, or run it"
+    instant = Instant(system, 0.0, z)
+    u, u_rates = instant.u, instant.values_along @ rates
+    for name, (force, own) in zip(sorted(mechanism.forces), system.forces, strict=True):
+        loads = [
+            force.load(t, u[own] + t * u_rates[own], u_rates[own]).value for t in (0.0, *times)
+        ]
+        if _differs(loads):
+            yield f"the force {name} varies: give it a constant size, or run it"
+    for place in system.films:
+        for feed in place.film.film.parameters.feeds:
+            if _differs([feed.pressure_at(time) for time in times]):
+                yield (
+                    f"the pressure of a supply of {place.name} varies: give it a constant one, or "
+                    "run it"
+                )
+
+
+def _differs(values: list[float] | list[np.ndarray]) -> bool:
+    """Whether values at several times are not all the first one."""
+    array = np.stack([np.asarray(value, dtype=float) for value in values])
+    return bool(np.abs(array - array[0]).max() > UNCHANGED * np.abs(array).max())
+
+
+#: Offset of a centre of mass, or of a point, from the axis its body turns about that is none [m].
+CENTRED = 1e-9
+
+
+def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterator[str]:
+    """Bodies that turn about another axis than their own, or that are elastic and turn."""
+    carried = instant.rate_derivative(rates)[0] @ rates
+    for name, marker in system.markers.items():
+        turning = system.angles.get(name.partition(".")[0])
+        least = CENTRED * float(rates[turning]) ** 2 if turning is not None else np.inf
+        if any(np.abs(carried[columns][POSITION]).max() > least for columns in marker.columns):
+            yield f"{name} is carried around as its body turns: run it"
+    resting = np.zeros(2)
+    for places, body, (z, own) in system.each_body(instant.z, rates):
+        name = next(n for n, other in system.bodies.items() if other == places)
+        turning = system.angles.get(name)
+        if turning is None or not rates[turning] or not isinstance(body, PlanarBody):
+            continue
+        if body.modes:
+            yield f"{name} is elastic and turns under loads that stand still: run it"
+        moving, still = (
+            body.balance(z, speeds, np.zeros_like(z), lift=resting).forces[POSITION]
+            for speeds in (own, np.zeros_like(z))
+        )
+        least = CENTRED * float(rates[turning]) ** 2 * body.integrals.total_mass
+        if np.abs(moving - still).max() > least:
+            yield f"the centre of mass of {name} is carried around as the body turns: run it"
+
+
+def _turning_surfaces(place: FilmBinding, rates: np.ndarray) -> Iterator[str]:
+    """Shapes and supplies of a film that turn against the load."""
+    journal, bore = place.angles(rates)
+    shapes = {"journal": place.joint.journal_shape, "bore": place.joint.bore_shape}
+    speeds = {"journal": journal, "bore": bore}
+    p = place.film.film.parameters
+    for surface, speed in speeds.items():
+        shape = shapes[surface]
+        feeds = [feed for feed in p.feeds if feed.on == surface and not _all_around(feed)]
+        fixed = surface == "bore" and p.regions
+        if speed and ((shape is not None and not shape.round) or feeds or fixed):
+            yield f"the shape or a supply of the {surface} of {place.name} turns: run it"
+
+
+def _all_around(feed: Supply) -> bool:
+    """True of a supply that is the same at all angles."""
+    return isinstance(feed, CircumferentialGrooveSupply) and feed.extent >= 360.0
 
 
 def _rate(system: System) -> float:

@@ -54,6 +54,7 @@ from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_places, sampling_grid
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
+from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import StepEquations
@@ -403,6 +404,9 @@ class ErrorBudget:
         Of components that are known over time: what the exact solution has more.
     notes
         Why a component is not estimated.
+    left_out
+        By component, share of the time at which it is not known: nothing was found there that the
+        run could be compared with.
     iterations, seconds
         Newton iterations and processor time that it took [s].
     """
@@ -411,6 +415,7 @@ class ErrorBudget:
     curves: ErrorCurves
     changes: dict[str, np.ndarray]
     notes: dict[str, str] = field(default_factory=dict)
+    left_out: dict[str, float] = field(default_factory=dict)
     iterations: int = 0
     seconds: float = 0.0
 
@@ -439,6 +444,7 @@ class Estimator:
         self._run, self._cycles = solved.run, solved.cycles
         self._system = solved.run.equations.system
         self._curves, self.iterations = ErrorCurves(self._course), 0
+        self._left_out = 0.0
         control = solved.run.control
         share_of_run = len(self._course.times) / solved.counts["steps"]
         self._other_formula = share_of_run <= SMALL_SHARE and control.order > 1
@@ -467,27 +473,32 @@ class Estimator:
         try:
             again = self._follow(self._long, stride=self._stride)
         except FAILURES as error:
-            notes = dict.fromkeys(("step_size", "film_mesh", *OF_BORES), _one_line(error))
-            ways = {}
+            notes, ways = dict.fromkeys(ways, _one_line(error)), {}
+        left_out, of_all = {}, self._left_out
         for name, change in ways.items():
+            self._left_out = of_all
             try:
                 changes[name] = change(again)
             except FAILURES as error:
                 notes[name] = _one_line(error)
+            else:
+                left_out |= {name: self._left_out} if self._left_out else {}
         joints = {
             place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
         }
         seconds = process_time() - began
-        return ErrorBudget(joints, self._curves, changes, notes, self.iterations, seconds)
+        return ErrorBudget(joints, self._curves, changes, notes, left_out, self.iterations, seconds)
 
     def _follow(self, course: Course, run: Run | None = None, **how: Any) -> Course:
         """A course of the run once more, maybe by another run; see `Replay`."""
         tolerance = min(SETTLED * self._run.control.tolerance, LITTLE)
-        replay = Replay(run or self._run, course, tolerance, **how)
+        replay = Replay(run or self._run, course, tolerance, forgiving=True, **how)
+        end = float(course.times[-1])
         try:
-            return recorded(replay, float(course.times[-1]))
+            return recorded(replay, end)
         finally:
             self.iterations += replay.iterations
+            self._left_out = max(self._left_out, replay.left_out / (end - course.began))
 
     def _change_by_steps(self, again: Course) -> np.ndarray:
         control = self._run.control
@@ -570,9 +581,14 @@ class Estimator:
         cycles, solved = self._cycles, self._solved
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
-        if not cycles.contraction < 1.0:
-            return NOT_ESTIMATED, NOT_ESTIMATED
-        left = cycles.left / (1.0 - cycles.contraction)
+        contraction = cycles.contraction
+        if not contraction < 1.0:
+            noise = max(cycles.periodicity, CYCLE_NOISE * self._run.control.tolerance)
+            if not max(cycles.moved, cycles.left) <= noise:
+                return NOT_ESTIMATED, NOT_ESTIMATED
+            # What changes is noise: its ratio says nothing of how a cycle forgets its start.
+            contraction = SLOWEST
+        left = cycles.left / (1.0 - contraction)
         now, then = (found[joint][quantity][0] for found in (solved.extremes, solved.former))
         part = left / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)

@@ -330,6 +330,11 @@ def taken_over(state: RunState, own: Run, other: Run, span: float = 1.0) -> RunS
     return IntegratorState(state.times * span, x, rate, observed, state.step * span)
 
 
+#: Smallest part of a step that is tried, and largest share of a course's time that may be left out
+#: for want of a solution: with more there is no estimate.
+LEAST_PART, MOST_LEFT_OUT = 1 / 16, 0.1
+
+
 class Replay(Run):
     """A run along the course of another one.
 
@@ -349,11 +354,16 @@ class Replay(Run):
         Of the gap of every film where it is observed at the times of the course, shape (k, w) [m].
     alike
         Whether coordinates mean what they mean in the course, so that it is a guess.
+    forgiving
+        Whether a step without a solution is taken in parts and, if a part has none either, left
+        out: the replay then continues from the course at its end.
 
     Attributes
     ----------
     iterations
         Of Newton's so far.
+    left_out
+        Time that was left out [s].
     """
 
     def __init__(
@@ -366,6 +376,7 @@ class Replay(Run):
         stride: int = 1,
         changes: Sequence[np.ndarray] = (),
         alike: bool = True,
+        forgiving: bool = False,
     ):
         vars(self).update(vars(run))
         self.state = start or course.start
@@ -376,7 +387,7 @@ class Replay(Run):
         for place, observed in zip(self._system.films, changes, strict=False):
             gap = observed[:, : len(place.film.thickness)]
             self._changes.append((gap, np.gradient(gap, course.times, axis=0)))
-        self.iterations = 0
+        self.iterations, self._forgiving, self.left_out = 0, forgiving, 0.0
 
     def until(self, end: float) -> Iterator[MechanismStep]:
         """All steps of the course, from the state it is in; `end` [s] is where they lead to.
@@ -400,10 +411,47 @@ class Replay(Run):
             if step is None and ahead > row + 1:
                 ahead = row + 1
                 step = self._step(ahead, float(times[ahead]))
-            if step is None:
+            if step is not None:
+                yield step
+            elif self._forgiving:
+                yield from self._in_parts(ahead, float(times[ahead]))
+                self._rejoin(ahead, float(times[ahead]))
+            lost = self.left_out > MOST_LEFT_OUT * (end - began)
+            if lost or (step is None and not self._forgiving):
                 raise StepSizeError(f"no step from t = {before:.6g} s beside those of the run")
-            row, past = ahead, step.time - before
+            row, past = ahead, self.state.time - before
+
+    def _in_parts(self, row: int, time: float) -> Iterator[MechanismStep]:
+        """Steps to a row of the course in two parts or more, as far as there are solutions."""
+        began, reached, part = self.state.time, 0.0, 0.5
+        while reached < 1.0 and part >= LEAST_PART:
+            share = reached + part
+            step = self._step(row, began + share * (time - began), share)
+            if step is None:
+                part *= 0.5
+                continue
+            reached = share
             yield step
+
+    def _rejoin(self, row: int, time: float) -> None:
+        """Continue from the course at one of its rows, unless it has been reached."""
+        if self.state.time >= time:
+            return
+        self.left_out += time - self.state.time
+        course, base = self._course, self._course.base
+        x, gaps = course.x[row], base.norm.film_gaps(base.norm.observe(course.x[row]))
+        volumes = []
+        for film, gap in zip(base.equations.films, gaps, strict=True):
+            filled = course.joints[film.place.name].film.fluid_fraction
+            full = np.ones(film.film.assembly.size) if filled is None else np.asarray(filled[row])
+            volumes.append(film.volumes_with(1.0 - full, x, gap))
+        point = np.concatenate([x, *volumes])
+        rate = np.zeros_like(point)
+        rate[: course.rates.shape[1]] = course.rates[row]
+        state = IntegratorState.begin(base.norm, time, point, rate, self.control)
+        self.state = taken_over(state, base, self)
+        if self._guess:
+            self._guess.forget()
 
     def _next(self, times: np.ndarray, row: int, past: float) -> int:
         """Row of the course to step to; no step leads over a corner, or misses a table's row."""
@@ -418,20 +466,22 @@ class Replay(Run):
                 return row + 1
         return ahead
 
-    def _step(self, row: int, time: float) -> MechanismStep | None:
-        """The step to a row of the course; None: it has no solution."""
+    def _step(self, row: int, time: float, share: float = 1.0) -> MechanismStep | None:
+        """The step to a row of the course, or a share of the way there; None: no solution."""
         control, state, norm = self.control, self.state, self.norm
         order = state.usable_order(control.order)
         asked = state.implicit_step(norm, time, order, control.blend, self._tolerance)
         former = state.solver
         if self._guess:
-            x, values = self._guess.at(row)
+            x, values = self._guess.at(row, share)
             predicted = np.concatenate([x, asked.predicted[len(x) :]])
             observed = asked.observed[0], norm.observe(predicted)
             asked = replace(asked, predicted=predicted, observed=observed)
             former = SolverState(np.array([time]), values[None], self._guess.patterns)
         if self._changes:
-            self.equations.disturbance = [(gap[row], rate[row]) for gap, rate in self._changes]
+            self.equations.disturbance = [
+                (_along(gap, row, share), _along(rate, row, share)) for gap, rate in self._changes
+            ]
         try:
             attempt = self.solve(norm, asked, former)
         finally:
@@ -449,11 +499,21 @@ class Replay(Run):
             solved.solution,
             attempt.iterations,
         )
-        keep = 1 if self._corners[row] else control.order + 2
+        keep = 1 if self._corners[row] and share == 1.0 else control.order + 2
         self.state = state.after(new, time - state.time, solved.solver, keep)
         if self._guess:
-            self._guess.learn(row, new, solved.solver)
+            self._guess.learn(row, share, new, solved.solver)
         return new
+
+
+def _along(
+    values: np.ndarray, row: int, share: float, first: np.ndarray | None = None
+) -> np.ndarray:
+    """Values at a share of the way to a row of a course, whose start has the first or none."""
+    if share == 1.0:
+        return values[row]
+    before = values[row - 1] if row else values[0] if first is None else first
+    return (1.0 - share) * before + share * values[row]
 
 
 class _Guess:
@@ -496,20 +556,31 @@ class _Guess:
         start = self._course.start.x[0][: self._course.x.shape[1]]
         self._last = state.x[0][: len(start)] - start, self._last[1]
 
-    def at(self, row: int) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates with patterns, and values."""
+    def forget(self) -> None:
+        """Expect no difference from the course."""
+        self._last = np.zeros_like(self._last[0]), np.zeros_like(self._last[1])
+
+    def _own(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates with patterns, and values, of the course itself."""
+        start = self._course.start.x[0][: self._course.x.shape[1]]
+        x = _along(self._course.x, row, share, start)
+        return x, _along(self._values, row, share)
+
+    def at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates with patterns, and values, at a share of the way to a row."""
         x, more = self._last
-        values = self._values[row]
+        own, values = self._own(row, share)
         found = values + more
         # Where the course cavitates there is no pressure, whatever differed there a step ago.
         found[self._pressures] *= values[self._pressures] > 0.0
         found[self._voids] = np.clip(found[self._voids], 0.0, 1.0)
-        return self._course.x[row] + x, found
+        return own + x, found
 
-    def learn(self, row: int, step: Step[CoupledState], solver: SolverState) -> None:
-        """Take the solution at a point."""
-        x = step.x[: self._course.x.shape[1]] - self._course.x[row]
-        self._last, self.patterns = (x, solver.values[0] - self._values[row]), solver.patterns
+    def learn(self, row: int, share: float, step: Step[CoupledState], solver: SolverState) -> None:
+        """Take the solution at a share of the way to a row."""
+        x, values = self._own(row, share)
+        self._last = step.x[: len(x)] - x, solver.values[0] - values
+        self.patterns = solver.patterns
 
 
 def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> History:

@@ -37,7 +37,7 @@ from fenics_ehd.analysis.replay import (
     with_finer_films,
 )
 from fenics_ehd.base.columns import split_unit
-from fenics_ehd.base.errors import SensitivityError
+from fenics_ehd.base.errors import SensitivityError, VerificationError
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -104,6 +104,8 @@ def smooth_extreme(times: np.ndarray, values: np.ndarray, period: float | None, 
     ends = np.array([here, here + 1] if slopes[here] * sign > 0.0 else [here - 1, here])
     curve = CubicHermiteSpline(t[ends], own[ends], slopes[ends])
     level = curve.derivative().roots(extrapolate=False)
+    # Of a curve that is level everywhere, as that of equal values, they are no numbers.
+    level = level[np.isfinite(level)]
     return float(sign * np.max(sign * curve(level), initial=sign * values[k]))
 
 
@@ -180,12 +182,24 @@ class Figure:
         return self.column if extreme else f"{self.kind}_{self.column}"
 
     def value(self, course: Course) -> float:
-        """The figure of a run, or of its last cycle, which has the columns of `look`."""
+        """The figure of a run, or of its last cycle, which has the columns of `look`.
+
+        Raises
+        ------
+        VerificationError
+            It is no finite number.
+        """
         values = course.joints[self.joint].columns[self.column]
-        times = course.times - course.began
+        times, found = course.times - course.began, np.nan
         if self.kind == "mean":
-            return smooth_mean(times, values, course.period)
-        return smooth_extreme(times, values, course.period, KINDS[self.kind])
+            found = smooth_mean(times, values, course.period)
+        elif np.isfinite(values).all():
+            found = smooth_extreme(times, values, course.period, KINDS[self.kind])
+        if not np.isfinite(found):
+            raise VerificationError(
+                f"{self.joint}.{self.name} is no finite number in this run: ask for another figure"
+            )
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,10 @@ Spelled as the newest version spells it. No other module tests a version.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+import logging
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial, wraps
 from pathlib import Path
 from types import ModuleType
@@ -194,7 +197,7 @@ def _load_or_begin(
 
 
 def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of FFCx that compiles as the only process, and loads without waiting."""
+    """A function of FFCx that compiles alone and silently, and loads without waiting."""
 
     @wraps(compile_objects)
     def compiled(*arguments: Any, **options: Any) -> Any:
@@ -203,7 +206,8 @@ def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
         except _NotCompiledError:
             pass
         folder = Path(options["cache_dir"]).absolute()
-        with compiling(folder, limit=options.get("timeout", LIMIT)), in_empty_folder():
+        limit = options.get("timeout", LIMIT)
+        with compiling(folder, limit=limit), in_empty_folder(), quiet_compiler():
             return compile_objects(*arguments, **options | {"cache_dir": folder})
 
     return compiled
@@ -319,3 +323,23 @@ def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.M
         pattern = cpp.fem.create_sparsity_pattern(form)
         pattern.finalize()
     return cpp.la.MatrixCSR_float64(pattern)
+
+
+@contextmanager
+def quiet_compiler() -> Iterator[None]:
+    """No log of a C compiler, and afterwards logging and warnings as they were.
+
+    Setuptools, which compiles, gives the root logger a handler and a level, and has it print what
+    Python warns of.
+    """
+    root, shown, disabled = logging.getLogger(), warnings.showwarning, logging.root.manager.disable
+    handlers, level = list(root.handlers), root.level
+    logging.disable(max(disabled, logging.INFO))
+    try:
+        yield
+    finally:
+        logging.disable(disabled)
+        if warnings.showwarning is not shown:
+            logging.captureWarnings(False)
+        root.handlers[:] = handlers
+        root.setLevel(level)

@@ -441,6 +441,8 @@ def _plain(value: object) -> object:
     """A value with null in the place of numbers that are not finite, at any depth."""
     if isinstance(value, Mapping):
         return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

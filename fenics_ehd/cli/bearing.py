@@ -65,12 +65,13 @@ A bore that is not round (--ovality and the options after it) stands still in th
 grooves do; its deviations are positive outward, where they open the gap. A misaligned bore is a
 tilted shaft with the opposite tilt.
 
-The Sommerfeld number is eta N / p (R / c)^2 with N in revolutions per second and
-p = W / (2 R B). The coefficients are k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film
-force F on the shaft. stability_threshold is omega sqrt(c M / W) with the critical mass M of a
-rigid rotor, in other words omega_th sqrt(c / g) of a rotor whose weight is the load; null when
-it is stable at every speed. With --line-at-max-film the line without pressure stays where it is as
-the shaft moves, as a groove does.
+The Sommerfeld number is eta N / p (R / c)^2 with p = W / (2 R B) and N in revolutions per
+second, the sum of those of shaft and bore, which draws the oil in. The coefficients are
+k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film force F on the shaft. stability_threshold
+is omega sqrt(c M / W) with the critical mass M of a rigid rotor, in other words
+omega_th sqrt(c / g) of a rotor whose weight is the load; null when it is stable at every speed.
+With --line-at-max-film the line without pressure stays where it is as the shaft moves, as a
+groove does.
 """
 
 

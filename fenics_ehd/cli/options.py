@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+import math
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import attrs
 import click
 
 from fenics_ehd.base.compile_lock import forms_folder
-from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, unit_of
 from fenics_ehd.base.files import to_json
 from fenics_ehd.base.settings import declared
@@ -110,9 +112,39 @@ json_option = click.option(
 )
 
 
+#: A printed number that is not finite.
+NOT_FINITE = re.compile(r"(?<!\S)[-+]?(nan|inf)(?=[\s,;:%)]|$)")
+
+
 def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
-    """Print a result, as JSON or in words."""
+    """Print a result, as JSON, in which a number that is not finite is null, or in words.
+
+    Raises
+    ------
+    VerificationError
+        A figure in words is no finite number.
+    """
+    unknown = [] if as_json else [line.strip() for line in told.split("\n") if _unknown(line)]
+    keys = sorted(set(_not_finite(found))) if unknown else []
+    if keys:
+        raise VerificationError(f"{', '.join(keys)}: no finite number, in: {unknown[0]}")
     click.echo(to_json(found) if as_json else told)
+
+
+def _unknown(line: str) -> bool:
+    return NOT_FINITE.search(line) is not None
+
+
+def _not_finite(found: Any, key: str = "") -> Iterator[str]:
+    """Keys of the numbers in a result that are not finite."""
+    if isinstance(found, Mapping):
+        for name, value in found.items():
+            yield from _not_finite(value, str(name))
+    elif isinstance(found, list | tuple):
+        for value in found:
+            yield from _not_finite(value, key)
+    elif isinstance(found, float) and not math.isfinite(found):
+        yield key
 
 
 def aligned(

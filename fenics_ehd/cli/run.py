@@ -49,7 +49,7 @@ ROWS = {"max_pressure": "peak pressure", "min_film_thickness": "thinnest film"}
 
 #: What the figures of a budget are.
 MEANING = (
-    "  +- beside a value: how far that one may be off; over the cycle: how far the curve is off\n"
+    "  +- beside a value: how far that one may be off; over the {}: how far the curve is off\n"
     "  where it is worst, in per cent of the peak pressure, or of the film at that moment"
 )
 
@@ -96,13 +96,32 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
     rows = []
     for name, budget in known.items():
         largest = budget["largest_over_cycle"]
-        for where, errors in (("", budget), (", over the cycle", largest)):
+        for where, errors in (("", budget), (f", over the {_span(summary)}", largest)):
             for quantity, words in ROWS.items():
                 values = [share(errors[quantity][key]) for key in COMPONENTS]
                 rows.append([f"{name}: {words}{where}", *values, total(errors[quantity])])
-    notes = summary.get("error_budget_notes", {})
-    lines = [*aligned([header, *rows], indent="  "), MEANING]
-    return lines + [f"  {COMPONENTS[key]} not estimated: {why}" for key, why in notes.items()]
+    lines = [*aligned([header, *rows], indent="  "), MEANING.format(_span(summary))]
+    lines += [
+        f"  {keys} not estimated: {why}"
+        for why, keys in _by_value(summary.get("error_budget_notes", {}))
+    ]
+    return lines + [
+        f"  {keys}: without {share(part)} of the time, at which no step was found beside the run's"
+        for part, keys in _by_value(summary.get("error_budget_left_out", {}))
+    ]
+
+
+def _by_value(found: Mapping[str, Any]) -> list[tuple[Any, str]]:
+    """Values by component, each one once with the names of its components."""
+    names: dict[Any, list[str]] = {}
+    for key, value in found.items():
+        names.setdefault(value, []).append(COMPONENTS[key])
+    return [(value, " and ".join(keys)) for value, keys in names.items()]
+
+
+def _span(summary: Mapping[str, Any]) -> str:
+    """What the figures are of, in a word: the cycle, or the run if it has none."""
+    return "run" if str(summary.get("cycle_used", "")).startswith("whole run") else "cycle"
 
 
 def say_next(search: Search) -> None:
@@ -318,10 +337,10 @@ JOINT_LINES = {
     "mean_friction_power_W": "    mean friction power     {mean_friction_power_W:9.3f} W   "
     "{mean_friction_torque_Nm:.4g} N m on the journal, {mean_bore_friction_torque_Nm:.4g} N m on "
     "the bore",
-    "cycle_mean_force_N": "    peak of the cycle       {cycle_max_pressure_Pa:9.3f} MPa "
+    "cycle_mean_force_N": "    peak of the {span:12}{cycle_max_pressure_Pa:9.3f} MPa "
     "at {cycle_max_pressure_angle_deg:.1f} deg of the bore, {cycle_max_pressure_height_m:+.2f} mm, "
     "crank {cycle_max_pressure_crank_angle_deg:.1f} deg\n"
-    "    thinnest of the cycle   {cycle_min_film_thickness_m:9.4f} um  "
+    "    thinnest of the {span:8}{cycle_min_film_thickness_m:9.4f} um  "
     "at {cycle_min_film_angle_deg:.1f} deg of the bore, {cycle_min_film_height_m:+.2f} mm, "
     "crank {cycle_min_film_crank_angle_deg:.1f} deg\n"
     "    force                   {cycle_mean_force_N:9.4g} N   mean, {cycle_max_force_N:.4g} N at "
@@ -346,8 +365,8 @@ RUN_LINES = {
 }
 
 
-def joint_lines(joint: Mapping[str, Any]) -> list[str]:
-    """Lines of a joint's figures, as far as it has them, its flows of oil at the end."""
+def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
+    """Lines of a joint's figures of a cycle or run, as far as it has them, flows at the end."""
     figures = {}
     for key, value in joint.items():
         if isinstance(value, int | float):
@@ -356,6 +375,7 @@ def joint_lines(joint: Mapping[str, Any]) -> list[str]:
     pressure, film = figures["max_pressure_Pa"], figures["min_film_thickness_m"]
     large = figures.get("basis_error_estimate_m", 0.0) > LARGEST_ESTIMATE * film
     words: dict[str, Any] = {
+        "span": span,
         "pressure_error": beside(joint, "max_pressure", pressure, "MPa"),
         "film_error": beside(joint, "min_film_thickness", film, "um"),
         "large": ", not small against the film: take more modes" * large,
@@ -384,10 +404,11 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
     for name, body in summary["bodies"].items():
         lines.append(f"  {name}: {body['method']} with {body['modes']} modes")
     for name, joint in joints.items():
-        lines += [f"  {name}", *joint_lines(joint)]
+        lines += [f"  {name}", *joint_lines(joint, _span(summary))]
     lines += budget_table(joints, summary) + accuracy_lines(summary)
+    what = "the cycle: " if _span(summary) == "cycle" else ""
     lines.append(
-        f"  the cycle: {summary['cycle_used']}, from {summary['cycle_start_s'] * 1e3:.3f} to "
+        f"  {what}{summary['cycle_used']}, from {summary['cycle_start_s'] * 1e3:.3f} to "
         f"{summary['cycle_end_s'] * 1e3:.3f} ms"
     )
     lines += [text.format_map(summary) for key, text in RUN_LINES.items() if key in summary]

@@ -65,7 +65,7 @@ def cycle_stresses(
     run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)
     bodies, skipped = _bodies(scene, run, folder, chosen)
-    instants = _instants(scene, answer)
+    instants = instants_of(scene, answer)
     say_reducing(bodies)
     found = {}
     for body in bodies:
@@ -143,12 +143,12 @@ def _why_none(body: object, has_model: bool) -> str:
     return "" if body.reduced.modes else "it was reduced to a rigid body"
 
 
-def _instants(scene: Scene, result: History) -> dict[str, np.ndarray]:
+def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
     """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
     found = {"time_s": result.run.time - _cycle_start(result)}
-    turning = result.bodies.get(scene.time.of)
-    if turning is not None and "angle" in turning:
-        found[f"{scene.time.of}_angle_deg"] = np.degrees(turning.angle) % 360.0
+    angle = result.angle_of(scene.time.of)
+    if angle is not None:
+        found[f"{scene.time.of}_angle_deg"] = angle
     return found
 
 

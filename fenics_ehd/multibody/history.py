@@ -463,6 +463,23 @@ class History:
         rows = last_whole_cycle(*(np.asarray(self.run[key]) for key in ("cycle", "cycle_time")))
         return self.each(lambda values: values[rows])
 
+    def angle_of(self, body: str) -> np.ndarray | None:
+        """Angle of a body at the steps [degrees], continuous; None of a body without one.
+
+        That of the run's reference angle, `run.crank_angle`, if the body turns with it; another
+        one begins in 0 to 360 degrees.
+        """
+        radians = self.values.get(f"bodies/{body}/angle")
+        if radians is None:
+            return None
+        angle = np.degrees(np.asarray(radians))
+        reference = self.run.get("crank_angle")
+        if reference is not None and len(angle):
+            turns = (angle - reference) / 360.0
+            if np.abs(turns - np.round(turns[0])).max() < WHOLE:
+                return np.asarray(reference)
+        return angle - 360.0 * np.floor(angle[:1] / 360.0 + WHOLE)
+
     def with_start(self) -> History:
         """A cycle that repeats itself with a row at its start."""
         turning = np.array([name.endswith("/angle") for name in self.coordinate_names], bool)

@@ -325,7 +325,8 @@ class LubricatedJoint:
     eccentricity, eccentricity_rate
         At the start, in the bore's frame [m], [m/s].
     smallest_film
-        Film thickness at which a run ends, share of the clearance.
+        Film thickness at which a run ends, share of the clearance; of a share up to 0.01 at most
+        0.2 um (`fenics_ehd.multibody.run.touching_film`).
     bore_shape, journal_shape
         Radial deviations in the frames of the two bodies; None: round.
     shear_rule

@@ -664,15 +664,32 @@ def check_inertia(system: System, z: np.ndarray) -> None:
         instant.jacobian[:, frames],
         *(part[np.ix_(frames, frames)] for part in vars(forces).values()),
     ]
-    _, sizes, motions = linalg.svd(np.vstack([_directions(block) for block in blocks]))
-    if len(frames) and (len(sizes) < len(frames) or sizes[-1] < NOTHING * sizes[0]):
-        free = np.zeros(system.n)
-        free[frames] = np.abs(motions[-1])
-        name = max(system.bodies, key=lambda n: free[system.bodies[n]].max(initial=0.0))
+    name = unresisted(system, frames, blocks)
+    if name:
         raise SettingsError(
             f"body {name} can move or turn freely without inertia: give it mass and inertia, or a "
             "joint or drive that holds it"
         )
+
+
+def unresisted(system: System, columns: np.ndarray, blocks: Sequence[np.ndarray]) -> str:
+    """Body that moves most in a motion that nothing resists; empty: there is no such motion.
+
+    Parameters
+    ----------
+    system
+        The mechanism.
+    columns
+        Numbers of the k coordinates that take part in the motion.
+    blocks
+        What resists them, constraints, stiffness or inertia: shape (any, k) each.
+    """
+    _, sizes, motions = linalg.svd(np.vstack([_directions(block) for block in blocks]))
+    if not len(columns) or (len(sizes) == len(columns) and sizes[-1] >= NOTHING * sizes[0]):
+        return ""
+    free = np.zeros(system.n)
+    free[columns] = np.abs(motions[-1])
+    return max(system.bodies, key=lambda name: free[system.bodies[name]].max(initial=0.0))
 
 
 def _directions(rows: np.ndarray) -> np.ndarray:

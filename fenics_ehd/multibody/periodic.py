@@ -62,6 +62,11 @@ THINNER = 0.3
 #: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
 NOISE = 1e-2
 
+#: Change of a cycle that may be noise, over the tolerance of its steps, which are not those of the
+#: cycle before: films of a small journal under a load of five rows and of a four-bar's pin change
+#: by up to once that from cycle to cycle, without end.
+CYCLE_NOISE = 1.0
+
 #: Share of the time that loads and drives take to repeat by which a cycle may begin before it.
 ROUNDING = 1e-9
 
@@ -302,6 +307,8 @@ class PeriodicSolver(Stateful):
 
     Attributes
     ----------
+    periodicity, most
+        As given.
     number
         Of the cycle under way, from 1.
     defect
@@ -333,7 +340,7 @@ class PeriodicSolver(Stateful):
         if not run.equations.system.films:
             raise SettingsError("a mechanism without a lubricated joint has no film to repeat")
         self._run, self.period = run, period
-        self._periodicity, self.most = periodicity, most
+        self.periodicity, self.most = periodicity, most
         self.number, self.defect, self.began = 1, float("nan"), run.state
         self.moved = self.left = self.contraction = float("nan")
         self.former = self.starts = np.zeros((0, len(self._films())))
@@ -399,20 +406,20 @@ class PeriodicSolver(Stateful):
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
             # Over the first one the films build up; that they end as they began means nothing.
             off = self.heat.unsettled()
-            repeats = self.number >= max(self._counted, 2) and self.defect <= self._periodicity
+            repeats = self.number >= max(self._counted, 2) and self.defect <= self.periodicity
             if repeats and not off:
                 return
             self._check_subharmonic(gaps, lengths, starts)
             if self.number >= self.most:
                 still = off or (
                     f"the films still change by {self.defect:.2e} from cycle to cycle, above "
-                    f"periodicity = {self._periodicity:g}"
+                    f"periodicity = {self.periodicity:g}"
                 )
                 cure = "allow more cycles or check the loads"
                 tolerance = self._run.control.tolerance
                 if not off and self.defect < tolerance:
                     cure = f"steps to time.tolerance = {tolerance:g} scatter by as much, lower it"
-                elif not off and tolerance > self._periodicity:
+                elif not off and tolerance > self.periodicity:
                     cure += f", or lower time.tolerance = {tolerance:g}, which is above it"
                 raise PeriodicityError(
                     f"after cycles = {self.number} of {self.period:g} s {still}: {cure}"
@@ -430,7 +437,7 @@ class PeriodicSolver(Stateful):
             if self.defect < NEAR or len(starts) < k:
                 return  # another start was tried since
             change = float(np.max(np.abs(gaps - starts[-k]) / lengths))
-            if change <= self._periodicity:
+            if change <= self.periodicity:
                 what = "half-frequency whirl" if k == 2 else "whirl at a third of the frequency"
                 raise PeriodicityError(
                     f"the films change by {self.defect:.2g} from cycle to cycle, and repeat every "

@@ -137,10 +137,36 @@ def _check_film(place: FilmBinding, thickness: float, time: float) -> None:
                 f"joints.{place.name}.contact describes; the history up to there is kept"
             )
         return
-    smallest = place.joint.smallest_film * place.film.clearance
-    if thickness < smallest:
+    limit, reason = touching_film(place.name, place.joint.smallest_film, place.film.clearance)
+    if thickness < limit:
         raise FilmTooThinError(
             f"the film of {place.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, below "
-            f"joints.{place.name}.smallest_film of the clearance, {smallest * 1e6:.3g} um: "
-            "surfaces would touch; the history up to there is kept"
+            f"{reason}, {limit * 1e6:.3g} um: surfaces would touch; the history up to there is kept"
         )
+
+
+#: Film at which surfaces without a given roughness touch, whatever the clearance [m]: three times a
+#: combined roughness of 0.07 um. Given ones have their own model of contact, and no such limit.
+TOUCHING = 0.2e-6
+
+#: Share of the clearance up to which a joint's `smallest_film` is a default that `TOUCHING` limits:
+#: a larger one is meant.
+MEANT = 0.01
+
+
+def touching_film(name: str, share: float, clearance: float) -> tuple[float, str]:
+    """Film at which a run ends between smooth surfaces [m], and what sets it.
+
+    Parameters
+    ----------
+    name
+        Of the joint.
+    share
+        Its `smallest_film`, of the clearance.
+    clearance
+        [m].
+    """
+    own = share * clearance
+    if share <= MEANT and own > TOUCHING:
+        return TOUCHING, "the least film of surfaces without a roughness"
+    return own, f"joints.{name}.smallest_film of the clearance"

@@ -50,13 +50,17 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
+    RINGING,
+    SPIKE,
     above,
     balance_error,
     bore_body,
     bore_loads,
     energy_row,
     estimate_at,
+    in_one_step,
     integral,
+    rings,
     stated,
     step_powers,
     too_coarse,
@@ -339,7 +343,8 @@ class Simulation(Stateful):
         films = self.system.films
         self.rows: list[Row] = []
         self.worth: dict[str, dict[str, Any]] = {}
-        self._crank, self._coordinates = crank(self.system), _coordinates(self.system)
+        self._crank, self._turn = crank(self.system), cycle_length(self.system)[0]
+        self._coordinates = _coordinates(self.system)
         self.estimates = {
             place.name: estimate_at(bore_body(self.system, place), place.bore)
             for place in films
@@ -430,15 +435,16 @@ class Simulation(Stateful):
     def _angle(self, step: MechanismStep) -> float:
         """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns.
 
-        Every cycle but the first begins in 0 to 360 degrees: an engine's last one is 0 to 720
-        degrees, not 1440 to 2160.
+        Every cycle but the first of a search begins within the first one of the loads: an engine's
+        last one is 0 to 720 degrees, not 1440 to 2160.
         """
         if self._crank is None:
             return 0.0
-        turns, cycles = 0.0, self.cycles
+        former, cycles = 0.0, self.cycles
         if cycles is not None and cycles.number > 1:
-            turns = np.floor(cycles.began.x[0, self._crank] / (2 * np.pi) + WHOLE)
-        return float(np.degrees(step.x[self._crank]) - 360.0 * turns)
+            began = float(np.degrees(cycles.began.x[0, self._crank]))
+            former = self._turn * np.floor(began / self._turn + WHOLE)
+        return float(np.degrees(step.x[self._crank]) - former)
 
     def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
         """Columns of the lubricated joints at a step of a size [s]; wear and estimates go on."""
@@ -580,6 +586,28 @@ class Simulation(Stateful):
                 f"{name}: nothing moves or loads its film, the {largest[name]:.2g} Pa in it are "
                 "rounding"
             )
+        return told + self._single_peaks()
+
+    def _single_peaks(self) -> list[str]:
+        """One line each of peaks that are one step's or the ringing of a start."""
+        own, told = columns_of(self.rows[self.first :]), []
+        ringing = self.cycles is None and self.system.least_damping < RINGING
+        rows = {p.name: own.get(f"joints/{p.name}/max_pressure_Pa") for p in self.system.films}
+        for name, values in rows.items():
+            if values is None or name in self._resting:
+                continue
+            peak, ratio = 1e-6 * float(values.max()), in_one_step(values)
+            if ratio > SPIKE:
+                told.append(
+                    f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times "
+                    "those around it: lower time.tolerance, and see what jumps there"
+                )
+            elif ringing and rings(values):
+                told.append(
+                    f"{name}: the peak of {peak:.4g} MPa is the first swing of a start that rings, "
+                    "with modes of hardly any damping: let loads grow (ramp), damp the bodies "
+                    "(damping_time, damping_ratio), or see later cycles (time.periodic = true)"
+                )
         return told
 
     @property

@@ -495,6 +495,8 @@ def draw(
     if any(not shape.mesh for shape in shapes.values()):
         note = f"{note}; of flexible bodies, only bores are known"
     figure.text(0.012, 0.985, note, ha="left", va="top", color="0.3")
+    angles = {name: frames.motion.angle_of(name) for name in mechanism.drives}
+    driven = {name: angle for name, angle in angles.items() if angle is not None}
     title = figure.suptitle(" ", x=0.988, ha="right", fontsize="large")
 
     def show(frame: int) -> None:
@@ -507,8 +509,7 @@ def draw(
             now.set_xdata([moment])
         told = [joint] if joint else []
         told.append(f"t = {moment:.2f} ms")
-        for name in mechanism.drives:
-            told.append(f"{name} {np.degrees(bodies[name].pose[frame, 2]) % 360:.0f}°")
+        told += [f"{name} {angle[frame]:.0f}°" for name, angle in driven.items()]
         title.set_text(", ".join(told))
 
     # Sizes are settled on one frame: labels of changing width must not move the panels.

@@ -123,7 +123,9 @@ class ShownRun:
         angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
         # The end of the cycle before is that many turns ahead.
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
-        self.angle = angle - 360.0 * np.floor(angle.min() / 360.0 + WHOLE)
+        # Whole cycles are taken off: a turn of a cycle of two would be another stroke.
+        turn = 360.0 * max(1.0, np.round(np.ptp(angle) / 360.0))
+        self.angle = angle - turn * np.floor(angle[:1] / turn + WHOLE)
 
     @cached_property
     def joints(self) -> dict[str, ShownJoint]:

@@ -129,7 +129,7 @@ def _solve(
     """Eigenvalues, ascending, and modes as SLEPc gives them, M-orthogonal to `deflated`."""
     structure = flexibility.structure
     eps = SLEPc.EPS().create(structure.stiffness.comm)
-    eps.setOperators(structure.stiffness, structure.mass)
+    eps.setOperators(structure.stiffness, flexibility.mass.matrix)
     eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     eps.setTarget(0.0)

@@ -16,7 +16,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ModeRecord, ReducedBody
 from fenics_ehd.reduction.bore import Bore
-from fenics_ehd.reduction.matrices import combine, inner
+from fenics_ehd.reduction.matrices import combine, falling_eigenpairs, inner
 from fenics_ehd.reduction.reductor import (
     Basis,
     Reductor,
@@ -55,8 +55,9 @@ def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np
     if selection == "lowest-frequency":
         assert mass is not None
         return lowest_first(stiffness, mass)[1]
-    vectors = np.linalg.eigh(stiffness)[1]
-    return vectors if selection == "smallest-eigenvalue" else vectors[:, ::-1]
+    if selection == "largest-eigenvalue":
+        return falling_eigenpairs(stiffness)[1]
+    return np.linalg.eigh(stiffness)[1]
 
 
 def without_redundancy(patterns: np.ndarray) -> np.ndarray:
@@ -94,8 +95,8 @@ def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.nda
 def lowest_first(stiffness: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvectors of unit strain energy within its range, and the modal mass of each, falling."""
     basis = energy_orthonormal(stiffness)
-    values, vectors = np.linalg.eigh(basis.T @ mass @ basis)
-    return values[::-1], basis @ vectors[:, ::-1]
+    values, vectors = falling_eigenpairs(basis.T @ mass @ basis)
+    return values, basis @ vectors
 
 
 def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:

@@ -31,6 +31,7 @@ from fenics_ehd.reduction.matrices import (
     MassOperator,
     blocks,
     combine,
+    falling_eigenpairs,
     inner,
     load_columns,
     symmetric,
@@ -256,8 +257,7 @@ def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
     shape = bore_rows(structure, basis.columns)
     m = len(shape)
     rest = displacement - (shape.reshape(3 * m, -1) @ covered).reshape(m, 3, -1)
-    values, vectors = np.linalg.eigh(symmetric(energy - load.T @ covered))
-    values, vectors = values[::-1], vectors[:, ::-1]
+    values, vectors = falling_eigenpairs(symmetric(energy - load.T @ covered))
     moved = (rest.reshape(3 * m, -1) @ vectors).reshape(m, 3, -1)
     return ResidualFlexibility(moved, vectors.T, values, np.zeros((0, 0)))
 

@@ -417,7 +417,7 @@ def estimate_errors(run: Simulation, directory: Path) -> dict[str, Any]:
     -------
     dict
         For ``summary.json``: processor time, Newton iterations, why what is not estimated is
-        not. The run has the budgets.
+        not, shares of the time that are left out. The run has the budgets.
     """
     budget = Estimator(run).budget()
     over_time = budget.over_time(run.began.time)
@@ -425,6 +425,7 @@ def estimate_errors(run: Simulation, directory: Path) -> dict[str, Any]:
     run.worth = budget.joints
     return {
         "error_budget_notes": budget.notes,
+        "error_budget_left_out": budget.left_out,
         "error_budget_iterations": budget.iterations,
         "error_budget_processor_time_s": budget.seconds,
     }

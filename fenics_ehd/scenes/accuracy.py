@@ -34,6 +34,7 @@ from fenics_ehd.base.errors import AccuracyError, InputError, SettingsError
 from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
@@ -84,10 +85,8 @@ PILOT_LOOSEST = 3e-3
 #: hours.
 LEAST = 1e-4
 
-#: Periodicity over the accuracy, and its least over the tolerance of a step: the steps that a cycle
-#: takes differ from those of the one before. Films of a small journal under a load of five rows and
-#: of a four-bar's pin so change by up to once the tolerance from cycle to cycle, without end.
-PERIODICITY, NOISE = 0.1, 1.0
+#: Periodicity over the accuracy; at least it is `CYCLE_NOISE` times the tolerance of a step.
+PERIODICITY = 0.1
 
 
 @dataclass
@@ -237,7 +236,7 @@ def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
     }
     if scene.time.periodic:
         own = values["time.tolerance"] if "time.tolerance" not in kept else scene.time.tolerance
-        values["time.periodicity"] = max(PERIODICITY * asked, NOISE * own)
+        values["time.periodicity"] = max(PERIODICITY * asked, CYCLE_NOISE * own)
     for name in scene.films:
         values[f"joints.{name}.cells"] = list(_pilot_cells(scene, name, asked))
     for name in meshed(scene):
@@ -365,7 +364,7 @@ def _refined(search: Search, scene: Scene, recorded: Simulation, errors: Errors)
     }
     if {"time.periodicity", "time.tolerance"} <= set(values):
         # The steps of a cycle are not those of the one before.
-        most = values["time.periodicity"] / NOISE
+        most = values["time.periodicity"] / CYCLE_NOISE
         values["time.tolerance"] = min(values["time.tolerance"], most)
     return values
 
@@ -404,7 +403,7 @@ def _value(
         return min(own, max(rounded(own * share ** ((order + 1.0) / order)), TIGHTEST))
     if component == "start":
         # Cycles differ by what their steps leave.
-        noise = NOISE * scene.time.tolerance if "time.tolerance" in search.kept else 0.0
+        noise = CYCLE_NOISE * scene.time.tolerance if "time.tolerance" in search.kept else 0.0
         own = scene.time.periodicity
         return min(own, max(rounded(share * own), TIGHTEST_PERIODICITY, noise))
     if component == "film_mesh":

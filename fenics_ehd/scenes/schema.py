@@ -250,7 +250,8 @@ class LubricatedSettings:
     )
     smallest_film: float = number(
         0.01,
-        "film thickness at which the run ends, share of the clearance; none with contact",
+        "film thickness at which the run ends, share of the clearance; up to 0.01 at most 0.2 um; "
+        "none with contact",
         least=0,
         below=1,
     )
