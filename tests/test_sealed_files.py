@@ -187,15 +187,15 @@ WRONG = {
     "complex": (put("stiffness", np.eye(4) * 1j), "/stiffness holds complex128, not numbers"),
     "empty": (put("mass", h5py.Empty("f8")), "/mass is no array"),
     "compound": (put("mass", np.zeros(3, dtype=[("a", "f8")])), "/mass holds"),
-    "group": (put("inertia", 1.0), "argument after ** must be a mapping, not float"),
-    "missing": (
-        lambda file: file.pop("bores/bore/radius"),
-        "missing 1 required keyword-only argument: 'radius'",
+    "group": (put("inertia", 1.0), "/inertia is no group"),
+    "missing": (lambda file: file.pop("bores/bore/radius"), "/bores/bore/radius is missing"),
+    "short inventory": (
+        put("inventory/dropped", np.array([b"why"] * 3)),
+        "/inventory/dropped has shape (3,), not (0,)",
     ),
-    "short inventory": (put("inventory/dropped", np.zeros(3)), "zip"),
     "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
     "soft loop": (put("mass", h5py.SoftLink("/mass")), "too many links"),
-    "hard loop": (lambda file: file.__setitem__("points/all", file["/"]), "recursion"),
+    "hard loop": (lambda file: file.__setitem__("points/all", file["/"]), "/points/all is no array"),
 }
 
 

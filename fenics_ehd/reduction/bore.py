@@ -16,6 +16,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from fenics_ehd.base.errors import SettingsError, StructureError
+from fenics_ehd.base.layout import Value
 from fenics_ehd.reduction.elements import (
     ELEMENTS,
     NodalElement,
@@ -131,6 +132,37 @@ class Bore(BoreSurface):
     nodes: np.ndarray
     load: PETSc.Mat
     reference: np.ndarray | None = None
+
+
+def surface_layout(number: str, *, attribute: bool) -> dict[str, Value]:
+    """Layout of a stored `BoreSurface`.
+
+    Parameters
+    ----------
+    number
+        Kind of its numbers, see `fenics_ehd.base.layout.KINDS`.
+    attribute
+        Whether single values are attributes, and what has a default may be missing.
+    """
+
+    def single(kind: str, *, required: bool) -> Value:
+        return Value(kind, attribute=attribute, required=required)
+
+    def array(kind: str, *axes: str | int, required: bool = True) -> Value:
+        return Value(kind, axes, required=required)
+
+    needed = not attribute
+    return {
+        "radius": single(number, required=True),
+        "width": single(number, required=True),
+        "coordinates": array(number, "nodes", 3),
+        "pressure_coordinates": array(number, "pressure_nodes", 3),
+        "cells": array("integer", "cells", "vertices", required=needed),
+        "family": single("text", required=needed),
+        "pressure_cells": array("integer", "pressure_cells", "pressure_vertices", required=needed),
+        "pressure_family": single("text", required=needed),
+        "centre": array(number, 3, required=needed),
+    }
 
 
 def only(bores: Mapping[str, B], of: str) -> B:

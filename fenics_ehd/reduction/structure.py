@@ -1,8 +1,8 @@
 """The part as a reduction takes it: K, M, bores and points, whichever program made them.
 
 Boundary points are load vectors, made from whatever describes their mean displacement. Before work
-is spent on a part its matrices are checked. That is cheap: 15 to 35 products with a matrix on one
-rank, twice as many on several, no factorisation.
+is spent on a part its matrices are checked. That is cheap: 35 to 55 products with a matrix on one
+rank, up to twice as many on several, no factorisation.
 """
 
 from __future__ import annotations
@@ -21,7 +21,14 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
-from fenics_ehd.reduction.bore import BORE, CYLINDER_TOLERANCE, Bore, only, rigid_fields
+from fenics_ehd.reduction.bore import (
+    BORE,
+    CYLINDER_TOLERANCE,
+    Bore,
+    BoreSurface,
+    only,
+    rigid_fields,
+)
 from fenics_ehd.reduction.elements import surface_element
 from fenics_ehd.reduction.matrices import (
     agree,
@@ -408,7 +415,8 @@ def check_structure(structure: Structure) -> None:
     ------
     StructureError
         A value is not finite; K or M is not symmetric, has an empty row or
-        a diagonal entry that is not positive; M is singular or not positive definite; some
+        a diagonal entry that is not positive; K is not positive semidefinite; M is singular or not
+        positive definite; some
         rigid motions cost energy and others do not; degrees of freedom go component by component;
         mass and coordinates are of different units; bore nodes are not on the bore, or its
         load matrix is not one of a pressure that pushes outward; the first bore is not at the
@@ -421,10 +429,11 @@ def check_structure(structure: Structure) -> None:
         _check_symmetric(matrix, name)
     _check_order(structure)
     rigid_motions(structure)
+    _check_semidefinite(structure.stiffness)
     _check_definite(structure.mass)
     _check_units(structure)
     for name, bore in structure.bores.items():
-        _check_surface(bore, name)
+        check_surface(bore, name)
         _check_nodes(structure, bore, name)
         _check_load(structure, bore, name)
     if structure.bores:
@@ -480,6 +489,46 @@ def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
         defect <= SYMMETRY_TOLERANCE,
         f"{name} is not symmetric: relative defect {defect:.1e}, limit "
         f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits",
+    )
+
+
+#: Products with K that look for a negative eigenvalue, and the smallest one that round-off leaves,
+#: relative to the largest, both of K scaled by its diagonal.
+SEARCHED, NEGATIVE = 20, -1e-6
+
+
+def _check_semidefinite(stiffness: PETSc.Mat) -> None:
+    """Smallest Ritz value of a few Lanczos steps from a random vector.
+
+    A matrix with an eigenvalue far below zero shows it at once; one that is just below is found
+    by the factorisation.
+    """
+    comm = stiffness.comm.tompi4py()
+    scale = 1.0 / np.sqrt(stiffness.getDiagonal().array)[:, None]
+    basis = _random(stiffness)
+    basis /= norm(basis, comm)
+    diagonal, beside = np.zeros(0), np.zeros(0)
+    vector, former = basis, np.zeros_like(basis)
+    for _ in range(min(SEARCHED, stiffness.size[0])):
+        product = scale * multiply(stiffness, scale * vector)
+        if len(beside):
+            product = product - beside[-1] * former
+        diagonal = np.append(diagonal, inner(vector, product, comm)[0, 0])
+        product = product - diagonal[-1] * vector
+        length = norm(product, comm)
+        if length <= 1e-12 * abs(diagonal).max():
+            break
+        beside = np.append(beside, length)
+        former, vector = vector, product / length
+    size = len(diagonal)
+    ritz = np.linalg.eigvalsh(
+        np.diag(diagonal) + np.diag(beside[: size - 1], 1) + np.diag(beside[: size - 1], -1)
+    )
+    ratio = ritz[0] / max(abs(ritz).max(), 1e-300)
+    _require(
+        ratio >= NEGATIVE,
+        f"stiffness is not positive semidefinite: relative eigenvalue {ratio:.1e}, limit "
+        f"{NEGATIVE:.0e}",
     )
 
 
@@ -579,8 +628,14 @@ def _check_attachments(structure: Structure) -> None:
 # Bores
 
 
-def _check_surface(bore: Bore, name: str) -> None:
-    """Arrays of the right shape and kind, surface meshes of their nodes, nodes on the cylinder."""
+def check_surface(bore: BoreSurface, name: str) -> None:
+    """Check arrays of a bore: shapes and kinds, surface meshes of their nodes, a cylinder.
+
+    Raises
+    ------
+    StructureError
+        Naming the array.
+    """
     nodes, pressures = len(bore.coordinates), len(bore.pressure_coordinates)
     _require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes, {pressures} of pressures")
     shapes = {
@@ -591,8 +646,8 @@ def _check_surface(bore: Bore, name: str) -> None:
         "reference": (nodes, 3, 6),
     }
     for key, shape in shapes.items():
-        array = getattr(bore, key)
-        if key == "reference" and array is None:
+        array = getattr(bore, key, None)
+        if array is None and key in ("nodes", "reference"):
             continue
         _require(array.shape == shape, f"{name}.{key} has shape {array.shape}, not {shape}")
         _require(

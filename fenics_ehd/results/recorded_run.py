@@ -53,7 +53,8 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.processes import interrupt_between_steps
-from fenics_ehd.base.sealed_file import read_tree
+from fenics_ehd.base.layout import Group, Value, read_declared
+from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.history import (
     CSV_NAME,
@@ -341,6 +342,16 @@ class Checkpoint:
     history: History
 
 
+#: Layout of a stored `Checkpoint`, its history apart.
+CHECKPOINT = Group(
+    {
+        "about": Group({"reduction_time_s": Value("real"), "scene": Value("text")}),
+        "digests": Group(each=Value("text")),
+        "state": Group(Simulation.carried),
+    }
+)
+
+
 def load_run_state(folder: Path) -> Checkpoint:
     """The checkpoint of a run.
 
@@ -353,7 +364,9 @@ def load_run_state(folder: Path) -> Checkpoint:
     if not path.exists():
         raise InputError(f"{folder}: {refused}, {missing(path, 'it has no')}")
     with opened_history(path, refused) as file:
-        tree = read_tree(file[RESUME])
+        if RESUME not in file:
+            raise ValueError("it is of a run that came to its end")
+        tree = read_declared(file[RESUME], CHECKPOINT)
     state = tree["state"]
     state["integrator"] = _integration(state["integrator"])
     if "cycles" in state:
@@ -490,8 +503,10 @@ def record_run(
     more = dict[str, Any]()
     if former is not None:
         require_same_scene(former, fingerprints, directory)
-        run.state = former.state
-        run.take(former.history)
+        with named(InputError, f"{directory / FIELDS_NAME}: not of a run of its {SCENE_NAME}"):
+            run.require_fitting(former.state)
+            run.state = former.state
+            run.take(former.history)
         about = {**about, **former.about}
     began = {"about": {name: about[name] for name in BEGAN}, "digests": fingerprints}
     steps = recorded_steps(run, directory, began, interval)
