@@ -133,12 +133,15 @@ class Group:
         Whether the group must be there.
     foreign
         Whether other programs may add what is not read.
+    scoped
+        Whether symbols that are new in it are its own.
     """
 
     entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
     each: Entry | None = None
     required: bool = True
     foreign: bool = False
+    scoped: bool = False
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
         """Check a group and all that is in it, see `Value.check`.
@@ -154,24 +157,17 @@ class Group:
         for name, entry in self.entries.items():
             holder = _holder(item, entry)
             value = holder[name] if name in holder else None
-            if value is not None:
+            if value is not None and isinstance(entry, Group) and entry.scoped:
+                _check_scoped(entry, value, f"{path}/{name}", sizes)
+            elif value is not None:
                 entry.check(value, f"{path}/{name}", sizes)
             elif entry.required:
                 raise ValueError(f"{path}/{name} is missing")
         for name in self._others(item):
             if self.each is not None:
-                self._check_each(item[name], f"{path}/{name}", sizes)
+                _check_scoped(self.each, item[name], f"{path}/{name}", sizes)
             elif not self.foreign:
                 raise ValueError(f"{path}/{name} is not known")
-
-    def _check_each(self, item: Any, path: str, sizes: Sizes) -> None:
-        """Check one of several, whose new symbols are its own: they get its path before them."""
-        assert self.each is not None
-        owner = f"{path} "
-        own = {name.removeprefix(owner): n for name, n in sizes.items() if name.startswith(owner)}
-        inside = sizes | own
-        self.each.check(item, path, inside)
-        sizes.update({owner + name: n for name, n in inside.items() if name not in sizes})
 
     def value_at(self, path: str) -> Value:
         """Layout of the value at a path of a group that was checked, ``state/rates``."""
@@ -209,6 +205,15 @@ class Group:
 
 
 Entry = Value | Group
+
+
+def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
+    """Check what has symbols of its own: they are kept with its path before them."""
+    owner = f"{path} "
+    own = {name.removeprefix(owner): n for name, n in sizes.items() if name.startswith(owner)}
+    inside = sizes | own
+    entry.check(item, path, inside)
+    sizes.update({owner + name: n for name, n in inside.items() if name not in sizes})
 
 
 def _holder(item: Any, entry: Entry) -> Any:

@@ -699,12 +699,13 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
 
 
 def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
-    """Refuse cells of films that are of no family, or name nodes that are not there."""
+    """Refuse cells of films that are of no family, or do not use each of their nodes."""
     for path, cells in arrays.items():
         if not path.endswith("/film/cells"):
             continue
         nodes = len(arrays[path.replace("/cells", "/angle")])
-        if cells.shape[1] not in FAMILIES or cells.max(initial=0) >= nodes:
+        used = np.unique(cells)
+        if cells.shape[1] not in FAMILIES or not np.array_equal(used, np.arange(nodes)):
             raise ValueError(f"/{path} of shape {cells.shape} are no cells of {nodes} nodes")
 
 

@@ -118,7 +118,7 @@ class SolverState:
 
 
 #: Layout of a stored state of a mechanism's integration.
-INTEGRATOR_STATE = Group({**INTEGRATOR, "solver": SolverState.layout})
+INTEGRATOR_STATE = Group({**INTEGRATOR, "solver": SolverState.layout}, scoped=True)
 
 
 #: Nodes that may fill and empty, over the number of full ones, before all is factorised anew; and

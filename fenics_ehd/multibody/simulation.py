@@ -415,7 +415,10 @@ class Simulation(Stateful):
 
     def known_sizes(self) -> Sizes:
         """Number of unknowns of a step."""
-        return {"unknowns": len(self.run.equations.lower)}
+        owners = ("/integrator", "/cycles/began")
+        return dict.fromkeys(
+            (f"{owner} unknowns" for owner in owners), len(self.run.equations.lower)
+        )
 
     def take(self, history: History) -> None:
         """Go on after the steps of a history.

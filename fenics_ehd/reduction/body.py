@@ -359,10 +359,10 @@ LAYOUT = Group(
         "inertia": Group({"mass": _FIELDS, "spin": _FIELDS, "centrifugal": _FIELDS}),
         "points": Group(each=Value("float", (3, "n + 3"))),
         "missing_flexibility": Value("float", ("m", "k"), empty=True),
-        "mesh_flexibility": Value("float", ("sampled", "loads"), empty=True),
-        "rigid_mass": Value("float", (6, 6), empty=True),
-        "rigid_coupling": Value("float", (6, "n"), empty=True),
-        "rigid_load": Value("float", (6, "k"), empty=True),
+        "mesh_flexibility": Value("float", ("sampled", "loads"), empty=True, required=False),
+        "rigid_mass": Value("float", (6, 6), empty=True, required=False),
+        "rigid_coupling": Value("float", (6, "n"), empty=True, required=False),
+        "rigid_load": Value("float", (6, "k"), empty=True, required=False),
         "residual": Group(
             {
                 "displacement": Value("float", ("m", 3, "r")),
@@ -380,8 +380,8 @@ LAYOUT = Group(
                 "dropped": Value("text", ("records",)),
             }
         ),
-        "accuracy": Group(each=Value("float", finite=False)),
-        "provenance": Group(each=Value("text")),
+        "accuracy": Group(each=Value("float", finite=False), required=False),
+        "provenance": Group(each=Value("text"), required=False),
     }
 )
 

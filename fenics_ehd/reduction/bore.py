@@ -142,26 +142,21 @@ def surface_layout(number: str, *, attribute: bool) -> dict[str, Value]:
     number
         Kind of its numbers, see `fenics_ehd.base.layout.KINDS`.
     attribute
-        Whether single values are attributes, and what has a default may be missing.
+        Whether single values are attributes.
     """
-
-    def single(kind: str, *, required: bool) -> Value:
-        return Value(kind, attribute=attribute, required=required)
-
-    def array(kind: str, *axes: str | int, required: bool = True) -> Value:
-        return Value(kind, axes, required=required)
-
-    needed = not attribute
+    single = Value(number, attribute=attribute)
+    family = Value("text", attribute=attribute, required=False)
+    mesh = Value("integer", ("cells", "vertices"), required=False)
     return {
-        "radius": single(number, required=True),
-        "width": single(number, required=True),
-        "coordinates": array(number, "nodes", 3),
-        "pressure_coordinates": array(number, "pressure_nodes", 3),
-        "cells": array("integer", "cells", "vertices", required=needed),
-        "family": single("text", required=needed),
-        "pressure_cells": array("integer", "pressure_cells", "pressure_vertices", required=needed),
-        "pressure_family": single("text", required=needed),
-        "centre": array(number, 3, required=needed),
+        "radius": single,
+        "width": single,
+        "coordinates": Value(number, ("nodes", 3)),
+        "pressure_coordinates": Value(number, ("pressure_nodes", 3)),
+        "cells": mesh,
+        "family": family,
+        "pressure_cells": replace(mesh, axes=("pressure_cells", "pressure_vertices")),
+        "pressure_family": family,
+        "centre": Value(number, (3,), required=False),
     }
 
 

@@ -230,15 +230,14 @@ def _open(path: str) -> Opened:
     return _whole(sparse.csr_matrix(found))
 
 
-def csr_layout(rows: str) -> Group:
+def csr_layout(rows: str, entries: str = "entries") -> Group:
     """Layout of a matrix in CSR form; its shape is an attribute, or a dataset.
 
     Parameters
     ----------
-    rows
-        Symbol or multiple of its number of rows; entries get a symbol of their own.
+    rows, entries
+        Their numbers, as in a `Value`.
     """
-    entries = f"entries_{rows.replace(' ', '_')}"
     return Group(
         {
             "indptr": Value("integer", (f"{rows} + 1",), least=0),

@@ -66,13 +66,13 @@ BORE_LAYOUT = Group(
         **surface_layout("real", attribute=True),
         "nodes": Value("integer", ("nodes",), least=0),
         "reference": Value("real", ("nodes", 3, 6), required=False),
-        "load": csr_layout("3 part_nodes"),
+        "load": csr_layout("3 part_nodes", "load_entries"),
     },
     foreign=True,
 )
 
 #: Layout of a boundary point in a file: a matrix, or nodes and weights.
-_MATRIX = csr_layout("3 part_nodes").entries
+_MATRIX = csr_layout("3 part_nodes", "point_entries").entries
 ATTACHMENT_LAYOUT = Group(
     {
         "nodes": Value("integer", ("nodes",), required=False),
@@ -86,8 +86,8 @@ ATTACHMENT_LAYOUT = Group(
 LAYOUT = Group(
     {
         "coordinates": Value("real", ("part_nodes", 3)),
-        "stiffness": csr_layout("3 part_nodes"),
-        "mass": csr_layout("3 part_nodes"),
+        "stiffness": csr_layout("3 part_nodes", "stiffness_entries"),
+        "mass": csr_layout("3 part_nodes", "mass_entries"),
         "bores": Group(each=BORE_LAYOUT, required=False),
         "attachments": Group(each=ATTACHMENT_LAYOUT, required=False),
     },
@@ -239,7 +239,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
         LAYOUT.check(file, "", {})
         nodes = len(file["coordinates"])
         groups = file.get("bores", {})
-        names = attribute(groups, "names", Value("text", ("bores",))) if groups else ()
+        names = _bore_names(groups) if "bores" in file else ()
         if sorted(names) != sorted(groups):
             raise ValueError(f"names of /bores are {', '.join(names)}, not {', '.join(groups)}")
         return {
@@ -250,6 +250,14 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
             },
             "bores": {name: _bore(path, name, groups[name]) for name in names},
         }
+
+
+def _bore_names(groups: h5py.Group) -> tuple[str, ...]:
+    """Names of the bores in their order; no names have no type of text."""
+    if np.shape(groups.attrs.get("names")) == (0,):
+        return ()
+    names: tuple[str, ...] = attribute(groups, "names", Value("text", ("bores",)))
+    return names
 
 
 def _attachment(place: str, group: h5py.Group) -> PointWeights | str:
@@ -417,7 +425,7 @@ class BasisFile(AbstractContextManager["BasisFile"]):
                 raise
 
     def _require_layout(self) -> None:
-        """Refuse other shapes, and cells that are none of these nodes.
+        """Refuse other shapes, and cells that do not use each of the nodes.
 
         Raises
         ------
@@ -428,7 +436,9 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         if ("stress" in self._file) != ("stress_points" in self._file):
             raise ValueError("/stress or /stress_points is missing")
         cells, nodes = self._file["cells"], len(self._file["nodes"])
-        if cells.shape[1] not in _VERTICES or values(cells).max(initial=0) >= max(nodes, 1):
+        used = np.unique(values(cells))
+        known = cells.shape[1] > 0
+        if cells.shape[1] not in _VERTICES or (known and not np.array_equal(used, range(nodes))):
             raise ValueError(f"/cells of shape {cells.shape} are no cells of {nodes} nodes")
 
     def __exit__(self, *_: object) -> None:

@@ -380,6 +380,20 @@ def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
     return IntegratorState(**{**tree, "solver": solver and SolverState(**solver)})
 
 
+def continue_from(former: Checkpoint, run: Simulation, directory: Path) -> None:
+    """Bring a run to where a checkpoint is.
+
+    Raises
+    ------
+    InputError
+        The checkpoint is one of another mechanism.
+    """
+    with named(InputError, f"{directory / FIELDS_NAME}: not of a run of its {SCENE_NAME}"):
+        run.require_fitting(former.state)
+        run.state = former.state
+        run.take(former.history)
+
+
 def save_run_state(run: Simulation, directory: Path, fields: Mapping[str, Any]) -> None:
     """Store a run and its history.
 
@@ -503,10 +517,7 @@ def record_run(
     more = dict[str, Any]()
     if former is not None:
         require_same_scene(former, fingerprints, directory)
-        with named(InputError, f"{directory / FIELDS_NAME}: not of a run of its {SCENE_NAME}"):
-            run.require_fitting(former.state)
-            run.state = former.state
-            run.take(former.history)
+        continue_from(former, run, directory)
         about = {**about, **former.about}
     began = {"about": {name: about[name] for name in BEGAN}, "digests": fingerprints}
     steps = recorded_steps(run, directory, began, interval)
