@@ -151,6 +151,33 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
     return file
 
 
+#: Bytes that datasets of a foreign file may claim beyond what it can hold: variables of netCDF
+#: that were never written take no room.
+_UNWRITTEN = 1 << 26
+
+
+def require_own_data(path: str | Path) -> None:
+    """Refuse an HDF5 file for another library to read: data elsewhere, more than it can hold.
+
+    Raises
+    ------
+    ValueError, OSError
+        See `open_hdf5`; or its datasets together claim more than the file can hold.
+    """
+    claimed = 0
+
+    def count(_: str, item: Any) -> None:
+        nonlocal claimed
+        if isinstance(item, h5py.Dataset) and item.shape is not None:
+            claimed += int(item.nbytes)
+
+    with open_hdf5(path) as file:
+        file.visititems(count)
+    most = Path(path).stat().st_size * _DEFLATE + _UNWRITTEN
+    if claimed > most:
+        raise ValueError(f"{path} claims {claimed} bytes, it can hold {most}")
+
+
 def _sealed(path: str | Path) -> bool:
     """True for a file that has a seal.
 

@@ -42,12 +42,15 @@ from fenics_ehd.base.files import (
     claim,
     clear,
     complete_result,
+    is_part,
     keeping_failed_film,
     let_go,
     listed,
     locked,
     naming,
+    require_made_by,
     require_writable,
+    status_of,
     to_json,
     write_summary,
     write_whole,
@@ -125,7 +128,7 @@ def _of_run(name: str) -> bool:
 
 
 def require_no_result(directory: Path) -> None:
-    """Refuse a folder that holds a complete result.
+    """Refuse a folder that holds a complete result, or a run that was stopped.
 
     Raises
     ------
@@ -136,6 +139,22 @@ def require_no_result(directory: Path) -> None:
         raise InputError(
             f"{directory}: holds a complete result, choose another folder or --overwrite"
         )
+    if _stopped(directory):
+        raise InputError(
+            f"{directory}: holds a run that was stopped: go on with it by --resume {directory}, or "
+            "--overwrite it"
+        )
+
+
+#: How the status begins of a run that goes on once there is room on the disk.
+NOT_WRITTEN = tuple(f"failed: {name}: " for name in (FIELDS_NAME, CSV_NAME, ERROR_BUDGET))
+
+
+def _stopped(directory: Path) -> bool:
+    """True of a folder whose run was killed or interrupted and has a checkpoint."""
+    status = status_of(directory)
+    ended_early = status in ("", "interrupted") or status.startswith(NOT_WRITTEN)
+    return ended_early and (directory / FIELDS_NAME).is_file()
 
 
 def first_rank_folder(
@@ -162,6 +181,8 @@ class RunFolder:
         A complete result there may be replaced, by another one.
     resume
         Go on with the run that was stopped there.
+    command
+        That makes the folder.
 
     Attributes
     ----------
@@ -184,12 +205,16 @@ class RunFolder:
         *,
         overwrite: bool = False,
         resume: bool = False,
+        command: str = "run",
     ):
         self.directory = self.path = directory
         if resume and not self.directory.is_dir():
             raise InputError(f"{directory}: no checkpoint to go on from, no such folder")
         require_writable(self.directory)
         self._made = not self.directory.exists()
+        require_made_by(self.directory, command)
+        if command == "run" and is_part(self.directory):
+            raise InputError(f"{directory}: a part of the folder above: choose another folder")
         self.directory.mkdir(parents=True, exist_ok=True)
         files = [BODY_FILE.format(name) for name in bodies]
         replacement = self.directory / REPLACEMENT
@@ -199,10 +224,10 @@ class RunFolder:
                 self._replace(replacement)
             if not (overwrite or resume):
                 require_no_result(self.directory)
-            claim(self.directory, (*MADE, *RUN, *files, REPLACEMENT))
+            claim(self.directory, (*MADE, *RUN, *files, REPLACEMENT), command)
             if (replacement / FIELDS_NAME).exists() if resume else complete_result(self.directory):
                 self.path = replacement
-                claim(self.path, (*MADE, *RUN, *files))
+                claim(self.path, (*MADE, *RUN, *files), command)
         except BaseException:
             self._release()
             raise
