@@ -195,7 +195,10 @@ WRONG = {
     ),
     "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
     "soft loop": (put("mass", h5py.SoftLink("/mass")), "too many links"),
-    "hard loop": (lambda file: file.__setitem__("points/all", file["/"]), "/points/all is no array"),
+    "hard loop": (
+        lambda file: file.__setitem__("points/all", file["/"]),
+        "/points/all is no array",
+    ),
 }
 
 

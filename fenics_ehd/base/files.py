@@ -20,8 +20,9 @@ import os
 import platform
 import stat
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
 from secrets import token_hex
@@ -481,6 +482,103 @@ def require_writable(path: str | Path) -> None:
             raise InputError(f"output {path}: {existing}: {error.strerror}") from None
 
 
+@dataclass(frozen=True)
+class Kind:
+    """Kind of an output file.
+
+    Attributes
+    ----------
+    words
+        With their article, for a message.
+    holds
+        True of a file, which exists and is not empty, whose content is of this kind.
+    """
+
+    words: str
+    holds: Callable[[Path], bool]
+
+
+def beginning_with(words: str, *signatures: bytes, at: int = 0) -> Kind:
+    """Kind of files with one of some signatures, at a byte from their start."""
+
+    def holds(path: Path) -> bool:
+        with open(path, "rb") as file:
+            file.seek(at)
+            return file.read(max(map(len, signatures))).startswith(signatures)
+
+    return Kind(words, holds)
+
+
+def require_output(
+    path: str | Path, kind: Kind, inputs: Iterable[str | Path] = (), option: str = "-o"
+) -> None:
+    """Refuse an output file that would replace an input, or a file of another kind.
+
+    An empty file may be replaced: `mktemp` makes one.
+
+    Parameters
+    ----------
+    path, kind
+        The file to write.
+    inputs
+        Files that the command reads.
+    option
+        That names the output.
+
+    Raises
+    ------
+    InputError
+        It cannot be written (`require_writable`), is a folder, one of the inputs, or exists and
+        is not of its kind.
+    """
+    require_writable(path)
+    file, label = Path(path), f"{option} {path}"
+    if file.is_dir():
+        raise InputError(f"{option} would write a file {path}: it is a folder")
+    for source in inputs:
+        with suppress(OSError):  # one of them is not there
+            if os.path.samefile(file, source):
+                raise InputError(f"{label}: the command reads {source}: give another name")
+    try:
+        other = file.is_file() and file.stat().st_size > 0 and not kind.holds(file)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{label}: {error}") from None
+    if other:
+        raise InputError(
+            f"{label}: the file there is not {kind.words}: move it away, or give another name"
+        )
+
+
+def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[str] = ()) -> None:
+    """Refuse a folder for results in which an input would be replaced or removed.
+
+    Parameters
+    ----------
+    directory
+        For the results.
+    inputs
+        Files that the command reads.
+    names
+        That it writes there, beside those that the folder's manifest lists.
+
+    Raises
+    ------
+    InputError
+        Naming the input.
+    """
+    own, place = {*listed(directory), *names}, directory.resolve()
+    for source in inputs:
+        whole = Path(source).resolve()
+        if not whole.is_relative_to(place) or whole == place:
+            continue
+        first, *rest = whole.relative_to(place).parts
+        if first + "/" * bool(rest) in own:
+            raise InputError(
+                f"-o {directory}: the command reads {source}, which it would replace: choose "
+                "another folder"
+            )
+
+
 def status_of(directory: Path) -> str:
     """Status of the run in a folder, empty where there is no summary."""
     return str(_summary(directory).get("status", ""))
@@ -539,10 +637,12 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
         if cause is None:
             raise
         path = Path(directory) / FAILED_FILM
-        with naming(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
         import h5py  # slow to import, and texts do without
 
+        if path.is_file() and not _is_film(path):
+            raise type(error)(f"{error}; the film is not kept: {path} is another file") from error
+        with naming(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
         # HDF5 crashes where it cannot write.
         content = io.BytesIO()
         with h5py.File(content, "w") as file:
@@ -550,6 +650,15 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
                 file[name] = values
         write_whole(path, content.getvalue())
         raise type(error)(f"{error}; the film is kept in {path}") from error
+
+
+def _is_film(path: Path) -> bool:
+    """True of a file that `keeping_failed_film` wrote."""
+    import h5py
+
+    with suppress(OSError), h5py.File(path, "r") as file:
+        return {"gap", "pressure"} <= set(file)
+    return False
 
 
 def to_json(values: Mapping[str, object]) -> str:

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.files import put_in_place, write_whole
+from fenics_ehd.base.files import Kind, put_in_place, write_whole
 
 #: Bytes before the HDF5 superblock, and how they begin.
 HEAD = 512
@@ -194,6 +194,20 @@ def _sealed(path: str | Path) -> bool:
         if head != _head(hashlib.file_digest(file, "sha256")):
             raise ValueError("its digest is not that of its content: it changed after it was made")
     return True
+
+
+def stored_as(words: str, kind: str) -> Kind:
+    """Kind of the output files of a format, of any version, sealed or not."""
+
+    def holds(path: Path) -> bool:
+        try:
+            with open_hdf5(path) as file:
+                label = file.attrs.get("format")
+        except (OSError, ValueError, RuntimeError):
+            return False
+        return isinstance(label, str) and label == kind
+
+    return Kind(words, holds)
 
 
 @contextmanager

@@ -438,7 +438,7 @@ class Simulation(Stateful):
         if self.cycles is not None:
             needed |= {"run/cycle": 0.0, "run/cycle_time_s": 0.0}
         for name, value in needed.items():
-            if np.shape(columns.get(name))[1:] != np.shape(value) or name not in columns:
+            if name not in columns or columns[name].shape[1:] != np.shape(value):
                 raise ValueError(f"/{name} is missing, or of another shape than this scene's")
         self.rows = [{name: own[i] for name, own in columns.items()} for i in range(len(history))]
         self._stored = bool(self.rows)

@@ -10,14 +10,17 @@ from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
-from fenics_ehd.base.files import write_whole
+from fenics_ehd.base.files import Kind, write_whole
 from fenics_ehd.base.layout import Group, Value, read_declared
-from fenics_ehd.base.sealed_file import digest, named, open_sealed, save_tree
+from fenics_ehd.base.sealed_file import digest, named, open_sealed, save_tree, stored_as
 from fenics_ehd.reduction.bore import (
+    SAMPLED_NODES,
+    SMOOTH,
     BoreSurface,
     all_outward,
     make_row_major,
@@ -25,7 +28,6 @@ from fenics_ehd.reduction.bore import (
     rigid_fields,
     surface_layout,
 )
-from fenics_ehd.reduction.mesh_error import SMOOTH
 from fenics_ehd.reduction.structure import check_surface
 
 #: Places of the translations and of the elastic modes among the fields of a body.
@@ -460,13 +462,10 @@ def _require_sound(body: ReducedBody) -> None:
             f"bores have {counts[0]} nodes and {counts[1]} pressure nodes, the bases {wanted[0]} "
             f"and {wanted[1]}"
         )
-    columns = SMOOTH * len(every) + 2 * len(body.points)
+    shape = SAMPLED_NODES * len(every), SMOOTH * len(every) + 2 * len(body.points)
     mesh = body.mesh_flexibility
-    if mesh.size and (mesh.shape[1] != columns or len(mesh) % len(every)):
-        raise ValueError(
-            f"/mesh_flexibility has shape {mesh.shape}, its columns must be {columns} and its rows "
-            f"the same for each of {len(every)} bores"
-        )
+    if mesh.size and mesh.shape != shape:
+        raise ValueError(f"/mesh_flexibility has shape {mesh.shape}, not {shape}")
     for name, bore in body.bores.items():
         try:
             check_surface(bore, f"bores/{name}")
@@ -516,6 +515,26 @@ def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
 
 EXPORT_FORMAT = "fenics_ehd reduced body, exported"
 EXPORT_VERSION = 2
+
+#: Most bytes of the text that an export begins with.
+_LABEL = 4096
+
+
+def _is_export(path: Path) -> bool:
+    """True of a file that `export_npz` wrote."""
+    try:
+        with ZipFile(path) as archive:
+            label = archive.getinfo("format.npy")
+            if label.file_size > _LABEL:
+                return False
+            return str(np.load(BytesIO(archive.read(label)), allow_pickle=False)) == EXPORT_FORMAT
+    except (OSError, ValueError, KeyError, BadZipFile):
+        return False
+
+
+#: Kinds of output files.
+BODY_KIND = stored_as("a reduced body", FORMAT)
+EXPORT_KIND = Kind("an exported reduced body", _is_export)
 
 
 def export_npz(body: ReducedBody, path: str | Path) -> Path:

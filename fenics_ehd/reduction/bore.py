@@ -63,6 +63,17 @@ def make_row_major(record: Any) -> None:
             object.__setattr__(record, name, np.ascontiguousarray(value))
 
 
+#: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
+WAVES, HEIGHTS = 9, 3
+SMOOTH = (2 * WAVES + 1) * HEIGHTS
+
+#: Quadratic cells around and along a bore at whose nodes displacements are kept.
+SAMPLED = 40, 8
+
+#: Nodes of these cells.
+SAMPLED_NODES = 2 * SAMPLED[0] * (2 * SAMPLED[1] + 1)
+
+
 def no_cells() -> np.ndarray:
     """Cells of a bore whose surface mesh is unknown."""
     return np.zeros((0, 0), dtype=np.int64)

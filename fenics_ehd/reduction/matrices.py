@@ -19,8 +19,8 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.petsc_options import destroy_with
 from fenics_ehd.base.layout import Group, Value, attribute
+from fenics_ehd.base.petsc_options import destroy_with
 from fenics_ehd.base.sealed_file import open_hdf5, require_file, require_numbers, values
 
 #: Files that `as_matrix` reads, for its messages.

@@ -43,7 +43,15 @@ from scipy import sparse
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import BOOKKEEPING, new_part, require_room
 from fenics_ehd.base.layout import Group, Value, attribute
-from fenics_ehd.base.sealed_file import HEAD, named, open_hdf5, open_sealed, seal, values
+from fenics_ehd.base.sealed_file import (
+    HEAD,
+    named,
+    open_hdf5,
+    open_sealed,
+    seal,
+    stored_as,
+    values,
+)
 from fenics_ehd.reduction.bore import Bore, surface_layout
 from fenics_ehd.reduction.matrices import (
     before,
@@ -285,6 +293,9 @@ def _bore(path: str | Path, name: str, group: h5py.Group) -> Bore:
 BASIS_FORMAT = "fenics_ehd part basis"
 BASIS_VERSION = 2
 
+#: Kind of output file.
+BASIS_KIND = stored_as("a basis of a part", BASIS_FORMAT)
+
 #: Layout of a basis: n coordinates, p sampling points of stresses.
 BASIS_LAYOUT = Group(
     {
@@ -522,7 +533,5 @@ class BasisFile(AbstractContextManager["BasisFile"]):
             rows = slice(start, start + step)
             result[:, rows] = np.tensordot(history, table[rows], (1, 2))
         if np.isfinite(q).all() and not np.isfinite(result).all():
-            raise BodyFileError(
-                f"basis file {self.path}: /{name} holds a value that is not finite"
-            )
+            raise BodyFileError(f"basis file {self.path}: /{name} holds a value that is not finite")
         return result if q.ndim == 2 else result[0]

@@ -638,6 +638,7 @@ def check_surface(bore: BoreSurface, name: str) -> None:
         array = getattr(bore, key, None)
         if array is None and key in ("nodes", "reference"):
             continue
+        assert array is not None
         _require(array.shape == shape, f"{name}.{key} has shape {array.shape}, not {shape}")
         _require(
             array.dtype.kind in "iuf" and np.isfinite(array).all(),

@@ -55,8 +55,8 @@ from fenics_ehd.base.files import (
     write_summary,
     write_whole,
 )
-from fenics_ehd.base.processes import interrupt_between_steps
 from fenics_ehd.base.layout import Group, Value, read_declared
+from fenics_ehd.base.processes import interrupt_between_steps
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.history import (
@@ -120,6 +120,11 @@ MADE = (
     SERIES,
     *(f"{name}.{ending}" for name in PICTURES for ending in PICTURE_FORMATS),
 )
+
+
+def written_by_run(bodies: Iterable[str]) -> tuple[str, ...]:
+    """Names in the folder of a run with these flexible bodies."""
+    return (*MADE, *RUN, *(BODY_FILE.format(name) for name in bodies))
 
 
 def _of_run(name: str) -> bool:
@@ -216,7 +221,7 @@ class RunFolder:
         if command == "run" and is_part(self.directory):
             raise InputError(f"{directory}: a part of the folder above: choose another folder")
         self.directory.mkdir(parents=True, exist_ok=True)
-        files = [BODY_FILE.format(name) for name in bodies]
+        names = written_by_run(bodies)
         replacement = self.directory / REPLACEMENT
         self._lock = locked(self.directory)
         try:
@@ -224,10 +229,10 @@ class RunFolder:
                 self._replace(replacement)
             if not (overwrite or resume):
                 require_no_result(self.directory)
-            claim(self.directory, (*MADE, *RUN, *files, REPLACEMENT), command)
+            claim(self.directory, (*names, REPLACEMENT), command)
             if (replacement / FIELDS_NAME).exists() if resume else complete_result(self.directory):
                 self.path = replacement
-                claim(self.path, (*MADE, *RUN, *files), command)
+                claim(self.path, names, command)
         except BaseException:
             self._release()
             raise
