@@ -141,6 +141,9 @@ def test_pictures_without_a_film(call, tmp_path):
             ["--load", 5, "--groove", 0, 10, -1],
             "--groove: the pressure of a groove = -1 Pa",
         ),
+        (["--load", 5, "--groove", "nan", 10, 1e5], "--groove: the angle of a groove is nan"),
+        (["--load", 5, "--groove", "inf", 10, 1e5], "--groove: the angle of a groove is inf"),
+        (["--load", 5, "--groove", 0, "nan", 1e5], "a groove nan degrees wide"),
         (["--load", 5, "--groove", 0, 10, 0, "--line-at-max-film"], "exclude each other"),
         (["--load", 5, "--groove", 0, 10, 0, "--bore-speed", 1], "shaft or bore must"),
         (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import require_kept
+from fenics_ehd.base.files import require_kept, require_made_by
 from fenics_ehd.cli.options import (
     FOLDER,
     aligned,
@@ -114,6 +114,7 @@ def study(
     from fenics_ehd.study.report.write import write_report
 
     target = Path(directory or Path("results") / f"{Path(scene).stem}-study")
+    require_made_by(target, StudyFolder.command)
     require_kept(target, input_files(scene, as_stored(scene)), MADE)
     with open_pool(workers) as pool:
         plan = make_study(scene, quick=quick, start=start)
@@ -179,6 +180,7 @@ def sweep(
     if resume and overwrite:
         raise SettingsError("--resume and --overwrite exclude each other")
     target = Path(directory or Path("results") / f"{Path(scene).stem}-sweep")
+    require_made_by(target, SweepFolder.command)
     require_kept(target, input_files(scene, as_stored(scene)), OWN)
     with open_pool(workers) as pool:
         plan = make_sweep(scene, assignments)
