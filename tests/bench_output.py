@@ -38,6 +38,7 @@ from fenics_ehd.results.recorded_run import (
     MADE,
     CsvFile,
     RunFolder,
+    continue_from,
     load_run_state,
     recorded_steps,
     save_run_state,

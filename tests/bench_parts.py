@@ -85,4 +85,4 @@ from fenics_ehd.reduction.part_files import (
 from fenics_ehd.reduction.reductor import Basis, bore_rows, gram_matrices, rigid
 from fenics_ehd.reduction.residual_completion import basis_of, missing_fields, pattern_fields
 from fenics_ehd.reduction.static import LinearSolver, StaticSolver, rigid_body_modes
-from fenics_ehd.reduction.structure import PointWeights, check_structure
+from fenics_ehd.reduction.structure import PointWeights, Recovery, check_structure

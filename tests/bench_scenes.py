@@ -23,7 +23,7 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.base.processes import printing_kept
-from fenics_ehd.base.sealed_file import digest, open_sealed, read_tree, save_tree, seal
+from fenics_ehd.base.sealed_file import digest, open_sealed, save_tree, seal
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.scenes import films, part, part_settings, schema
 from fenics_ehd.scenes.accuracy import account, begun, choosable, search_of, water_level

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import gmsh
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -290,6 +291,50 @@ def test_a_broken_file_is_one_line(name, text, tmp_path, monkeypatch, capfd):
     status, out, err = exit_of(capfd, "part", name, "--json")
     assert (status, out) == (2, "")
     assert len(err.splitlines()) == 1, err
+
+
+#: What the numbers of an XDMF file may be in, and what is said of it.
+ELSEWHERE = {
+    "pipe": "is not a regular file",
+    "device": "is not a regular file",
+    "folder above": "is not a regular file",
+    "pipe beside the file that a link leads to": "is not a regular file",
+    "HDF5 of another file": "lies in another file",
+    "HDF5 of a pipe": "lies in another file",
+    "HDF5 without data": "claims",
+}
+
+
+@pytest.mark.parametrize("where", ELSEWHERE)
+def test_xdmf_that_leads_elsewhere_is_refused_at_once(where, tmp_path, capfd):
+    solid = ring_solid("tet")
+    (tmp_path / "below").mkdir()
+    path = tmp_path / "below" / "m.xdmf"
+    meshio.write(path, meshio.Mesh(solid.points, [("tetra10", solid.cells)]))
+    data = tmp_path / "below" / "m.h5"
+    target = {"device": "/dev/zero", "folder above": ".."}.get(where, "m.h5")
+    path.write_text(path.read_text().replace("m.h5:", f"{target}:"))
+    if where.startswith("HDF5"):
+        with h5py.File(data, "r+") as file:
+            shape, kind = file["data0"].shape, file["data0"].dtype
+            del file["data0"]
+            os.mkfifo(tmp_path / "below" / "pipe")
+            if where.endswith("another file"):
+                file["data0"] = h5py.ExternalLink("other.h5", "x")
+            elif where.endswith("pipe"):
+                file.create_dataset("data0", shape, kind, external=[("pipe", 0, 10**6)])
+            else:
+                file.create_dataset("data0", (10**10, 3), kind, chunks=(10**4, 3))
+    else:
+        data.unlink()
+        os.mkfifo(data)
+    if where.endswith("link leads to"):
+        path = tmp_path / "m.xdmf"
+        path.symlink_to(tmp_path / "below" / "m.xdmf")
+    status, out, err = exit_of(capfd, "part", path)
+    assert (status, out) == (2, "")
+    assert len(err.splitlines()) == 1, err
+    assert ELSEWHERE[where] in err
 
 
 def test_nothing_but_the_answer_is_printed(tmp_path):

@@ -2,8 +2,10 @@
 
 import errno
 import os
+import resource
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import h5py
@@ -187,15 +189,18 @@ WRONG = {
     "complex": (put("stiffness", np.eye(4) * 1j), "/stiffness holds complex128, not numbers"),
     "empty": (put("mass", h5py.Empty("f8")), "/mass is no array"),
     "compound": (put("mass", np.zeros(3, dtype=[("a", "f8")])), "/mass holds"),
-    "group": (put("inertia", 1.0), "argument after ** must be a mapping, not float"),
-    "missing": (
-        lambda file: file.pop("bores/bore/radius"),
-        "missing 1 required keyword-only argument: 'radius'",
+    "group": (put("inertia", 1.0), "/inertia is no group"),
+    "missing": (lambda file: file.pop("bores/bore/radius"), "/bores/bore/radius is missing"),
+    "short inventory": (
+        put("inventory/dropped", np.array([b"why"] * 3)),
+        "/inventory/dropped has shape (3,), not (0,)",
     ),
-    "short inventory": (put("inventory/dropped", np.zeros(3)), "zip"),
     "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
     "soft loop": (put("mass", h5py.SoftLink("/mass")), "too many links"),
-    "hard loop": (lambda file: file.__setitem__("points/all", file["/"]), "recursion"),
+    "hard loop": (
+        lambda file: file.__setitem__("points/all", file["/"]),
+        "/points/all is no array",
+    ),
 }
 
 
@@ -292,3 +297,78 @@ def test_a_part_that_the_disk_has_no_room_for_is_named(tmp_path):
         assert str(tmp_path / kind) in line
         assert "File too large" in line
     assert not list(tmp_path.iterdir())
+
+
+# Small and endless
+
+
+def doubled(file, place):
+    """A path of 2^22 ways through 22 groups."""
+    group = file.require_group(place)
+    for _ in range(22):
+        next_group = group.create_group("one")
+        group["other"] = next_group
+        group = next_group
+
+
+def to_the_root(file, place):
+    file.require_group(place)["all"] = h5py.SoftLink("/")
+
+
+def bombs(file, place):
+    """Shapes of 16 MB each of which no byte is stored."""
+    group = file.require_group(place)
+    for number in range(300):
+        group.create_dataset(f"x{number}", (2**21,), "f8", chunks=(2**16,), compression="gzip")
+
+
+#: A group of each kind whose members have any names.
+PLACES = {"body": "accuracy", "history": "run", "part": "attachments", "basis": "more"}
+
+
+@pytest.mark.parametrize("change", [doubled, to_the_root, bombs], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_small_and_endless_is_refused_at_once(kind, change, tmp_path):
+    path = tmp_path / FILE
+    KINDS[kind][0](path)
+    forged(path, lambda file: change(file, PLACES[kind]))
+    began, memory = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    refused(kind, path)
+    assert time.monotonic() - began < 10
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < 200_000  # kB
+
+
+def test_a_matrix_that_is_packed_away_is_refused(tmp_path):
+    path = tmp_path / "k.h5"
+    with h5py.File(path, "w") as file:
+        file["shape"] = (3, 3)
+        file["indptr"] = np.arange(4)
+        for name, kind in (("data", "f8"), ("indices", "i4")):
+            file.create_dataset(name, (10**9,), kind, chunks=(10**6,), compression="gzip")
+    with pytest.raises(ehd.errors.StructureError, match="claims 4000000000 bytes"):
+        as_matrix(str(path), MPI.COMM_SELF, "stiffness")
+
+
+def test_text_that_many_share_is_not_read_many_times(tmp_path):
+    """All of 60 000 texts lie in one place of the file."""
+    path = tmp_path / "rod.h5"
+    ehd.save_body(flexible(Joint())[0], path)
+
+    def share(file):
+        names = ["kind", "dropped"]
+        for name in names:
+            del file[f"inventory/{name}"]
+            file[f"inventory/{name}"] = np.array(["x" * 60_000] + [""] * 9_999, h5py.string_dtype())
+        for name in ("frequency", "participation"):
+            del file[f"inventory/{name}"]
+            file[f"inventory/{name}"] = np.zeros(10_000)
+
+    forged(path, share)
+    content = path.read_bytes()
+    # Where texts are: references of 16 bytes, the first of which all others become.
+    with h5py.File(path) as file:
+        place = file["inventory/kind"].id.get_offset()
+    first = content[place : place + 16]
+    path.write_bytes(content[:place] + first * 10_000 + content[place + 160_000 :])
+    seal(path, path)
+    assert "/inventory/kind has more characters than its file has bytes" in refused("body", path)

@@ -5,6 +5,9 @@ written to by one process at a time, and over nothing but the program's own file
 lists what the program made in a folder or is about to make, a name a line, that of
 a folder with a slash behind. Nothing else is ever removed or replaced, and nothing is done through
 a symbolic link. Lines are only ever appended, so that whoever is killed has listed what is there.
+
+Lines ``key: value`` of known keys are no names but say something of the folder. ``command: run``
+is the command that made it: no other command writes there.
 """
 
 from __future__ import annotations
@@ -17,8 +20,9 @@ import os
 import platform
 import stat
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
 from secrets import token_hex
@@ -191,6 +195,94 @@ def locked(directory: Path) -> ExitStack:
     return held
 
 
+#: Key of the command that made a folder, and all keys that a manifest may have.
+COMMAND = "command"
+KEYS = (COMMAND,)
+
+#: Outcome of one run of many, beside the files of that run.
+OUTCOME = "outcome.json"
+
+#: Commands by what they list in their folders: those of version 0.3 have no entry.
+SIGNATURES = {
+    "study.json": "study",
+    "sweep.json": "sweep",
+    "sweep.csv": "sweep",
+    "history.h5": "run",
+    "history.csv": "run",
+    "run.pvd": "paraview",
+}
+
+#: What makes a folder known that lists none of these.
+FIELDS_ENDING = ".vtu"
+
+
+def made_by(directory: Path) -> str:
+    """Command that made a folder, by its entry or what it lists; empty: none is known.
+
+    A folder that lists nothing is its parent's if that lists it.
+
+    Raises
+    ------
+    InputError
+        The manifest cannot be used.
+    """
+    entry, names = _entries(directory).get(COMMAND), listed(directory)
+    if entry is not None:
+        return entry
+    if OUTCOME in names:
+        return made_by(directory.absolute().parent.parent) or "sweep"
+    for name, command in SIGNATURES.items():
+        if name in names:
+            return command
+    for name in ("study.json", "sweep.json"):  # whose manifest was removed
+        if (directory / name).is_file():
+            return SIGNATURES[name]
+    if any(name.endswith(FIELDS_ENDING) for name in names):
+        return "paraview"
+    if is_part(directory):
+        return made_by(directory.absolute().parent)
+    return "plot" if names else ""
+
+
+def is_part(directory: Path) -> bool:
+    """True of a folder that the manifest of the one above lists."""
+    whole = Path(os.path.abspath(directory))
+    if whole == whole.parent:
+        return False
+    with suppress(InputError):
+        return f"{whole.name}/" in listed(whole.parent)
+    return False
+
+
+def require_made_by(directory: Path, command: str) -> None:
+    """Refuse a folder that another command made.
+
+    Raises
+    ------
+    InputError
+        Naming folder and both commands.
+    """
+    maker = made_by(directory)
+    if maker not in ("", command):
+        raise InputError(
+            f"{directory}: made by fenics-ehd {maker}, not a folder for {command}: choose another"
+        )
+
+
+def _entries(directory: Path) -> dict[str, str]:
+    """Entries of a folder's manifest by key; the first of a key counts."""
+    pairs = (line.partition(": ") for line in _lines(directory) if _is_entry(line))
+    found: dict[str, str] = {}
+    for key, _, value in pairs:
+        found.setdefault(key, value)
+    return found
+
+
+def _is_entry(line: str) -> bool:
+    key, colon, _ = line.partition(": ")
+    return bool(colon) and key in KEYS
+
+
 def listed(directory: Path) -> tuple[str, ...]:
     """Names in a folder's manifest, none where there is none.
 
@@ -198,6 +290,22 @@ def listed(directory: Path) -> tuple[str, ...]:
     ------
     InputError
         It cannot be read, or names what is not in the folder.
+    """
+    path = directory / MANIFEST
+    names = tuple(line for line in _lines(directory) if not _is_entry(line))
+    for name in names:
+        if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
+            raise InputError(f"{path}: {name!r} is not in this folder: it is no list of a run")
+    return names
+
+
+def _lines(directory: Path) -> tuple[str, ...]:
+    """Lines of a folder's manifest, each once, without its header.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is no manifest.
     """
     path = directory / MANIFEST
     if not os.path.lexists(path):
@@ -212,23 +320,29 @@ def listed(directory: Path) -> tuple[str, ...]:
             )
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: {error}") from None
-    names = tuple(dict.fromkeys(line for line in lines if line not in ("", HEADER)))
-    for name in names:
-        if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
-            raise InputError(f"{path}: {name!r} is not in this folder: it is no list of a run")
-    return names
+    return tuple(dict.fromkeys(line for line in lines if line not in ("", HEADER)))
 
 
-def claim(directory: Path, names: Iterable[str]) -> None:
+def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
     """Take names in a folder, made when missing, for files and folders that are about to be made.
+
+    Parameters
+    ----------
+    directory, names
+        The folder, and names there.
+    command
+        That makes the folder, or made it; empty: the folder is that of whoever made it.
 
     Raises
     ------
     InputError
-        Something there has such a name that is not the program's, or is a link.
+        Something there has such a name that is not the program's, or is a link; or another
+        command made the folder.
     OutputError
         The manifest cannot be written.
     """
+    if command:
+        require_made_by(directory, command)
     mine, wanted = set(listed(directory)), tuple(names)
     for name in wanted:
         for path in (directory / name, *([] if name[-1] == "/" else [_part(directory / name)])):
@@ -241,6 +355,8 @@ def claim(directory: Path, names: Iterable[str]) -> None:
             if mode and not (stat.S_ISDIR if name[-1] == "/" else stat.S_ISREG)(mode):
                 raise InputError(f"{path}: a link or device in place of what a run made there")
     manifest, new = directory / MANIFEST, [name for name in wanted if name not in mine]
+    if command and COMMAND not in _entries(directory):
+        new.insert(0, f"{COMMAND}: {command}")
     with naming(manifest):
         directory.mkdir(parents=True, exist_ok=True)
         for name in mine.intersection(wanted):  # left by a process that was killed
@@ -366,6 +482,108 @@ def require_writable(path: str | Path) -> None:
             raise InputError(f"output {path}: {existing}: {error.strerror}") from None
 
 
+@dataclass(frozen=True)
+class Kind:
+    """Kind of an output file.
+
+    Attributes
+    ----------
+    words
+        With their article, for a message.
+    holds
+        True of a file, which exists and is not empty, whose content is of this kind.
+    """
+
+    words: str
+    holds: Callable[[Path], bool]
+
+
+def beginning_with(words: str, *signatures: bytes, at: int = 0) -> Kind:
+    """Kind of files with one of some signatures, at a byte from their start."""
+
+    def holds(path: Path) -> bool:
+        with open(path, "rb") as file:
+            file.seek(at)
+            return file.read(max(map(len, signatures))).startswith(signatures)
+
+    return Kind(words, holds)
+
+
+def require_output(
+    path: str | Path, kind: Kind, inputs: Iterable[str | Path] = (), option: str = "-o"
+) -> None:
+    """Refuse an output file that would replace an input, or a file of another kind.
+
+    An empty file may be replaced: `mktemp` makes one.
+
+    Parameters
+    ----------
+    path, kind
+        The file to write.
+    inputs
+        Files that the command reads.
+    option
+        That names the output.
+
+    Raises
+    ------
+    InputError
+        It cannot be written (`require_writable`), is a folder, one of the inputs, or exists and
+        is not of its kind.
+    """
+    require_writable(path)
+    file, label = Path(path), f"{option} {path}"
+    if file.is_dir():
+        raise InputError(f"{option} would write a file {path}: it is a folder")
+    for source in inputs:
+        with suppress(OSError):  # one of them is not there
+            if os.path.samefile(file, source):
+                raise InputError(f"{label}: the command reads {source}: give another name")
+    try:
+        other = file.is_file() and file.stat().st_size > 0 and not kind.holds(file)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{label}: {error}") from None
+    if other:
+        raise InputError(
+            f"{label}: the file there is not {kind.words}: move it away, or give another name"
+        )
+
+
+def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[str] = ()) -> None:
+    """Refuse a folder for results in which an input would be replaced or removed.
+
+    Parameters
+    ----------
+    directory
+        For the results.
+    inputs
+        Files that the command reads.
+    names
+        That it writes there, beside those that the folder's manifest lists.
+
+    Raises
+    ------
+    InputError
+        Naming the input.
+    """
+    own, place = {*listed(directory), *names}, directory.resolve()
+    for source in inputs:
+        whole = Path(source).resolve()
+        if not whole.is_relative_to(place) or whole == place:
+            continue
+        first, *rest = whole.relative_to(place).parts
+        if first + "/" * bool(rest) in own:
+            raise InputError(
+                f"-o {directory}: the command reads {source}, which it would replace: choose "
+                "another folder"
+            )
+
+
+def status_of(directory: Path) -> str:
+    """Status of the run in a folder, empty where there is no summary."""
+    return str(_summary(directory).get("status", ""))
+
+
 def complete_result(directory: Path) -> dict[str, Any] | None:
     """Summary of the complete result in a folder, None where there is none."""
     summary = _summary(directory)
@@ -419,10 +637,12 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
         if cause is None:
             raise
         path = Path(directory) / FAILED_FILM
-        with naming(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
         import h5py  # slow to import, and texts do without
 
+        if path.is_file() and not _is_film(path):
+            raise type(error)(f"{error}; the film is not kept: {path} is another file") from error
+        with naming(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
         # HDF5 crashes where it cannot write.
         content = io.BytesIO()
         with h5py.File(content, "w") as file:
@@ -430,6 +650,15 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
                 file[name] = values
         write_whole(path, content.getvalue())
         raise type(error)(f"{error}; the film is kept in {path}") from error
+
+
+def _is_film(path: Path) -> bool:
+    """True of a file that `keeping_failed_film` wrote."""
+    import h5py
+
+    with suppress(OSError), h5py.File(path, "r") as file:
+        return {"gap", "pressure"} <= set(file)
+    return False
 
 
 def to_json(values: Mapping[str, object]) -> str:

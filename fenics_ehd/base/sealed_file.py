@@ -14,13 +14,13 @@ from contextlib import contextmanager
 from dataclasses import is_dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import h5py
 import numpy as np
 
 from fenics_ehd.base.errors import InputError
-from fenics_ehd.base.files import put_in_place, write_whole
+from fenics_ehd.base.files import Kind, put_in_place, write_whole
 
 #: Bytes before the HDF5 superblock, and how they begin.
 HEAD = 512
@@ -151,6 +151,33 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
     return file
 
 
+#: Bytes that datasets of a foreign file may claim beyond what it can hold: variables of netCDF
+#: that were never written take no room.
+_UNWRITTEN = 1 << 26
+
+
+def require_own_data(path: str | Path) -> None:
+    """Refuse an HDF5 file for another library to read: data elsewhere, more than it can hold.
+
+    Raises
+    ------
+    ValueError, OSError
+        See `open_hdf5`; or its datasets together claim more than the file can hold.
+    """
+    claimed = 0
+
+    def count(_: str, item: Any) -> None:
+        nonlocal claimed
+        if isinstance(item, h5py.Dataset) and item.shape is not None:
+            claimed += int(item.nbytes)
+
+    with open_hdf5(path) as file:
+        file.visititems(count)
+    most = Path(path).stat().st_size * _DEFLATE + _UNWRITTEN
+    if claimed > most:
+        raise ValueError(f"{path} claims {claimed} bytes, it can hold {most}")
+
+
 def _sealed(path: str | Path) -> bool:
     """True for a file that has a seal.
 
@@ -167,6 +194,20 @@ def _sealed(path: str | Path) -> bool:
         if head != _head(hashlib.file_digest(file, "sha256")):
             raise ValueError("its digest is not that of its content: it changed after it was made")
     return True
+
+
+def stored_as(words: str, kind: str) -> Kind:
+    """Kind of the output files of a format, of any version, sealed or not."""
+
+    def holds(path: Path) -> bool:
+        try:
+            with open_hdf5(path) as file:
+                label = file.attrs.get("format")
+        except (OSError, ValueError, RuntimeError):
+            return False
+        return isinstance(label, str) and label == kind
+
+    return Kind(words, holds)
 
 
 @contextmanager
@@ -205,11 +246,12 @@ def open_sealed(
     sealed = _sealed(path)
     file = open_hdf5(path)
     try:
+        label = file.attrs.get("format")
         # Bytes in histories of version 0.2.
-        if file.attrs.get("format") not in (kind, kind.encode()):
+        if not isinstance(label, str | bytes) or label not in (kind, kind.encode()):
             raise ValueError(f"not a {kind}")
-        found = file.attrs["format_version"]
-        if found != version:
+        found = file.attrs.get("format_version")
+        if not np.isscalar(found) or found != version:
             raise ValueError(f"format version {found}, this program reads {version}; {remedy}")
         if not (sealed or foreign):
             raise ValueError(f"it has no digest: {remedy}")
@@ -217,14 +259,6 @@ def open_sealed(
         file.close()
         raise
     return file
-
-
-def read_tree(group: h5py.Group) -> dict[str, Any]:
-    """Tree that `put_tree` was given: numbers and text are Python's, dataclasses dictionaries."""
-    return {
-        name: read_tree(item) if isinstance(item, h5py.Group) else values(item)
-        for name, item in group.items()
-    }
 
 
 def values(item: Any, part: slice | tuple[()] = ()) -> Any:
@@ -239,8 +273,40 @@ def values(item: Any, part: slice | tuple[()] = ()) -> Any:
     if item.dtype.kind in "fiub":
         found = item[part]
         return found.item() if isinstance(found, np.generic) else found
-    text = item.asstr()[part]
-    return text if isinstance(text, str) else tuple(text)
+    return _texts(item)
+
+
+#: Texts read at a time.
+_TEXTS = 256
+
+
+def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
+    """A text, or a tuple of them; many that share their characters are refused.
+
+    Raises
+    ------
+    ValueError
+        They have more characters than their file has bytes.
+    """
+    if not item.shape:
+        return str(item.asstr()[()])
+    if len(item.shape) != 1:
+        raise ValueError(f"{item.name} has shape {item.shape}, texts have one axis")
+    most = Path(item.file.filename).stat().st_size
+    found: list[str] = []
+    total = 0
+    for start in range(0, len(item), _TEXTS):
+        some = [str(text) for text in item.asstr()[start : start + _TEXTS]]
+        total += sum(map(len, some))
+        if total > most:
+            raise ValueError(f"{item.name} has more characters than its file has bytes")
+        found += some
+    return tuple(found)
+
+
+def is_text(kind: np.dtype) -> bool:
+    """True of the type of text, of fixed length or any."""
+    return kind.kind in "SU" or h5py.check_string_dtype(kind) is not None
 
 
 def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> None:
@@ -249,53 +315,34 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     Raises
     ------
     ValueError
-        It is no dataset, holds no numbers of these kinds (f, i, u), or claims more than its file
-        can hold.
+        It is no dataset, holds no numbers of these kinds (f, i, u), or claims more than is stored.
     """
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         raise ValueError(f"{item.name} is no array")
     if item.dtype.kind not in kinds and not (text and h5py.check_string_dtype(item.dtype)):
         raise ValueError(f"{item.name} holds {item.dtype}, not numbers of the kind it must")
-    packed = item.id.get_create_plist().get_nfilters() > 0
-    most = Path(item.file.filename).stat().st_size * (_DEFLATE if packed else 1)
+    require_stored(item)
+
+
+#: Filters that make data smaller, by their number in HDF5: deflate, szip, nbit, scale-offset, LZF.
+_PACKING = (1, 4, 5, 6, 32000)
+
+
+def require_stored(item: h5py.Dataset) -> None:
+    """Refuse a dataset that claims more bytes than those stored for it can stand for.
+
+    What was never written takes no room in a file, whatever its shape.
+
+    Raises
+    ------
+    ValueError
+        Naming the dataset, its claim and what is stored.
+    """
+    filters = item.id.get_create_plist()
+    numbers = [filters.get_filter(i)[0] for i in range(filters.get_nfilters())]
+    packings = sum(number in _PACKING for number in numbers)
+    if packings > 1:
+        raise ValueError(f"{item.name} is packed {packings} times")
+    most = item.id.get_storage_size() * (_DEFLATE if packings else 1)
     if item.nbytes > most:
         raise ValueError(f"{item.name} claims {item.nbytes} bytes, its file can hold {most}")
-
-
-class Stateful:
-    """Something that carries some of its attributes, those in `carried`, from step to step.
-
-    Its state is a dictionary of them; attributes that are stateful themselves, or dictionaries of
-    such, appear by their states. A state is never changed: what it was taken from replaces its
-    arrays and dictionaries.
-    """
-
-    carried: ClassVar[tuple[str, ...]]
-
-    @property
-    def state(self) -> dict[str, Any]:
-        """All that it carries, by name."""
-        return {name: _state_of(getattr(self, name)) for name in self.carried}
-
-    @state.setter
-    def state(self, state: dict[str, Any]) -> None:
-        for name in self.carried:
-            there = getattr(self, name)
-            value: Any = state.get(name)
-            if isinstance(there, Stateful):
-                there.state = value
-            elif isinstance(there, dict) and any(isinstance(x, Stateful) for x in there.values()):
-                for key, own in there.items():
-                    own.state = value[key]
-            else:
-                setattr(self, name, dict(value) if isinstance(value, dict) else value)
-        self._resume()
-
-    def _resume(self) -> None:
-        """Have what else depends on the state follow it."""
-
-
-def _state_of(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _state_of(own) for name, own in value.items()}
-    return value.state if isinstance(value, Stateful) else value

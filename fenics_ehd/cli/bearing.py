@@ -353,7 +353,8 @@ def bearing(
         from fenics_ehd.plotting.maps import plot_bearing
         from fenics_ehd.plotting.picture import ENDINGS, require_format
 
-        require_format("--plot", plot, ENDINGS)
+        table = deviations["table"]
+        require_format("--plot", plot, ENDINGS, [] if table == NONE else [table])
     with keeping_failed_film("."):
         result = solve_bearing(
             settings, eccentricity=eccentricity, load=load, with_coefficients=coefficients

@@ -135,6 +135,7 @@ def run(
 ) -> None:
     """Simulate SCENE: a name that 'init' lists, or a TOML file made by it."""
     from fenics_ehd.cli import run
+    from fenics_ehd.scenes.scene import input_files
 
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
@@ -143,7 +144,8 @@ def run(
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
         asked = given | ({"paraview": True} if vtk else {})
-        run.run(run.changed_scene(scene, body, method, asked), target, overwrite, options)
+        changed = run.changed_scene(scene, body, method, asked)
+        run.run(changed, target, overwrite, options, input_files(scene, changed))
         return
     if body or method or directory or vtk or overwrite or given:
         raise click.UsageError("--resume takes scene and body from its folder: drop the others")

@@ -98,10 +98,10 @@ def part(
     from mpi4py import MPI
 
     import fenics_ehd.base.petsc_start  # noqa: F401 - collective: every rank starts PETSc
-    from fenics_ehd.base.files import require_writable, written_aside
+    from fenics_ehd.base.files import require_output, written_aside
     from fenics_ehd.fem.drawn_part import open_part, place_part, write_part
     from fenics_ehd.fem.foreign_mesh import part_material
-    from fenics_ehd.fem.models import store_material
+    from fenics_ehd.fem.models import MODEL_KIND, mark_model, store_material
     from fenics_ehd.fem.solid import corner_volumes
 
     if MPI.COMM_WORLD.rank:  # one does it all
@@ -121,9 +121,7 @@ def part(
         return
     made_of, replaced = part_material(opened.materials, unit or "m", given, file)
     warn_of(replaced)
-    require_writable(target)
-    if Path(target).exists() and Path(target).samefile(file):
-        raise SettingsError(f"-o {target}: that is the file to read, give another name")
+    require_output(target, MODEL_KIND, [file])
     if not Path(target).absolute().parent.is_dir():
         raise SettingsError(f"-o {target}: there is no folder {Path(target).parent}")
     named = _named(opened, bores, points, held)
@@ -148,6 +146,7 @@ def part(
         with written_aside(Path(target)) as aside:
             write_part(aside, placed.solid, placed.surfaces())
             store_material(aside, made_of)
+            mark_model(aside)
             if check:
                 figures |= _checked(opened, placed, aside, around / placed.size, made_of)
     except MeshError as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from fenics_ehd.base.files import PICTURES, claim, require_writable
+from fenics_ehd.base.files import PICTURES, claim, require_kept, require_writable
 from fenics_ehd.cli.options import FILE, FOLDER, answer, flag, json_option, output_option
 
 
@@ -43,6 +43,8 @@ def plot(
     require_writable(folder)
     pictures = Pictures(runs, joints, difference=difference)
     pictures.require(quantities)
+    if not any(folder.resolve() == run.resolve() for run in runs.values()):
+        claim(folder, (), "plot")
     for name in quantities or pictures.names:
         for path in pictures.draw(name, folder):
             click.echo(path)
@@ -108,7 +110,7 @@ def animate(
     from fenics_ehd.plotting.animation import draw_run, require_animation_format, save_animation
 
     path = Path(target or Path(directory) / DEFAULT_NAME)
-    require_animation_format(path)
+    require_animation_format(path, [*Path(directory).glob("*.h5"), *bases])
     figure, show, hints = draw_run(Path(directory), joint, frames, scale, bases)
     if target is None:
         claim(path.parent, [DEFAULT_NAME])
@@ -149,8 +151,11 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     of = Path(directory)
     folder = Path(target or of / "vtk")
     require_writable(folder)
-    if target is None:
+    if folder.resolve() == (of / "vtk").resolve():
         claim(of, [SERIES])
+    else:
+        claim(folder, (), "paraview")
+    require_kept(folder, bases)
     result = load_history(of).last_cycle()
     run = recorded(of, result)
     parts = parts_of_bases(run.bodies, bases)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,21 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import naming, require_writable, versions
+from fenics_ehd.base.files import naming, require_output, versions
 from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import build, unusual
 from fenics_ehd.cli.options import answer, say_reducing, warn_of
-from fenics_ehd.reduction.body import ModeRecord, ReducedBody, export_npz, save_body
-from fenics_ehd.reduction.part_files import save_basis
+from fenics_ehd.reduction.body import (
+    BODY_KIND,
+    EXPORT_KIND,
+    ModeRecord,
+    ReducedBody,
+    export_npz,
+    save_body,
+)
+from fenics_ehd.reduction.part_files import BASIS_KIND, save_basis
 from fenics_ehd.scenes.part import ReducedPart, elastic_part
-from fenics_ehd.scenes.scene import Scene, meshed, read_scene
+from fenics_ehd.scenes.scene import Scene, input_files, meshed, read_scene
 
 #: Scenes whose flexible bodies are known by their models.
 SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
@@ -45,8 +52,11 @@ def reduce_part(
     """
     targets = {form: str(Path(path).with_suffix(f".{form}")) for form in exports}
     outputs = {"-o": path, "--basis": basis_path or ""}
-    _require_outputs(outputs | {f"--export {form}": file for form, file in targets.items()})
+    outputs |= {f"--export {form}": file for form, file in targets.items()}
+    _require_outputs(outputs, [scene] if scene else [])
     machine, name = _flexible(part, scene)
+    inputs = input_files(scene or "", machine)
+    _require_outputs(outputs, inputs)
     settings = machine.bodies[name]
     key = f"bodies.{name}."
     given = {name: value for name, value in options.items() if value is not None}
@@ -59,6 +69,8 @@ def reduce_part(
     element = machine.film_element(name)
     rod = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce(mesh_error=True)
     body = rod.body
+    # Others may have written since.
+    _require_outputs(outputs, inputs)
     if basis_path:
         _in_place(basis_path, lambda: save_basis(basis_path, rod.structure, rod.columns))
     if MPI.COMM_WORLD.rank:
@@ -92,16 +104,18 @@ def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
     return scene, found[0]
 
 
-def _require_outputs(outputs: Mapping[str, str]) -> None:
-    """Refuse files that cannot be written, or that two options would write."""
+#: Kinds of files by the option that names them.
+KINDS = {"-o": BODY_KIND, "--basis": BASIS_KIND, "--export npz": EXPORT_KIND}
+
+
+def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path]) -> None:
+    """Refuse files that cannot be written, replace others, or that two options would write."""
     taken: dict[Path, str] = {}
     for option, file in outputs.items():
         if not file:
             continue
-        require_writable(file)
+        require_output(file, KINDS[option], inputs, option)
         path = Path(file).resolve()
-        if path.is_dir():
-            raise SettingsError(f"{option} would write a file {shlex.quote(file)}: it is none")
         if path in taken:
             raise SettingsError(
                 f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose another "

@@ -5,7 +5,7 @@ Results joint by joint and over the cycle, the error budget, the accuracy asked 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.files import complete_result, require_writable
+from fenics_ehd.base.files import complete_result, require_kept, require_writable
 from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, say_reducing, warn_of
@@ -27,11 +27,19 @@ from fenics_ehd.results.recorded_run import (
     RunFolder,
     first_rank_folder,
     load_run_state,
+    written_by_run,
 )
 from fenics_ehd.scenes.accuracy import Search, begun, search_of
 from fenics_ehd.scenes.build import Machine, build
 from fenics_ehd.scenes.run import run_accurately, stored_scene
-from fenics_ehd.scenes.scene import Scene, as_stored, changed, flexible, meshed, scene_text
+from fenics_ehd.scenes.scene import (
+    Scene,
+    as_stored,
+    changed,
+    flexible,
+    meshed,
+    scene_text,
+)
 
 if TYPE_CHECKING:
     from fenics_ehd.results.paraview import PartFields
@@ -186,14 +194,21 @@ class RunOptions:
     began: float = field(default_factory=perf_counter)
 
 
-def run(scene: Scene, directory: Path, overwrite: bool, options: RunOptions) -> None:
-    """Run a scene; collective until it is built."""
+def run(
+    scene: Scene,
+    directory: Path,
+    overwrite: bool,
+    options: RunOptions,
+    inputs: Collection[Path] = (),
+) -> None:
+    """Run a scene, which was read from these files; collective until it is built."""
     if options.multiplier and not scene.time.periodic:
         raise SettingsError(
             f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
         )
     warn_of(scene.warnings)
     require_writable(directory)
+    require_kept(directory, inputs, written_by_run(flexible(scene)))
     scene, search = begun(scene)
     require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:

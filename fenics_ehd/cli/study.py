@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.files import require_kept, require_made_by
 from fenics_ehd.cli.options import (
     FOLDER,
     aligned,
@@ -106,12 +107,15 @@ def study(
     Error against run time, over numbers of modes, step tolerances and film meshes, relative to
     the full interface. Runs that are complete are not run again.
     """
-    from fenics_ehd.study.compare import StudyFolder, run_study
+    from fenics_ehd.scenes.scene import as_stored, input_files
+    from fenics_ehd.study.compare import MADE, StudyFolder, run_study
     from fenics_ehd.study.plan import REFERENCE, make_study
     from fenics_ehd.study.pool import COMPLETE, FailedCasesError, open_pool
     from fenics_ehd.study.report.write import write_report
 
     target = Path(directory or Path("results") / f"{Path(scene).stem}-study")
+    require_made_by(target, StudyFolder.command)
+    require_kept(target, input_files(scene, as_stored(scene)), MADE)
     with open_pool(workers) as pool:
         plan = make_study(scene, quick=quick, start=start)
         with StudyFolder(target, plan, overwrite=overwrite) as folder:
@@ -169,12 +173,15 @@ def sweep(
     well and ends nothing.
     """
     from fenics_ehd.base.columns import joint_prefix
+    from fenics_ehd.scenes.scene import as_stored, input_files
     from fenics_ehd.study.pool import COMPLETE, FailedCasesError, open_pool
-    from fenics_ehd.study.sweep import SweepFolder, make_sweep, run_sweep
+    from fenics_ehd.study.sweep import OWN, SweepFolder, make_sweep, run_sweep
 
     if resume and overwrite:
         raise SettingsError("--resume and --overwrite exclude each other")
     target = Path(directory or Path("results") / f"{Path(scene).stem}-sweep")
+    require_made_by(target, SweepFolder.command)
+    require_kept(target, input_files(scene, as_stored(scene)), OWN)
     with open_pool(workers) as pool:
         plan = make_sweep(scene, assignments)
         with SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:

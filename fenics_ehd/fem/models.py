@@ -18,6 +18,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import Material
+from fenics_ehd.base.files import Kind
 from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 
 #: First bytes of a mesh; any other content Gmsh takes for a program, whatever the file's name.
@@ -33,6 +34,29 @@ MATERIAL, MATERIAL_ENDS = b"\n$PartMaterial\n", b"\n$EndPartMaterial\n"
 
 #: Largest size of such sections at a file's end [bytes].
 MOST_STORED = 2**24
+
+
+#: Comment of the meshes that this program writes ("MSH file format" of Gmsh's manual).
+MARK = b"\n$Comments\nfenics_ehd part\n$EndComments\n"
+
+
+def mark_model(path: Path) -> None:
+    """Leave the comment in a ``.msh`` file by which it is known as one of this program."""
+    with open(path, "ab") as file:
+        file.write(MARK)
+
+
+def _is_model(path: Path) -> bool:
+    """True of a mesh that has the comment, or what `store_mesh_error` left in version 0.3."""
+    with open(path, "rb") as file:
+        if file.read(len(MESH_BEGINS)) != MESH_BEGINS:
+            return False
+    text = _tail(path)
+    return MARK in text or MESH_ERROR in text
+
+
+#: Kind of output file.
+MODEL_KIND = Kind("a model that this program wrote", _is_model)
 
 
 def model_path(name: str) -> Path:

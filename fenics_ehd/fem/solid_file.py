@@ -16,6 +16,7 @@ from itertools import islice
 from pathlib import Path
 from xml.etree import ElementTree
 
+import h5py
 import meshio
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -24,6 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.fields import in_unit
 from fenics_ehd.base.processes import interrupt_kept, printing_kept
+from fenics_ehd.base.sealed_file import require_own_data
 from fenics_ehd.fem.bulk_data import read_bulk_data
 from fenics_ehd.fem.deck import read_deck
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
@@ -177,18 +179,26 @@ def _hint(path: Path) -> str:
 
 
 def _require_files(path: Path) -> None:
-    """Refuse a mesh whose numbers are in a pipe, which would be waited for, or in a device."""
+    """Refuse a mesh whose numbers are in a pipe, which would be waited for, or in a device.
+
+    Nor may HDF5 lead to another file, or claim more than it holds.
+    """
     others = []
     if path.suffix.lower() in (".xdmf", ".xmf"):
         items = [i for i in ElementTree.parse(path).iter("DataItem") if i.get("Format") != "XML"]
         names = [(item.text or "").partition(":")[0].strip() for item in items]
-        # HDF5 is looked for beside the file, the rest in the working directory.
-        others = [folder / name for name in names if name for folder in (path.parent, Path())]
+        # HDF5 is looked for beside the file, that of a link where it leads, the rest in the
+        # working directory.
+        folders = (path.parent, path.resolve().parent, Path())
+        others = [folder / name for name in names if name for folder in folders]
     elif path.suffix.lower() in (".node", ".ele"):
         others = [path.with_suffix(".node"), path.with_suffix(".ele")]
     for other in others:
         if other.exists() and not other.is_file():
             raise ValueError(f"{other} is not a regular file")
+    for file in (path, *others):
+        if file.is_file() and h5py.is_hdf5(file):
+            require_own_data(file)
 
 
 def _require_one_piece(path: Path, cells: np.ndarray) -> None:

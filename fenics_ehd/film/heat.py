@@ -18,14 +18,14 @@ temperature.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import HeatError
 from fenics_ehd.base.fields import NO_TEMPERATURE, REQUIRED, number
-from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.base.layout import Stateful, Value
 
 if TYPE_CHECKING:
     from fenics_ehd.film.lubricant import Oil
@@ -122,7 +122,14 @@ class TemperatureSearch(Stateful):
         Of the power law, and logarithms of viscosity and rise at the last temperature.
     """
 
-    carried = ("temperature", "power", "flow", "without_balance", "exponent", "last")
+    carried: ClassVar = {
+        "temperature": Value("real"),
+        "power": Value("real", finite=False),
+        "flow": Value("real", finite=False),
+        "without_balance": Value("truth"),
+        "exponent": Value("real"),
+        "last": Value("float", (2,), required=False),
+    }
 
     def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
         self.heat, self.oil, self._telling = heat, oil, telling

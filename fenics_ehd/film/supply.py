@@ -74,6 +74,10 @@ class AxialGroove:
 
     def __post_init__(self) -> None:
         _pressure("the pressure of a groove", self.pressure)
+        if not np.isfinite(self.angle):
+            raise SettingsError(f"the angle of a groove is {self.angle:g}, it must be finite")
+        if self.length is not None and not 0 < self.length < np.inf:
+            raise SettingsError(f"a groove {self.length:g} m long: it must be above 0 and finite")
         if not 0 <= self.width < 2 * np.pi:
             raise SettingsError(
                 f"a groove {np.degrees(self.width):g} degrees wide: it must lie in 0..360"

@@ -7,7 +7,7 @@ for ``x'``.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import StepSizeError
 from fenics_ehd.base.fields import count, number
+from fenics_ehd.base.layout import Value
 from fenics_ehd.multibody.tabulated import (
     POINTS,
     TabulatedLoad,
@@ -170,6 +171,16 @@ class Step(Generic[Solution]):
     solution: Solution
     newton_iterations: int
     rejected: dict[str, int] = field(default_factory=dict)
+
+
+#: Layout of a stored `IntegratorState`, its solver's apart.
+INTEGRATOR: Mapping[str, Value] = {
+    "times": Value("float", ("PAST",)),
+    "x": Value("float", ("PAST", "x")),
+    "rate": Value("float", ("PAST", "x")),
+    "observed": Value("float", ("PAST", "observed")),
+    "step": Value("real", least=0.0),
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,8 @@ from fenics_ehd.base.files import (
     write_summary,
     write_whole,
 )
-from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5
+from fenics_ehd.base.layout import Group, Value, attribute
+from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -225,6 +226,53 @@ FIELD_UNITS = {
 
 #: How paths begin of what has one number a step, unless it is of the nodes of a film.
 COLUMNS = ("time", "run/", "bodies/", "joints/")
+
+#: Arrays of the state whose attribute ``units`` has one unit for every column.
+STATE_IN_UNITS = ("state/coordinates", "state/rates")
+
+_STEPS = Value("float", ("STEPS",), finite=False)
+_FIELD = Value("float", ("STEPS", "nodes"))
+
+#: Layout of ``history.h5``. A quantity may be undefined in a step; what a run starts from may not.
+LAYOUT = Group(
+    {
+        "time": Value("float", ("STEPS",)),
+        "state": Group(
+            {
+                "coordinates": Value("float", ("STEPS", "coordinates")),
+                "rates": Value("float", ("STEPS", "coordinates")),
+                "multipliers": Value("float", ("STEPS", "multipliers"), required=False),
+                "corner": Value("truth", ("STEPS",), required=False),
+                "quasi_static": Value("float", ("STEPS", "patterns"), required=False),
+                "powers": Value("float", ("STEPS", "powers"), required=False),
+            }
+        ),
+        "run": Group(each=_STEPS, required=False),
+        "bodies": Group(each=Group(each=_STEPS), required=False),
+        "joints": Group(
+            each=Group(
+                {
+                    "film": Group(
+                        {
+                            "angle": Value("float", ("nodes",)),
+                            "height": Value("float", ("nodes",)),
+                            "cells": Value("integer", ("cells", "vertices"), least=0),
+                            "radius": Value("float", least=0.0),
+                            "clearance": Value("float", least=0.0),
+                            "pressure": _FIELD,
+                            "gap": _FIELD,
+                            "fluid_fraction": replace(_FIELD, required=False),
+                        },
+                        required=False,
+                    )
+                },
+                each=_STEPS,
+            ),
+            required=False,
+        ),
+        RESUME: Group(foreign=True, required=False),
+    }
+)
 
 #: What a film has once.
 MESH = ("angle", "height", "cells", "radius", "clearance")
@@ -631,9 +679,11 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
     if not path.exists():
         raise InputError(f"{folder}: {missing(path, 'not a results folder, it has no')}")
     with opened_history(path, "not a history of a run") as file:
-        state = file["state/coordinates"].attrs
-        names, units = (tuple(text.decode() for text in state[n]) for n in ("names", "units"))
-        return History(_read(file, films), names, units, summary, scene)
+        found = _read(file, films)
+        state = file["state/coordinates"]
+        each = Value("text", (state.shape[1],))
+        names, units = (attribute(state, name, each) for name in ("names", "units"))
+        return History(found, names, units, summary, scene)
 
 
 #: Its name in version 0.2.
@@ -642,18 +692,38 @@ load_results = load_history
 
 def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
     """Every array of a history by path, columns in their order."""
-    paths = [path.decode() for path in file.attrs["columns"]]
-    file.visit(paths.append)
+    columns = attribute(file, "columns", Value("text", ("columns",)))
+    LAYOUT.check(file, "", {})
+    every: list[str] = []
+    file.visit(every.append)
+    paths = [path for path in every if isinstance(file[path], h5py.Dataset)]
+    absent = [path for path in columns if path not in paths]
+    if absent:
+        raise ValueError(f"/{absent[0]} is missing")
     found = {}
-    for path in dict.fromkeys(paths):
+    for path in dict.fromkeys([*columns, *paths]):
+        if path.startswith(f"{RESUME}/") or not (films or not of_film(path)):
+            continue
         data = file[path]
-        wanted = films or not of_film(path)
-        if isinstance(data, h5py.Dataset) and wanted and not path.startswith(f"{RESUME}/"):
-            units = data.attrs["units"]
-            # One for every column, of the state.
-            mixed = isinstance(units, np.ndarray)
-            found[path] = Quantity(np.array(data), MIXED if mixed else units.decode())
+        # One for every column, of the state.
+        mixed = path in STATE_IN_UNITS
+        units = MIXED if mixed else attribute(data, "units", Value("text"))
+        array = np.asarray(values(data))
+        LAYOUT.value_at(path).require_content(array, f"/{path}")
+        found[path] = Quantity(array, units)
+    _require_cells(found)
     return found
+
+
+def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
+    """Refuse cells of films that are of no family, or do not use each of their nodes."""
+    for path, cells in arrays.items():
+        if not path.endswith("/film/cells"):
+            continue
+        nodes = len(arrays[path.replace("/cells", "/angle")])
+        used = np.unique(cells)
+        if cells.shape[1] not in FAMILIES or not np.array_equal(used, np.arange(nodes)):
+            raise ValueError(f"/{path} of shape {cells.shape} are no cells of {nodes} nodes")
 
 
 def _summary(folder: Path) -> dict[str, Any]:

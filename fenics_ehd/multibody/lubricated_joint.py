@@ -59,8 +59,7 @@ from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, soli
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.joints import OWN, SECOND, Geometry, Joint
 from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
-from fenics_ehd.reduction.bore import BoreSurface, turned
-from fenics_ehd.reduction.mesh_error import SAMPLED
+from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,15 +30,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from fenics_ehd.base.errors import CavitationError, SolverError, ViscosityError
+from fenics_ehd.base.layout import Group, Value
 from fenics_ehd.film.cavitation import SnesVi
 from fenics_ehd.film.film import MOST_WITHIN_A_CELL, FilmState
 from fenics_ehd.film.lubricant import PressureLaw
-from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, ImplicitStep, Solved, Step
+from fenics_ehd.multibody.bdf import (
+    BOUNDARY_FRACTION,
+    INTEGRATOR,
+    Attempt,
+    ImplicitStep,
+    Solved,
+    Step,
+)
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.mechanism import FilmBinding, Motion, System
@@ -89,6 +97,15 @@ class SolverState:
     values: np.ndarray
     patterns: int
 
+    layout: ClassVar = Group(
+        {
+            "times": Value("float", ("STEPS",)),
+            "values": Value("float", ("STEPS", "unknowns")),
+            "patterns": Value("integer", least=0),
+        },
+        required=False,
+    )
+
     @classmethod
     def after(
         cls, former: SolverState | None, time: float, values: np.ndarray, patterns: int
@@ -98,6 +115,10 @@ class SolverState:
             return cls(np.array([time]), values[None], patterns)
         times = np.array([time, former.times[0]])
         return cls(times, np.stack([values, former.values[0]]), patterns)
+
+
+#: Layout of a stored state of a mechanism's integration.
+INTEGRATOR_STATE = Group({**INTEGRATOR, "solver": SolverState.layout}, scoped=True)
 
 
 #: Nodes that may fill and empty, over the number of full ones, before all is factorised anew; and

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from fenics_ehd.base.errors import (
     SettingsError,
     StepSizeError,
 )
-from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.base.layout import Group, Stateful, Value
 from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.lubricant import Oil
 from fenics_ehd.multibody.body import PlanarBody
@@ -27,7 +28,7 @@ from fenics_ehd.multibody.forces import RotatingForce, Torque
 from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
-from fenics_ehd.multibody.newton import MechanismStep
+from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import integral
@@ -194,7 +195,12 @@ class FilmTemperatures(Stateful):
         Number of the step that the cycle begins with.
     """
 
-    carried = ("searches", "times", "rates", "first")
+    carried: ClassVar = {
+        "searches": Group(each=Group(TemperatureSearch.carried)),
+        "times": Value("float", ("TIMES",)),
+        "rates": Value("float", ("TIMES", "rates")),
+        "first": Value("integer", least=0),
+    }
 
     def __init__(self, places: Sequence[FilmBinding]):
         self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
@@ -331,10 +337,18 @@ class PeriodicSolver(Stateful):
         There is no film to repeat; or see `check_period`.
     """
 
-    carried = (
-        "number", "defect", "moved", "left", "contraction", "gaps", "contents", "former",
-        "starts", "ends", "changes", "began", "heat",
-    )  # fmt: skip
+    carried: ClassVar = {
+        "number": Value("integer", least=1),
+        **dict.fromkeys(("defect", "moved", "left", "contraction"), Value("real", finite=False)),
+        "gaps": Value("float", ("gaps",)),
+        "contents": Value("float", ("contents",)),
+        "former": Value("float", ("FORMER", "gaps")),
+        "starts": Value("float", ("STARTS", "gaps")),
+        "ends": Value("float", ("ENDS", 2, "ends")),
+        "changes": Value("float", ("ENDS", "changes")),
+        "began": INTEGRATOR_STATE,
+        "heat": Group(FilmTemperatures.carried),
+    }
 
     def __init__(self, run: Run, period: float, periodicity: float = 1e-4, most: int = 20):
         if not run.equations.system.films:

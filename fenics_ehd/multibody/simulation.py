@@ -17,13 +17,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter, process_time
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from fenics_ehd.base.columns import Quantity, split_unit, with_unit
-from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.base.errors import InputError, SettingsError
+from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
 from fenics_ehd.film.film import steepest_thickening
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
 from fenics_ehd.multibody.forces import RotatingForce
@@ -36,7 +36,12 @@ from fenics_ehd.multibody.history import (
     last_whole_cycle,
 )
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
-from fenics_ehd.multibody.newton import MechanismStep, SolverState, unresolved
+from fenics_ehd.multibody.newton import (
+    INTEGRATOR_STATE,
+    MechanismStep,
+    SolverState,
+    unresolved,
+)
 from fenics_ehd.multibody.periodic import WHOLE, PeriodicSolver, crank, temperatures
 from fenics_ehd.multibody.quantities import (
     CONTENT,
@@ -51,7 +56,9 @@ from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
     RINGING,
+    SIGNS,
     SPIKE,
+    BasisErrorEstimate,
     above,
     balance_error,
     bore_body,
@@ -297,6 +304,26 @@ def extremes_of(columns: Columns) -> dict[str, Extremes]:
     return found
 
 
+def _require_alike(row: Row, stored: Row) -> None:
+    """Refuse rows of a stored history that are not those of this mechanism.
+
+    Raises
+    ------
+    InputError
+        Naming a column.
+    """
+    for name in dict.fromkeys([*row, *stored]):
+        if name not in row or name not in stored or np.shape(row[name]) != np.shape(stored[name]):
+            raise InputError(
+                f"the stored history is not of this scene: {name} is missing or has another shape; "
+                "run the scene anew"
+            )
+
+
+#: Layout of a number of steps or iterations.
+COUNT = Value("integer", least=0)
+
+
 class Simulation(Stateful):
     """A run on its way, with its history so far; ended, for those who look at it again.
 
@@ -331,10 +358,19 @@ class Simulation(Stateful):
         What is known of how far figures of joints are off, by joint, see `error_budget`.
     """
 
-    carried = (
-        "integrator", "cycles", "wall_time", "processor_time", "counts", "rejected_because",
-        "estimates", "rubbing", "slid",
-    )  # fmt: skip
+    carried: ClassVar = {
+        "integrator": INTEGRATOR_STATE,
+        "cycles": Group(PeriodicSolver.carried, required=False),
+        "wall_time": Value("real"),
+        "processor_time": Value("real"),
+        "counts": Group(
+            dict.fromkeys(("steps", "newton_iterations", "rejected_steps"), COUNT), each=COUNT
+        ),
+        "rejected_because": Group(each=COUNT),
+        "estimates": Group(each=Group(BasisErrorEstimate.carried)),
+        "rubbing": Group(each=Value("float", ("points",))),
+        "slid": Group(each=Value("float", ("points",))),
+    }
 
     def __init__(self, run: Run, end: float, cycles: PeriodicSolver | None = None):
         self.run, self.end, self.cycles = run, end, cycles
@@ -342,6 +378,7 @@ class Simulation(Stateful):
         self.wall_time = self.processor_time = 0.0
         films = self.system.films
         self.rows: list[Row] = []
+        self._stored = False
         self.worth: dict[str, dict[str, Any]] = {}
         self._crank, self._turn = crank(self.system), cycle_length(self.system)[0]
         self._coordinates = _coordinates(self.system)
@@ -381,14 +418,35 @@ class Simulation(Stateful):
         cycles = [row.get("run/cycle") for row in self.rows]
         return cycles.index(cycles[-1]) if cycles else 0
 
+    def known_sizes(self) -> Sizes:
+        """Number of unknowns of a step."""
+        owners = ("/integrator", "/cycles/began")
+        return dict.fromkeys(
+            (f"{owner} unknowns" for owner in owners), len(self.run.equations.lower)
+        )
+
     def take(self, history: History) -> None:
-        """Go on after the steps of a history."""
+        """Go on after the steps of a history.
+
+        Raises
+        ------
+        ValueError
+            It lacks what the next step needs.
+        """
         columns = {
             with_unit(path, own.units) if is_column(path) else path: np.asarray(own)
             for path, own in history.values.items()
             if not fixed(path)
         }
+        needed = energy_row((), 0.0, dict.fromkeys((*SIGNS, "kinetic", "strain"), 0.0))
+        needed |= {"time_s": 0.0, "run/crank_angle_deg": 0.0}
+        if self.cycles is not None:
+            needed |= {"run/cycle": 0.0, "run/cycle_time_s": 0.0}
+        for name, value in needed.items():
+            if name not in columns or columns[name].shape[1:] != np.shape(value):
+                raise ValueError(f"/{name} is missing, or of another shape than this scene's")
         self.rows = [{name: own[i] for name, own in columns.items()} for i in range(len(history))]
+        self._stored = bool(self.rows)
 
     def steps(self) -> Iterator[tuple[MechanismStep, dict[str, float]]]:
         """Accepted steps, which the history then has, and their rows of ``history.csv``."""
@@ -428,6 +486,9 @@ class Simulation(Stateful):
         if cycles is not None:
             row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
         row |= solution(self.run, step)
+        if self._stored:
+            _require_alike(row, self.rows[-1])
+            self._stored = False
         self.rows.append(row)
         films = self.system.films
         return {column_name(name, films): own for name, own in row.items() if is_column(name)}

@@ -10,11 +10,11 @@ whether the run may be trusted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from fenics_ehd.base.sealed_file import Stateful
+from fenics_ehd.base.layout import Stateful, Value
 from fenics_ehd.film.forces import under_pressure
 from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.mechanism import FilmBinding, System
@@ -185,7 +185,10 @@ class BasisErrorEstimate(Stateful):
         Pressures and accelerations behind their lags.
     """
 
-    carried = ("filtered", "accelerated")
+    carried: ClassVar = {
+        "filtered": Value("float", ("loads",)),
+        "accelerated": Value("float", ("patterns",)),
+    }
 
     def __init__(
         self,

@@ -7,7 +7,7 @@ between them, of one of them close up as well, with its unwrapped film, orbit an
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
@@ -282,7 +282,7 @@ NEARLY_WHITE = 248
 _REPEATABLE = ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", "1"]
 
 
-def require_animation_format(path: Path) -> None:
+def require_animation_format(path: Path, inputs: Iterable[str | Path] = ()) -> None:
     """Refuse an animation that cannot be written, before any work is done for it.
 
     Raises
@@ -290,9 +290,9 @@ def require_animation_format(path: Path) -> None:
     SettingsError
         The file's ending is neither .gif nor .mp4.
     InputError
-        No permission, or no ffmpeg for MP4.
+        No permission, no ffmpeg for MP4, or another file than an animation, or an input, is there.
     """
-    require_format("-o", path, RESOLUTION)
+    require_format("-o", path, RESOLUTION, inputs)
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"-o {path}: MP4 needs ffmpeg, Debian's package ffmpeg; or choose .gif")
 

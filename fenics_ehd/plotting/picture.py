@@ -8,7 +8,7 @@ in grey; dashes say once more which curve is which.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,14 @@ import matplotlib
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import unit, unit_of
-from fenics_ehd.base.files import PICTURE_FORMATS, claim, require_writable, write_whole
+from fenics_ehd.base.files import (
+    PICTURE_FORMATS,
+    Kind,
+    beginning_with,
+    claim,
+    require_output,
+    write_whole,
+)
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
@@ -85,7 +92,38 @@ def legend(axes: Axes, **options: Any) -> None:
         axes.legend(**{"framealpha": 0.85} | options)
 
 
-def require_format(option: str, path: str | Path, known: Collection[str]) -> None:
+#: How files begin by their ending. What is drawn as mere numbers has nothing to be known by.
+SIGNATURES = {
+    ".eps": (b"%!PS",),
+    ".gif": (b"GIF87a", b"GIF89a"),
+    ".jpeg": (b"\xff\xd8\xff",),
+    ".jpg": (b"\xff\xd8\xff",),
+    ".pdf": (b"%PDF",),
+    ".pgf": (b"%% Creator: Matplotlib",),
+    ".png": (b"\x89PNG",),
+    ".ps": (b"%!PS",),
+    ".svg": (b"<?xml", b"<svg"),
+    ".svgz": (b"\x1f\x8b",),
+    ".tif": (b"II*\0", b"MM\0*"),
+    ".tiff": (b"II*\0", b"MM\0*"),
+    ".webp": (b"RIFF",),
+}
+
+
+def kind_of(path: str | Path) -> Kind:
+    """Kind of the picture or animation that a file becomes, by its ending."""
+    ending = Path(path).suffix.lower()
+    words = f"a {ending[1:].upper()} picture"
+    if ending == ".mp4":
+        return beginning_with("an MP4 film", b"ftyp", at=4)
+    if ending not in SIGNATURES:
+        return Kind(words, lambda path: False)
+    return beginning_with(words, *SIGNATURES[ending])
+
+
+def require_format(
+    option: str, path: str | Path, known: Collection[str], inputs: Iterable[str | Path] = ()
+) -> None:
     """Refuse a file that cannot be written, before any work is done for it.
 
     Raises
@@ -93,11 +131,11 @@ def require_format(option: str, path: str | Path, known: Collection[str]) -> Non
     SettingsError
         Its ending is none of those known.
     InputError
-        No permission.
+        No permission; it is an input, or there is another file.
     """
     if Path(path).suffix.lower() not in known:
         raise SettingsError(f"{option} {path}: its ending must be one of {', '.join(known)}")
-    require_writable(path)
+    require_output(path, kind_of(path), inputs, option)
 
 
 def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Path]:

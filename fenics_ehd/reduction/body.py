@@ -10,13 +10,25 @@ from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
-from fenics_ehd.base.errors import BodyFileError, SettingsError
-from fenics_ehd.base.files import write_whole
-from fenics_ehd.base.sealed_file import digest, named, open_sealed, read_tree, save_tree
-from fenics_ehd.reduction.bore import BoreSurface, all_outward, make_row_major, only, rigid_fields
+from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
+from fenics_ehd.base.files import Kind, write_whole
+from fenics_ehd.base.layout import Group, Value, read_declared
+from fenics_ehd.base.sealed_file import digest, named, open_sealed, save_tree, stored_as
+from fenics_ehd.reduction.bore import (
+    SAMPLED_NODES,
+    SMOOTH,
+    BoreSurface,
+    all_outward,
+    make_row_major,
+    only,
+    rigid_fields,
+    surface_layout,
+)
+from fenics_ehd.reduction.structure import check_surface
 
 #: Places of the translations and of the elastic modes among the fields of a body.
 TRANSLATIONS, ELASTIC = slice(1, 3), slice(3, None)
@@ -328,6 +340,53 @@ def bore_fields(body: ReducedBody) -> np.ndarray:
 FORMAT = "fenics_ehd reduced body"
 FORMAT_VERSION = 5
 
+_FIELDS = Value("float", ("n + 3", "n + 3"))
+_LOADS = Value("float", ("n + 3", "k"))
+
+#: Layout of a stored `ReducedBody`: n coordinates, m nodes and k pressure nodes of all bores, r
+#: residual patterns.
+LAYOUT = Group(
+    {
+        "method": Value("text"),
+        "frame": Value("text"),
+        "stiffness": Value("float", ("n", "n")),
+        "mass": Value("float", ("n", "n")),
+        "frequencies": Value("float", ("n",), finite=False),
+        "kinds": Value("text", ("n",)),
+        "bore_names": Value("text", ("bores",)),
+        "bores": Group(each=Group(surface_layout("float", attribute=False))),
+        "bore_basis": Value("float", ("m", 3, "n")),
+        "load_projection": _LOADS,
+        "spin_load_projection": _LOADS,
+        "inertia": Group({"mass": _FIELDS, "spin": _FIELDS, "centrifugal": _FIELDS}),
+        "points": Group(each=Value("float", (3, "n + 3"))),
+        "missing_flexibility": Value("float", ("m", "k"), empty=True),
+        "mesh_flexibility": Value("float", ("sampled", "loads"), empty=True, required=False),
+        "rigid_mass": Value("float", (6, 6), empty=True, required=False),
+        "rigid_coupling": Value("float", (6, "n"), empty=True, required=False),
+        "rigid_load": Value("float", (6, "k"), empty=True, required=False),
+        "residual": Group(
+            {
+                "displacement": Value("float", ("m", 3, "r")),
+                "patterns": Value("float", ("r", "k")),
+                "stiffness": Value("float", ("r",), least=0.0),
+                "mass": Value("float", ("r", "r"), empty=True),
+            },
+            required=False,
+        ),
+        "inventory": Group(
+            {
+                "kind": Value("text", ("records",)),
+                "frequency": Value("float", ("records",), finite=False),
+                "participation": Value("float", ("records",), finite=False),
+                "dropped": Value("text", ("records",)),
+            }
+        ),
+        "accuracy": Group(each=Value("float", finite=False), required=False),
+        "provenance": Group(each=Value("text"), required=False),
+    }
+)
+
 
 def save_body(body: ReducedBody, path: str | Path) -> None:
     """Write a body; an existing file is replaced only once the new one is whole."""
@@ -366,14 +425,84 @@ def load_body(path: str | Path) -> ReducedBody:
     """
     with named(BodyFileError, f"body file {path}"):
         with open_sealed(path, FORMAT, FORMAT_VERSION, remedy="reduce the part again") as file:
-            tree = read_tree(file)
+            tree = read_declared(file, LAYOUT)
         names = tree.pop("bore_names")
+        if sorted(names) != sorted(tree["bores"]):
+            raise ValueError(f"bore_names {', '.join(names)} are not those of /bores")
         tree["bores"] = {name: BoreSurface(**tree["bores"][name]) for name in names}
         tree["inertia"] = InertiaIntegrals(**tree["inertia"])
         if "residual" in tree:
             tree["residual"] = ResidualFlexibility(**tree["residual"])
         tree["inventory"] = _inventory(tree["inventory"])
-        return ReducedBody(**tree)
+        body = ReducedBody(**tree)
+        _require_sound(body)
+        return body
+
+
+#: Largest difference of a stored matrix from its transpose, and the smallest eigenvalue that
+#: round-off leaves, both of the matrix scaled by its diagonal; stored matrices have 0 and above 0.
+ROUND_OFF = 1e-9
+
+
+def _require_sound(body: ReducedBody) -> None:
+    """Refuse a body whose numbers fit each other and are none of a part.
+
+    Raises
+    ------
+    ValueError
+        Bores have other numbers of nodes than bases and loads, stiffness or a mass matrix is not
+        symmetric positive semidefinite, nodes of a bore are not on its cylinder, or there is no
+        mass.
+    """
+    every = list(body.each_bore())
+    counts = (every[-1].nodes.stop, every[-1].pressures.stop) if every else (0, 0)
+    wanted = len(body.bore_basis), body.load_projection.shape[1]
+    if counts != wanted:
+        raise ValueError(
+            f"bores have {counts[0]} nodes and {counts[1]} pressure nodes, the bases {wanted[0]} "
+            f"and {wanted[1]}"
+        )
+    shape = SAMPLED_NODES * len(every), SMOOTH * len(every) + 2 * len(body.points)
+    mesh = body.mesh_flexibility
+    if mesh.size and mesh.shape != shape:
+        raise ValueError(f"/mesh_flexibility has shape {mesh.shape}, not {shape}")
+    for name, bore in body.bores.items():
+        try:
+            check_surface(bore, f"bores/{name}")
+        except StructureError as error:
+            raise ValueError(str(error)) from None
+    matrices = {"stiffness": body.stiffness, "mass": body.mass, "inertia/mass": body.inertia.mass}
+    for name, matrix in matrices.items():
+        _require_semidefinite(matrix, name)
+    if not body.inertia.total_mass > 0.0:
+        raise ValueError(f"/inertia/mass: a mass of {body.inertia.total_mass:g} kg is not above 0")
+
+
+def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
+    """Refuse a matrix that is not symmetric positive semidefinite.
+
+    Raises
+    ------
+    ValueError
+        Naming it.
+    """
+    diagonal = np.diag(matrix)
+    if diagonal.min(initial=0.0) < 0.0:
+        raise ValueError(f"/{name} is not positive semidefinite: diagonal entry {diagonal.min():g}")
+    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = matrix / scale / scale[:, None]
+    defect = np.abs(scaled - scaled.T).max(initial=0.0)
+    if defect > ROUND_OFF:
+        raise ValueError(
+            f"/{name} is not symmetric: relative defect {defect:.1e}, limit {ROUND_OFF:.0e}"
+        )
+    try:
+        # A sixth of the work of eigenvalues.
+        np.linalg.cholesky(scaled + ROUND_OFF * np.eye(len(scaled)))
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            f"/{name} is not positive semidefinite: relative eigenvalue below -{ROUND_OFF:.0e}"
+        ) from None
 
 
 def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
@@ -386,6 +515,26 @@ def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
 
 EXPORT_FORMAT = "fenics_ehd reduced body, exported"
 EXPORT_VERSION = 2
+
+#: Most bytes of the text that an export begins with.
+_LABEL = 4096
+
+
+def _is_export(path: Path) -> bool:
+    """True of a file that `export_npz` wrote."""
+    try:
+        with ZipFile(path) as archive:
+            label = archive.getinfo("format.npy")
+            if label.file_size > _LABEL:
+                return False
+            return str(np.load(BytesIO(archive.read(label)), allow_pickle=False)) == EXPORT_FORMAT
+    except (OSError, ValueError, KeyError, BadZipFile):
+        return False
+
+
+#: Kinds of output files.
+BODY_KIND = stored_as("a reduced body", FORMAT)
+EXPORT_KIND = Kind("an exported reduced body", _is_export)
 
 
 def export_npz(body: ReducedBody, path: str | Path) -> Path:

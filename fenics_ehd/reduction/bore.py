@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from fenics_ehd.base.errors import SettingsError, StructureError
+from fenics_ehd.base.layout import Value
 from fenics_ehd.reduction.elements import (
     ELEMENTS,
     NodalElement,
@@ -62,6 +63,17 @@ def make_row_major(record: Any) -> None:
     for name, value in vars(record).items():
         if isinstance(value, np.ndarray) and name != "columns":
             object.__setattr__(record, name, np.ascontiguousarray(value))
+
+
+#: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
+WAVES, HEIGHTS = 9, 3
+SMOOTH = (2 * WAVES + 1) * HEIGHTS
+
+#: Quadratic cells around and along a bore at whose nodes displacements are kept.
+SAMPLED = 40, 8
+
+#: Nodes of these cells.
+SAMPLED_NODES = 2 * SAMPLED[0] * (2 * SAMPLED[1] + 1)
 
 
 def no_cells() -> np.ndarray:
@@ -133,6 +145,32 @@ class Bore(BoreSurface):
     nodes: np.ndarray
     load: PETSc.Mat
     reference: np.ndarray | None = None
+
+
+def surface_layout(number: str, *, attribute: bool) -> dict[str, Value]:
+    """Layout of a stored `BoreSurface`.
+
+    Parameters
+    ----------
+    number
+        Kind of its numbers, see `fenics_ehd.base.layout.KINDS`.
+    attribute
+        Whether single values are attributes.
+    """
+    single = Value(number, attribute=attribute)
+    family = Value("text", attribute=attribute, required=False)
+    mesh = Value("integer", ("cells", "vertices"), required=False)
+    return {
+        "radius": single,
+        "width": single,
+        "coordinates": Value(number, ("nodes", 3)),
+        "pressure_coordinates": Value(number, ("pressure_nodes", 3)),
+        "cells": mesh,
+        "family": family,
+        "pressure_cells": replace(mesh, axes=("pressure_cells", "pressure_vertices")),
+        "pressure_family": family,
+        "centre": Value(number, (3,), required=False),
+    }
 
 
 def only(bores: Mapping[str, B], of: str) -> B:

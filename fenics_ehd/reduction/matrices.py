@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
+import h5py
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.layout import Group, Value, attribute
 from fenics_ehd.base.petsc_options import destroy_with
 from fenics_ehd.base.sealed_file import open_hdf5, require_file, require_numbers, values
 
@@ -229,6 +231,24 @@ def _open(path: str) -> Opened:
     return _whole(sparse.csr_matrix(found))
 
 
+def csr_layout(rows: str, entries: str = "entries") -> Group:
+    """Layout of a matrix in CSR form; its shape is an attribute, or a dataset.
+
+    Parameters
+    ----------
+    rows, entries
+        Their numbers, as in a `Value`.
+    """
+    return Group(
+        {
+            "indptr": Value("integer", (f"{rows} + 1",), least=0),
+            "indices": Value("integer", (entries,), least=0),
+            "data": Value("number", (entries,)),
+        },
+        foreign=True,
+    )
+
+
 def _in_hdf5(path: str, group: str) -> Opened:
     """CSR arrays in a group of an HDF5 file."""
 
@@ -241,15 +261,26 @@ def _in_hdf5(path: str, group: str) -> Opened:
 
     with open_hdf5(path) as file:
         csr = file[group]
-        height, width = values(csr["shape"]) if "shape" in csr else csr.attrs["shape"]
-        for key, kinds in (("indptr", "iu"), ("indices", "iu"), ("data", "fiuc")):
-            require_numbers(csr[key], kinds)
+        csr_layout("rows").check(csr, "" if csr.name == "/" else csr.name, {})
+        height, width = _shape(csr)
         if csr["indptr"].shape != (height + 1,):
             raise ValueError(
                 f"{height} rows need {height + 1} row pointers, "
                 f"indptr has shape {csr['indptr'].shape}"
             )
-    return (int(height), int(width)), read
+    return (height, width), read
+
+
+def _shape(csr: h5py.Group) -> tuple[int, int]:
+    """Rows and columns of a matrix in CSR form."""
+    if "shape" in csr:
+        require_numbers(csr["shape"], "iu")
+        shape = np.asarray(values(csr["shape"]))
+    else:
+        shape = np.asarray(attribute(csr, "shape", Value("integer", (2,))))
+    if shape.shape != (2,) or shape.min() < 0:
+        raise ValueError(f"shape of {csr.name} is {shape.tolist()}, not rows and columns")
+    return int(shape[0]), int(shape[1])
 
 
 def _in_binary(path: str) -> Opened:

@@ -26,14 +26,10 @@ from scipy.linalg import block_diag
 from scipy.special import ive
 
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.reduction.bore import BoreSurface, all_outward
+from fenics_ehd.reduction.bore import HEIGHTS, SMOOTH, WAVES, BoreSurface, all_outward
 
 if TYPE_CHECKING:
     from fenics_ehd.reduction.static import StaticSolver
-
-#: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
-WAVES, HEIGHTS = 9, 3
-SMOOTH = (2 * WAVES + 1) * HEIGHTS
 
 #: Order of the compliance's error, size of a mesh's cells over that of the other's, and largest
 #: mesh that is compared with a finer one [degrees of freedom]: that has three times as many, the
@@ -44,9 +40,6 @@ MOST_REFINED = 60_000
 
 #: Order of what lies between the nodes of quadratic cells.
 BETWEEN_NODES = 3.0
-
-#: Quadratic cells around and along a bore at whose nodes displacements are kept.
-SAMPLED = 40, 8
 
 #: Least change of the number of degrees of freedom that tells one mesh from another.
 ANOTHER = 1.3

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,10 +42,20 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import BOOKKEEPING, new_part, require_room
-from fenics_ehd.base.sealed_file import HEAD, named, open_hdf5, open_sealed, seal, values
-from fenics_ehd.reduction.bore import Bore
+from fenics_ehd.base.layout import Group, Value, attribute
+from fenics_ehd.base.sealed_file import (
+    HEAD,
+    named,
+    open_hdf5,
+    open_sealed,
+    seal,
+    stored_as,
+    values,
+)
+from fenics_ehd.reduction.bore import Bore, surface_layout
 from fenics_ehd.reduction.matrices import (
     before,
+    csr_layout,
     even_range,
     together,
 )
@@ -56,6 +66,41 @@ FORMAT_VERSION = 2
 
 #: Members of a bore's group, the matrix `load` apart.
 _BORE = [field.name for field in fields(Bore) if field.name != "load"]
+
+
+#: Layout of a bore in a file.
+BORE_LAYOUT = Group(
+    {
+        **surface_layout("real", attribute=True),
+        "nodes": Value("integer", ("nodes",), least=0),
+        "reference": Value("real", ("nodes", 3, 6), required=False),
+        "load": csr_layout("3 part_nodes", "load_entries"),
+    },
+    foreign=True,
+)
+
+#: Layout of a boundary point in a file: a matrix, or nodes and weights.
+_MATRIX = csr_layout("3 part_nodes", "point_entries").entries
+ATTACHMENT_LAYOUT = Group(
+    {
+        "nodes": Value("integer", ("nodes",), required=False),
+        "weights": Value("real", ("nodes",), required=False),
+        **{name: replace(value, required=False) for name, value in _MATRIX.items()},
+    },
+    foreign=True,
+)
+
+#: Layout of a whole part in a file.
+LAYOUT = Group(
+    {
+        "coordinates": Value("real", ("part_nodes", 3)),
+        "stiffness": csr_layout("3 part_nodes", "stiffness_entries"),
+        "mass": csr_layout("3 part_nodes", "mass_entries"),
+        "bores": Group(each=BORE_LAYOUT, required=False),
+        "attachments": Group(each=ATTACHMENT_LAYOUT, required=False),
+    },
+    foreign=True,
+)
 
 
 class Rows(NamedTuple):
@@ -199,19 +244,37 @@ def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structu
 def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
     """Everything but the large matrices; of the coordinates this rank's."""
     with _opened(path, comm) as file:
+        LAYOUT.check(file, "", {})
         nodes = len(file["coordinates"])
-        names = file["bores"].attrs["names"] if "bores" in file else ()
-        attachments = {
-            name: PointWeights(values(group["nodes"]), values(group["weights"]))
-            if "nodes" in group
-            else f"{path}:/attachments/{name}"
-            for name, group in file.get("attachments", {}).items()
-        }
+        groups = file.get("bores", {})
+        names = _bore_names(groups) if "bores" in file else ()
+        if sorted(names) != sorted(groups):
+            raise ValueError(f"names of /bores are {', '.join(names)}, not {', '.join(groups)}")
         return {
             "coordinates": values(file["coordinates"], slice(*even_range(nodes, comm))),
-            "attachments": attachments,
-            "bores": {str(name): _bore(path, name, file["bores"][name]) for name in names},
+            "attachments": {
+                name: _attachment(f"{path}:/attachments/{name}", group)
+                for name, group in file.get("attachments", {}).items()
+            },
+            "bores": {name: _bore(path, name, groups[name]) for name in names},
         }
+
+
+def _bore_names(groups: h5py.Group) -> tuple[str, ...]:
+    """Names of the bores in their order; no names have no type of text."""
+    if np.shape(groups.attrs.get("names")) == (0,):
+        return ()
+    names: tuple[str, ...] = attribute(groups, "names", Value("text", ("bores",)))
+    return names
+
+
+def _attachment(place: str, group: h5py.Group) -> PointWeights | str:
+    """Nodes with their weights, or where the matrix is."""
+    if "nodes" not in group:
+        return place
+    if "weights" not in group:
+        raise ValueError(f"{group.name}/weights is missing")
+    return PointWeights(values(group["nodes"]), values(group["weights"]))
 
 
 def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
@@ -222,13 +285,30 @@ def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
 
 
 def _bore(path: str | Path, name: str, group: h5py.Group) -> Bore:
-    found = {key: group.attrs[key] for key in _BORE if key in group.attrs}
-    found |= {key: values(group[key]) for key in _BORE if key in group}
+    layout = Group({name: e for name, e in BORE_LAYOUT.entries.items() if name in _BORE})
+    found = layout.read(group, group.name)
     return Bore(**found, load=f"{path}:/bores/{name}/load")
 
 
 BASIS_FORMAT = "fenics_ehd part basis"
 BASIS_VERSION = 2
+
+#: Kind of output file.
+BASIS_KIND = stored_as("a basis of a part", BASIS_FORMAT)
+
+#: Layout of a basis: n coordinates, p sampling points of stresses.
+BASIS_LAYOUT = Group(
+    {
+        "nodes": Value("float", ("nodes", 3)),
+        "basis": Value("float", ("nodes", 3, "n")),
+        "cells": Value("integer", ("cells", "vertices"), least=0),
+        "stress_points": Value("float", ("p", 3), required=False),
+        "stress": Value("float", ("p", 6, "n"), required=False),
+    }
+)
+
+#: Nodes of a cell; none where elements are unknown.
+_VERTICES = (0, 10, 20)
 
 #: Order of the stress components.
 VOIGT = ("xx", "yy", "zz", "yz", "xz", "xy")
@@ -349,6 +429,28 @@ class BasisFile(AbstractContextManager["BasisFile"]):
             self._file = open_sealed(
                 self.path, BASIS_FORMAT, BASIS_VERSION, remedy="reduce the part again"
             )
+            try:
+                self._require_layout()
+            except BaseException:
+                self._file.close()
+                raise
+
+    def _require_layout(self) -> None:
+        """Refuse other shapes, and cells that do not use each of the nodes.
+
+        Raises
+        ------
+        ValueError
+            Naming a dataset.
+        """
+        BASIS_LAYOUT.check(self._file, "", {})
+        if ("stress" in self._file) != ("stress_points" in self._file):
+            raise ValueError("/stress or /stress_points is missing")
+        cells, nodes = self._file["cells"], len(self._file["nodes"])
+        used = np.unique(values(cells))
+        known = cells.shape[1] > 0
+        if cells.shape[1] not in _VERTICES or (known and not np.array_equal(used, range(nodes))):
+            raise ValueError(f"/cells of shape {cells.shape} are no cells of {nodes} nodes")
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -365,17 +467,17 @@ class BasisFile(AbstractContextManager["BasisFile"]):
     @property
     def nodes(self) -> np.ndarray:
         """Positions of the nodes, shape (nodes, 3) [m]."""
-        return self._table("nodes")[()]
+        return self._array("nodes")
 
     @property
     def cells(self) -> np.ndarray:
         """Nodes of every cell in VTK's order, shape (cells, 20 or 10); empty when unknown."""
-        return self._table("cells")[()]
+        return self._array("cells")
 
     @property
     def stress_points(self) -> np.ndarray:
         """Sampling points of the stresses, cell after cell, shape (points, 3) [m]."""
-        return self._table("stress_points")[()]
+        return self._array("stress_points")
 
     def displacement(self, coordinates: np.ndarray) -> np.ndarray:
         """Displacement field of modal coordinates.
@@ -404,6 +506,14 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         """
         return self._combine("stress", coordinates)
 
+    def _array(self, name: str) -> np.ndarray:
+        """All of a table."""
+        table = self._table(name)
+        with named(BodyFileError, f"basis file {self.path}"):
+            found = values(table)
+            BASIS_LAYOUT.value_at(name).require_content(found, f"/{name}")
+        return np.asarray(found)
+
     def _table(self, name: str) -> h5py.Dataset:
         if self._file and name not in self._file:
             raise BodyFileError(f"basis file {self.path} holds no stresses: none were saved")
@@ -422,4 +532,6 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         for start in range(0, size, step):
             rows = slice(start, start + step)
             result[:, rows] = np.tensordot(history, table[rows], (1, 2))
+        if np.isfinite(q).all() and not np.isfinite(result).all():
+            raise BodyFileError(f"basis file {self.path}: /{name} holds a value that is not finite")
         return result if q.ndim == 2 else result[0]

@@ -22,7 +22,15 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
-from fenics_ehd.reduction.bore import BORE, CYLINDER_TOLERANCE, Bore, only, rigid_fields
+from fenics_ehd.reduction.bore import (
+    BORE,
+    CYLINDER_TOLERANCE,
+    Bore,
+    BoreSurface,
+    bore_holes,
+    only,
+    rigid_fields,
+)
 from fenics_ehd.reduction.elements import surface_element
 from fenics_ehd.reduction.matrices import (
     agree,
@@ -409,7 +417,8 @@ def check_structure(structure: Structure) -> None:
     ------
     StructureError
         A value is not finite; K or M is not symmetric, has an empty row or
-        a diagonal entry that is not positive; M is singular or not positive definite; some
+        a diagonal entry that is not positive; K has an entry that none of a positive semidefinite
+        one has; M is singular or not positive definite; some
         rigid motions cost energy and others do not; degrees of freedom go component by component;
         mass and coordinates are of different units; bore nodes are not on the bore, or its
         load matrix is not one of a pressure that pushes outward; the first bore is not at the
@@ -422,10 +431,11 @@ def check_structure(structure: Structure) -> None:
         _check_symmetric(matrix, name)
     _check_order(structure)
     rigid_motions(structure)
+    _check_minors(structure.stiffness)
     _check_definite(structure.mass)
     _check_units(structure)
     for name, bore in structure.bores.items():
-        _check_surface(bore, name)
+        check_surface(bore, name)
         _check_nodes(structure, bore, name)
         _check_load(structure, bore, name)
     if structure.bores:
@@ -482,6 +492,34 @@ def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
         f"{name} is not symmetric: relative defect {defect:.1e}, limit "
         f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits",
     )
+
+
+#: Largest excess of an entry of K over the geometric mean of its two diagonal entries, relative:
+#: files of other programs have 7 digits.
+MINOR_TOLERANCE = 1e-6
+
+
+def _check_minors(stiffness: PETSc.Mat) -> None:
+    """Every pair of degrees of freedom has a stiffness that is not negative.
+
+    This costs a pass over the entries. A matrix that passes and still has a negative eigenvalue is
+    found by its factorisation (`fenics_ehd.reduction.static.LinearSolver`).
+    """
+    comm = stiffness.comm.tompi4py()
+    roots = np.sqrt(np.concatenate(comm.allgather(stiffness.getDiagonal().array)))
+    pointers, columns, entries = stiffness.getValuesCSR()
+    first = stiffness.getOwnershipRange()[0]
+    rows = first + np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
+    ratios = np.abs(entries) / (roots[rows] * roots[columns])
+    problem = None
+    if ratios.max(initial=0.0) > 1.0 + MINOR_TOLERANCE:
+        worst = int(np.argmax(ratios))
+        problem = (
+            f"stiffness is not positive semidefinite: the entry {entries[worst]:.3g} of "
+            f"{_place(rows[worst])} and {_place(columns[worst])} is {ratios[worst]:.3g} times the "
+            "geometric mean of their diagonal entries, it may be 1"
+        )
+    agree(comm, problem)
 
 
 def _check_order(structure: Structure) -> None:
@@ -580,8 +618,14 @@ def _check_attachments(structure: Structure) -> None:
 # Bores
 
 
-def _check_surface(bore: Bore, name: str) -> None:
-    """Arrays of the right shape and kind, surface meshes of their nodes, nodes on the cylinder."""
+def check_surface(bore: BoreSurface, name: str) -> None:
+    """Check arrays of a bore: shapes and kinds, surface meshes of their nodes, a cylinder.
+
+    Raises
+    ------
+    StructureError
+        Naming the array.
+    """
     nodes, pressures = len(bore.coordinates), len(bore.pressure_coordinates)
     _require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes, {pressures} of pressures")
     shapes = {
@@ -592,9 +636,10 @@ def _check_surface(bore: Bore, name: str) -> None:
         "reference": (nodes, 3, 6),
     }
     for key, shape in shapes.items():
-        array = getattr(bore, key)
-        if key == "reference" and array is None:
+        array = getattr(bore, key, None)
+        if array is None and key in ("nodes", "reference"):
             continue
+        assert array is not None
         _require(array.shape == shape, f"{name}.{key} has shape {array.shape}, not {shape}")
         _require(
             array.dtype.kind in "iuf" and np.isfinite(array).all(),
@@ -621,6 +666,8 @@ def _check_surface(bore: Bore, name: str) -> None:
             f"cylinder of radius {bore.radius:.6g} m and width {bore.width:.6g} m about z, centred "
             f"at z = 0, limit {CYLINDER_TOLERANCE:.0e} radii",
         )
+        if family:
+            bore_holes(x, cells, family)  # refuses a mesh that lacks a face or two
 
 
 def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:

@@ -42,18 +42,22 @@ from fenics_ehd.base.files import (
     claim,
     clear,
     complete_result,
+    is_part,
     keeping_failed_film,
     let_go,
     listed,
     locked,
     naming,
+    require_made_by,
     require_writable,
+    status_of,
     to_json,
     write_summary,
     write_whole,
 )
+from fenics_ehd.base.layout import Group, Value, read_declared
 from fenics_ehd.base.processes import interrupt_between_steps
-from fenics_ehd.base.sealed_file import read_tree
+from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.history import (
     CSV_NAME,
@@ -118,13 +122,18 @@ MADE = (
 )
 
 
+def written_by_run(bodies: Iterable[str]) -> tuple[str, ...]:
+    """Names in the folder of a run with these flexible bodies."""
+    return (*MADE, *RUN, *(BODY_FILE.format(name) for name in bodies))
+
+
 def _of_run(name: str) -> bool:
     """True of a file without which a run cannot go on."""
     return name in RUN or name.startswith("body-")
 
 
 def require_no_result(directory: Path) -> None:
-    """Refuse a folder that holds a complete result.
+    """Refuse a folder that holds a complete result, or a run that was stopped.
 
     Raises
     ------
@@ -135,6 +144,22 @@ def require_no_result(directory: Path) -> None:
         raise InputError(
             f"{directory}: holds a complete result, choose another folder or --overwrite"
         )
+    if _stopped(directory):
+        raise InputError(
+            f"{directory}: holds a run that was stopped: go on with it by --resume {directory}, or "
+            "--overwrite it"
+        )
+
+
+#: How the status begins of a run that goes on once there is room on the disk.
+NOT_WRITTEN = tuple(f"failed: {name}: " for name in (FIELDS_NAME, CSV_NAME, ERROR_BUDGET))
+
+
+def _stopped(directory: Path) -> bool:
+    """True of a folder whose run was killed or interrupted and has a checkpoint."""
+    status = status_of(directory)
+    ended_early = status in ("", "interrupted") or status.startswith(NOT_WRITTEN)
+    return ended_early and (directory / FIELDS_NAME).is_file()
 
 
 def first_rank_folder(
@@ -161,6 +186,8 @@ class RunFolder:
         A complete result there may be replaced, by another one.
     resume
         Go on with the run that was stopped there.
+    command
+        That makes the folder.
 
     Attributes
     ----------
@@ -183,14 +210,18 @@ class RunFolder:
         *,
         overwrite: bool = False,
         resume: bool = False,
+        command: str = "run",
     ):
         self.directory = self.path = directory
         if resume and not self.directory.is_dir():
             raise InputError(f"{directory}: no checkpoint to go on from, no such folder")
         require_writable(self.directory)
         self._made = not self.directory.exists()
+        require_made_by(self.directory, command)
+        if command == "run" and is_part(self.directory):
+            raise InputError(f"{directory}: a part of the folder above: choose another folder")
         self.directory.mkdir(parents=True, exist_ok=True)
-        files = [BODY_FILE.format(name) for name in bodies]
+        names = written_by_run(bodies)
         replacement = self.directory / REPLACEMENT
         self._lock = locked(self.directory)
         try:
@@ -198,10 +229,10 @@ class RunFolder:
                 self._replace(replacement)
             if not (overwrite or resume):
                 require_no_result(self.directory)
-            claim(self.directory, (*MADE, *RUN, *files, REPLACEMENT))
+            claim(self.directory, (*names, REPLACEMENT), command)
             if (replacement / FIELDS_NAME).exists() if resume else complete_result(self.directory):
                 self.path = replacement
-                claim(self.path, (*MADE, *RUN, *files))
+                claim(self.path, names, command)
         except BaseException:
             self._release()
             raise
@@ -341,6 +372,16 @@ class Checkpoint:
     history: History
 
 
+#: Layout of a stored `Checkpoint`, its history apart.
+CHECKPOINT = Group(
+    {
+        "about": Group({"reduction_time_s": Value("real"), "scene": Value("text")}),
+        "digests": Group(each=Value("text")),
+        "state": Group(Simulation.carried),
+    }
+)
+
+
 def load_run_state(folder: Path) -> Checkpoint:
     """The checkpoint of a run.
 
@@ -353,7 +394,9 @@ def load_run_state(folder: Path) -> Checkpoint:
     if not path.exists():
         raise InputError(f"{folder}: {refused}, {missing(path, 'it has no')}")
     with opened_history(path, refused) as file:
-        tree = read_tree(file[RESUME])
+        if RESUME not in file:
+            raise ValueError("it is of a run that came to its end")
+        tree = read_declared(file[RESUME], CHECKPOINT)
     state = tree["state"]
     state["integrator"] = _integration(state["integrator"])
     if "cycles" in state:
@@ -365,6 +408,20 @@ def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
     """State of an integration that was stored as a tree; its first one has no solver's."""
     solver = tree.get("solver")
     return IntegratorState(**{**tree, "solver": solver and SolverState(**solver)})
+
+
+def continue_from(former: Checkpoint, run: Simulation, directory: Path) -> None:
+    """Bring a run to where a checkpoint is.
+
+    Raises
+    ------
+    InputError
+        The checkpoint is one of another mechanism.
+    """
+    with named(InputError, f"{directory / FIELDS_NAME}: not of a run of its {SCENE_NAME}"):
+        run.require_fitting(former.state)
+        run.state = former.state
+        run.take(former.history)
 
 
 def save_run_state(run: Simulation, directory: Path, fields: Mapping[str, Any]) -> None:
@@ -491,8 +548,7 @@ def record_run(
     more = dict[str, Any]()
     if former is not None:
         require_same_scene(former, fingerprints, directory)
-        run.state = former.state
-        run.take(former.history)
+        continue_from(former, run, directory)
         about = {**about, **former.about}
     began = {"about": {name: about[name] for name in BEGAN}, "digests": fingerprints}
     steps = recorded_steps(run, directory, began, interval)

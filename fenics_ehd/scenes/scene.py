@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -616,6 +617,23 @@ def csv_files(tables: Mapping[str, Any]) -> list[Path]:
     """Tables that a scene names and that are there."""
     names = [value for _, value in by_key(tables) if str(value).endswith(".csv")]
     return [Path(name) for name in names if Path(name).is_file()]
+
+
+def input_files(source: str | Path, scene: Scene) -> list[Path]:
+    """Files that a scene is read from: its own, and those it names; of a folder all in it.
+
+    Parameters
+    ----------
+    source, scene
+        As for `read_scene`, and the scene read from it, whose tables have whole paths.
+    """
+    texts = [str(value) for _, value in by_key(scene.tables) if isinstance(value, str)]
+    paths = [Path(text) for text in texts if "\0" not in text and Path(text).is_absolute()]
+    found = [Path(source)] if Path(source).suffix == ".toml" else []
+    for path in paths:
+        with suppress(OSError):  # a name that is too long, no permission
+            found += sorted(path.iterdir()) if path.is_dir() else [path]
+    return found
 
 
 def scene_text(scene: Scene) -> str:

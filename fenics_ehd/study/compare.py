@@ -210,6 +210,8 @@ class StudyFolder(RunsFolder):
         Another process works in it.
     """
 
+    command = "study"
+
     def __init__(self, directory: str | Path, study: Study, *, overwrite: bool = False):
         self.study = study
         self.runs: dict[str, StoredRun] = {}

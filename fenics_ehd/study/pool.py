@@ -30,16 +30,18 @@ from itertools import chain
 from math import inf
 from pathlib import Path
 from time import perf_counter, process_time, sleep
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.base.errors import BodyFileError, EhdError, InputError, SettingsError
 from fenics_ehd.base.files import (
+    OUTCOME,
     claim,
     clear,
     locked,
+    made_by,
     new_part,
     read_json,
     require_writable,
@@ -294,9 +296,6 @@ class OtherFolderError(InputError):
         )
 
 
-#: What came of a run, and of which settings, beside its files.
-OUTCOME = "outcome.json"
-
 #: What damaged files lead to: the last two where something is missing, or numbers do not fit.
 DAMAGE = (EhdError, KeyError, ValueError)
 
@@ -322,6 +321,8 @@ class RunsFolder(ExitStack):
 
     Attributes
     ----------
+    command
+        That makes such folders.
     cases, outcomes
         Runs by name, and what came of those that ended.
 
@@ -334,6 +335,8 @@ class RunsFolder(ExitStack):
     InUseError
         Another process works in it.
     """
+
+    command: ClassVar[str]
 
     def __init__(
         self,
@@ -352,10 +355,10 @@ class RunsFolder(ExitStack):
         self.path.mkdir(parents=True, exist_ok=True)
         with ExitStack() as held:
             held.enter_context(locked(self.path))
-            claim(self.path, (*made, "bodies/"))
+            claim(self.path, (*made, "bodies/"), self.command)
             if overwrite:
                 clear(self.path, made)
-            claim(self.path / "runs", [f"{name}/" for name in self.cases])
+            claim(self.path / "runs", [f"{name}/" for name in self.cases], self.command)
             self._require_same(self.path / made[0], about)
             self.push(held.pop_all())
 
@@ -501,7 +504,7 @@ def _run(case: Case, bodies: Path, directory: Path) -> dict[str, Any]:
     loaded = {name: load_body(path) for name, path in files.items()}
     built = build(case.scene, bodies=loaded)
     seconds = sum(float(body.provenance[SECONDS]) for body in loaded.values())
-    with RunFolder(directory, flexible(case.scene)) as folder:
+    with RunFolder(directory, flexible(case.scene), command=made_by(directory.parent)) as folder:
         try:
             own = replace(built, seconds=seconds)
             summary = run_scene(case.scene, own, folder.path, interval=inf, alone=False)

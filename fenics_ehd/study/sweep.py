@@ -160,6 +160,8 @@ class SweepFolder(RunsFolder):
         The folder cannot be written to, or has nothing to resume.
     """
 
+    command = "sweep"
+
     def __init__(
         self, directory: str | Path, sweep: Sweep, *, resume: bool = False, overwrite: bool = False
     ):

@@ -47,6 +47,7 @@ CLASSES: dict[str, tuple[Callable[[World, Random], Iterator[Case]], int]] = {
     "body": (binaries.bodies, 90),
     "stopped run": (binaries.stopped_runs, 80),
     "structure": (binaries.structures, 60),
+    "sealed again": (binaries.sealed_again, 100),
     "matrices": (binaries.matrices, 90),
     "names": (folders.names, 40),
     "folders": (folders.folders, 80),

@@ -7,6 +7,7 @@ from random import Random
 
 import h5py
 import numpy as np
+from bench_scenes import seal
 from cases import Case
 from texts import PLACES, put_in_place
 from world import CALLS, World
@@ -131,6 +132,73 @@ ATTRIBUTES: dict[str, Callable] = {
     "huge": lambda attributes, name: attributes.__setitem__(name, 1e308),
     "nothing": lambda attributes, name: attributes.__setitem__(name, h5py.Empty("f")),
 }
+
+
+def _doubled(file: h5py.File, name: str, random: Random) -> None:
+    """Groups that a path leads through in 2^22 ways, in place of a dataset."""
+    del file[name]
+    group = file.create_group(name)
+    for _ in range(22):
+        inner = group.create_group("a")
+        group["b"] = inner
+        group = inner
+
+
+def _packed_away(file: h5py.File, name: str, random: Random) -> None:
+    """300 shapes of which no byte is stored, beside a dataset."""
+    place = name.rpartition("/")[0]
+    for number in range(300):
+        file.create_dataset(f"{place}/x{number}", (2**21,), chunks=(2**16,), compression="gzip")
+
+
+def _to_the_root(file: h5py.File, name: str, random: Random) -> None:
+    del file[name]
+    file[name] = h5py.SoftLink("/")
+
+
+#: What no other number explains, in a file that is sealed again.
+MISFITS: dict[str, Callable] = {
+    name: DATASETS[name]
+    for name in (
+        "not a number", "infinite", "row too few", "column too few", "one more axis", "flat",
+        "nothing", "text", "complex", "truth values", "petabytes", "group", "missing",
+        "link to itself", "link to nowhere",
+    )
+} | {"doubled links": _doubled, "packed away": _packed_away, "link to all": _to_the_root}  # fmt: skip
+
+
+def sealed_again(world: World, random: Random) -> Iterator[Case]:
+    """Files of every class with a misfit, and the seal of what they are then."""
+    files = (
+        ("run", "rod.h5"), ("structure", "part.h5"), ("resume", "history.h5"),
+        ("resume", "body-rod.h5"),
+    )  # fmt: skip
+
+    def prepare(needed: tuple[str, ...], file_name: str, what: Callable, seed: int) -> Callable:
+        def write(folder: Path) -> None:
+            world.copy(needed, folder)
+            path = next(iter(sorted(folder.rglob(file_name))))
+            own = Random(seed)
+            with h5py.File(path, "r+") as file:
+                names = _names(file, h5py.Dataset)
+                for name in own.sample(names, len(names)):
+                    # Not every dataset can be changed in every way.
+                    with suppress(AttributeError, IndexError, TypeError, ValueError):
+                        what(file, name, own)
+                        break
+            seal(path, path)
+
+        return write
+
+    while True:
+        for name, what in random.sample([*MISFITS.items()], len(MISFITS)):
+            intact, file_name = random.choice(files)
+            needed, call = CALLS[intact]
+            seed = random.randrange(2**32)
+            yield Case(
+                "sealed again", f"{file_name} {name} ({seed})",
+                prepare(needed, file_name, what, seed), call,
+            )  # fmt: skip
 
 
 def _hdf5_case(

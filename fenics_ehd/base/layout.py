@@ -1,0 +1,360 @@
+"""Layouts of stored data: kind and shape of every value, declared once and checked on reading.
+
+Sizes are whole numbers or symbols, which fields share: ``("m", 3, "n")``. A symbol gets its value
+from the first field that has it, in the order of the declaration; ``"n + 3"``, ``"3 n"`` and
+``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow with a run, those
+in small letters are the same in every state of one model (`sizes_of`).
+
+Headers of all values are checked before the first one is read, so that no memory is spent on what
+does not fit; content is checked as it is read.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, is_dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import h5py
+import numpy as np
+
+from fenics_ehd.base.sealed_file import is_text, require_stored, values
+
+#: Kinds of values: NumPy's kinds of type, their size [bytes] if it matters, words for a message.
+KINDS: Mapping[str, tuple[str, int, str]] = {
+    "float": ("f", 8, "numbers (float64)"),
+    "real": ("fiu", 0, "numbers"),
+    "number": ("fiuc", 0, "numbers"),
+    "integer": ("iu", 0, "whole numbers"),
+    "truth": ("b", 0, "truth values"),
+    "text": ("", 0, "text"),
+}
+
+#: Sizes by symbol.
+Sizes = dict[str, int]
+
+_AXIS = re.compile(r"(?:(\d+) )?([A-Za-z_]\w*)(?: \+ (\d+))?")
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number, a text, or an array of them.
+
+    Attributes
+    ----------
+    kind
+        A key of `KINDS`.
+    axes
+        Size of every axis; none: a single value.
+    required
+        Whether it must be there.
+    finite
+        Whether numbers must be finite.
+    least
+        Smallest number allowed.
+    empty
+        Whether an array of as many axes without an entry stands for an unknown one.
+    attribute
+        Whether it is an attribute of its group, not a dataset.
+    """
+
+    kind: str
+    axes: tuple[str | int, ...] = ()
+    required: bool = True
+    finite: bool = True
+    least: float = -math.inf
+    empty: bool = False
+    attribute: bool = False
+
+    def check(self, item: Any, path: str, sizes: Sizes) -> None:
+        """Check kind and shape of a dataset or value, and add what they tell to the sizes.
+
+        Raises
+        ------
+        ValueError
+            Naming the value, its kind or shape, and the declared one.
+        """
+        if isinstance(item, Mapping | h5py.Group | h5py.Empty) or item is None:
+            raise ValueError(f"{path} is no array")
+        if not hasattr(item, "dtype"):
+            item = np.asarray(item)
+        if item.shape is None:
+            raise ValueError(f"{path} is no array")
+        kinds, size, words = KINDS[self.kind]
+        fits = item.dtype.kind in kinds and item.dtype.itemsize == (size or item.dtype.itemsize)
+        if not (is_text(item.dtype) if self.kind == "text" else fits):
+            raise ValueError(f"{path} holds {item.dtype}, not {words}")
+        unknown = self.empty and len(item.shape) == len(self.axes) and 0 in item.shape
+        if not unknown and not _fit(item.shape, self.axes, sizes):
+            raise ValueError(f"{path} has shape {item.shape}, not {self._shape(sizes)}")
+        if isinstance(item, h5py.Dataset):
+            require_stored(item)
+
+    def _shape(self, sizes: Sizes) -> str:
+        """Declared shape in words, known sizes as numbers."""
+        axes = (_number(axis, sizes) for axis in self.axes)
+        shown = [
+            str(axis) if size is None else str(size)
+            for axis, size in zip(self.axes, axes, strict=True)
+        ]
+        return f"({', '.join(shown)}{',' * (len(shown) == 1)})"
+
+    def require_content(self, found: Any, path: str) -> None:
+        """Refuse numbers that are not finite or below the smallest one allowed.
+
+        Raises
+        ------
+        ValueError
+            Naming the value.
+        """
+        if self.kind == "text" or np.size(found) == 0:
+            return
+        if self.finite and not np.isfinite(found).all():
+            raise ValueError(f"{path} holds a value that is not finite")
+        smallest = np.min(found) if self.least > -math.inf else self.least
+        if smallest < self.least:
+            raise ValueError(f"{path} holds {smallest:g}, below {self.least:g}")
+
+
+@dataclass(frozen=True)
+class Group:
+    """Values and groups by name.
+
+    Attributes
+    ----------
+    entries
+        Declared ones.
+    each
+        Layout of every other one, whose sizes are its own; None: there is no other.
+    required
+        Whether the group must be there.
+    foreign
+        Whether other programs may add what is not read.
+    scoped
+        Whether symbols that are new in it are its own.
+    """
+
+    entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
+    each: Entry | None = None
+    required: bool = True
+    foreign: bool = False
+    scoped: bool = False
+
+    def check(self, item: Any, path: str, sizes: Sizes) -> None:
+        """Check a group and all that is in it, see `Value.check`.
+
+        Raises
+        ------
+        ValueError
+            Naming what is missing, unknown, or of another kind or shape.
+        """
+        item = vars(item) if is_dataclass(item) else item
+        if not isinstance(item, Mapping | h5py.Group):
+            raise ValueError(f"{path or '/'} is no group")
+        for name, entry in self.entries.items():
+            holder = _holder(item, entry)
+            value = holder[name] if name in holder else None
+            if value is not None and isinstance(entry, Group) and entry.scoped:
+                _check_scoped(entry, value, f"{path}/{name}", sizes)
+            elif value is not None:
+                entry.check(value, f"{path}/{name}", sizes)
+            elif entry.required:
+                raise ValueError(f"{path}/{name} is missing")
+        for name in self._others(item):
+            if self.each is not None:
+                _check_scoped(self.each, item[name], f"{path}/{name}", sizes)
+            elif not self.foreign:
+                raise ValueError(f"{path}/{name} is not known")
+
+    def value_at(self, path: str) -> Value:
+        """Layout of the value at a path of a group that was checked, ``state/rates``."""
+        entry: Entry | None = self
+        for name in path.split("/"):
+            assert isinstance(entry, Group)
+            entry = entry.entries.get(name, entry.each)
+        assert isinstance(entry, Value)
+        return entry
+
+    def _others(self, item: Any) -> Iterator[str]:
+        return (name for name in item if name not in self.entries)
+
+    def read(self, item: Any, path: str = "") -> dict[str, Any]:
+        """Content of a checked group: numbers and text are Python's, groups dictionaries.
+
+        Raises
+        ------
+        ValueError
+            See `Value.require_content`.
+        """
+        layouts = {name: e for name, e in self.entries.items() if name in _holder(item, e)}
+        if self.each is not None:
+            layouts |= dict.fromkeys(self._others(item), self.each)
+        found = {}
+        for name, entry in layouts.items():
+            label = f"{path}/{name}"
+            if isinstance(entry, Group):
+                found[name] = entry.read(item[name], label)
+            else:
+                there = _holder(item, entry)[name]
+                found[name] = values(there) if isinstance(there, h5py.Dataset) else _plain(there)
+                entry.require_content(found[name], label)
+        return found
+
+
+Entry = Value | Group
+
+
+def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
+    """Check what has symbols of its own: they are kept with its path before them."""
+    owner = f"{path} "
+    own = {name.removeprefix(owner): n for name, n in sizes.items() if name.startswith(owner)}
+    inside = sizes | own
+    entry.check(item, path, inside)
+    sizes.update({owner + name: n for name, n in inside.items() if name not in sizes})
+
+
+def _holder(item: Any, entry: Entry) -> Any:
+    """Where an entry is looked for: in its group, or among the attributes of that."""
+    return item.attrs if isinstance(entry, Value) and entry.attribute else item
+
+
+def _plain(value: Any) -> Any:
+    """An attribute as `values` returns a dataset."""
+    if isinstance(value, np.ndarray) and value.ndim and is_text(value.dtype):
+        return tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value)
+    if isinstance(value, bytes):
+        return value.decode()
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def attribute(item: Any, name: str, value: Value) -> Any:
+    """Attribute of a group or dataset, checked.
+
+    Raises
+    ------
+    ValueError
+        It is missing, or of another kind or shape.
+    """
+    label = f"attribute {name} of {item.name}"
+    if name not in item.attrs:
+        raise ValueError(f"{label} is missing")
+    value.check(item.attrs[name], label, {})
+    found = _plain(item.attrs[name])
+    value.require_content(found, label)
+    return found
+
+
+def read_declared(group: h5py.Group, layout: Group) -> dict[str, Any]:
+    """Content of a group of an HDF5 file, once all headers fit its layout.
+
+    Raises
+    ------
+    ValueError
+        Something is missing, unknown, of another kind or shape, or not finite.
+    """
+    layout.check(group, _root(group), {})
+    return layout.read(group, _root(group))
+
+
+def _root(group: h5py.Group) -> str:
+    return "" if group.name == "/" else str(group.name)
+
+
+def sizes_of(layout: Group, tree: Mapping[str, Any]) -> Sizes:
+    """Sizes that every state of one model has, from one of its states."""
+    sizes: Sizes = {}
+    layout.check(tree, "", sizes)
+    return {name: n for name, n in sizes.items() if not name.rpartition(" ")[2].isupper()}
+
+
+def _fit(shape: tuple[int, ...], axes: tuple[str | int, ...], sizes: Sizes) -> bool:
+    """True of a shape as declared, whose new symbols are then known."""
+    if len(shape) != len(axes):
+        return False
+    for size, axis in zip(shape, axes, strict=True):
+        known = _number(axis, sizes)
+        if known is None:
+            assert isinstance(axis, str)
+            factor, symbol, constant = _parsed(axis)
+            count, rest = divmod(size - constant, factor)
+            if rest or count < 0:
+                return False
+            sizes[symbol] = count
+        elif size != known:
+            return False
+    return True
+
+
+def _number(axis: str | int, sizes: Sizes) -> int | None:
+    """Size of an axis, None before its symbol is known."""
+    if isinstance(axis, int):
+        return axis
+    factor, symbol, constant = _parsed(axis)
+    return None if symbol not in sizes else factor * sizes[symbol] + constant
+
+
+def _parsed(axis: str) -> tuple[int, str, int]:
+    """Factor, symbol and constant of a size."""
+    match = _AXIS.fullmatch(axis)
+    assert match is not None, axis
+    return int(match[1] or 1), match[2], int(match[3] or 0)
+
+
+class Stateful:
+    """Something that carries some of its attributes, those in `carried`, from step to step.
+
+    Its state is a dictionary of them; attributes that are stateful themselves, or dictionaries of
+    such, appear by their states. A state is never changed: what it was taken from replaces its
+    arrays and dictionaries. `carried` is the layout of a state, in a file too.
+    """
+
+    carried: ClassVar[Mapping[str, Entry]]
+
+    def require_fitting(self, state: Mapping[str, Any]) -> None:
+        """Refuse a state of another model.
+
+        Raises
+        ------
+        ValueError
+            Naming what has another kind or shape than here.
+        """
+        layout, own = Group(self.carried), self.state
+        for name, entry in self.carried.items():
+            if not entry.required and (own[name] is None) != (state.get(name) is None):
+                raise ValueError(f"/{name} is known of one of stored and new state alone")
+        layout.check(state, "", sizes_of(layout, own) | self.known_sizes())
+
+    def known_sizes(self) -> Sizes:
+        """Sizes, by symbols of `carried`, that the state at the start does not have."""
+        return {}
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """All that it carries, by name."""
+        return {name: _state_of(getattr(self, name)) for name in self.carried}
+
+    @state.setter
+    def state(self, state: dict[str, Any]) -> None:
+        for name in self.carried:
+            there = getattr(self, name)
+            value: Any = state.get(name)
+            if isinstance(there, Stateful):
+                there.state = value
+            elif isinstance(there, dict) and any(isinstance(x, Stateful) for x in there.values()):
+                for key, own in there.items():
+                    own.state = value[key]
+            else:
+                setattr(self, name, dict(value) if isinstance(value, dict) else value)
+        self._resume()
+
+    def _resume(self) -> None:
+        """Have what else depends on the state follow it."""
+
+
+def _state_of(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _state_of(own) for name, own in value.items()}
+    return value.state if isinstance(value, Stateful) else value
