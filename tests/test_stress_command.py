@@ -133,7 +133,9 @@ def refuse(capfd):
 def test_bodies_without_stresses_are_named(folder, refuse):
     assert "crank: it is rigid" in refuse(folder, "--body", "crank")
     assert "rodd: bodies of this run: crank, rod, piston" in refuse(folder, "--body", "rodd")
-    assert "drop --no-damping" in refuse(folder, "--complete", "--no-damping")
+    assert "--complete has no effect without --damping" in refuse(
+        folder, "--complete", "--no-damping"
+    )
 
 
 def test_folders_without_a_complete_run_are_refused(tmp_path, refuse):

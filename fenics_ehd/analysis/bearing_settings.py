@@ -12,6 +12,7 @@ from fenics_ehd.base.fields import (
     CAVITATIONS,
     FILM_ELEMENTS,
     NO_TEMPERATURE,
+    ROUGH,
     SHEAR_RULES,
     OilSettings,
     Roughness,
@@ -25,6 +26,8 @@ from fenics_ehd.base.fields import (
     radial_clearance,
     require_thin_film,
 )
+from fenics_ehd.base.needs import only_with
+from fenics_ehd.base.settings import require_effects
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.film.kinematics import Shape
@@ -83,19 +86,28 @@ class BearingSettings(OilSettings, Roughness):
         least=NO_TEMPERATURE,
         below=1000,
     )
-    conducted: float = number(
-        0.0,
-        "share of the dissipated power that shaft and bore conduct away, with supply_temperature",
-        least=0,
-        below=1,
+    conducted: float = only_with(
+        number(
+            0.0,
+            "share of the dissipated power that shaft and bore conduct away, with "
+            "supply_temperature",
+            least=0,
+            below=1,
+        ),
+        "supply_temperature",
     )
-    mixing: float = number(
-        MIXING,
-        "where the effective temperature lies between supply, 0, and outlet, 1",
-        above=0,
-        most=1,
+    mixing: float = only_with(
+        number(
+            MIXING,
+            "where the effective temperature lies between supply, 0, and outlet, 1",
+            above=0,
+            most=1,
+        ),
+        "supply_temperature",
     )
-    contact_modulus: float = number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0)
+    contact_modulus: float = only_with(
+        number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0), "roughness", words=ROUGH
+    )
     #: Of the bore, angles from the load line; None: round.
     bore_shape: Shape | None = None
 
@@ -128,8 +140,7 @@ class BearingSettings(OilSettings, Roughness):
                 f"viscosity = {self.viscosity:g} Pa s: give a viscosity, a grade, or viscosity_40 "
                 "and viscosity_100, one of them"
             )
-        if not self.heated and (self.conducted or self.mixing != MIXING):
-            raise SettingsError("conducted and mixing do nothing without supply_temperature")
+        require_effects(self)
         if self.cavitation == "mass-conserving":
             self._check_mass_conserving()
         if self.grooves and self.line_at_max_film:

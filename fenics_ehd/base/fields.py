@@ -32,6 +32,7 @@ from typing import Any
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, not_with, only_with
 
 #: A number and its unit. No digits grouped, no exponent beyond what a float has.
 WRITTEN = re.compile(
@@ -182,9 +183,6 @@ def in_unit(written: str, wanted: str) -> float:
     except OverflowError:
         raise SettingsError(f"must be a finite number{told}") from None
 
-
-#: Stands for what is not given: a file, a name.
-NONE = "none"
 
 #: A key that must be written.
 REQUIRED: Any = attrs.NOTHING
@@ -534,10 +532,6 @@ def require_thin_film(clearance: float, radius: float, key: str) -> None:
         )
 
 
-#: Stands for a temperature that is not given: absolute zero [C].
-NO_TEMPERATURE = -273.15
-
-
 #: Of mineral oils at 15 C [kg/m3]; paraffinic ones of The Tribology Handbook (table 25, opened at
 #: digilib.universitaspertamina.ac.id) have 862 to 891 at 25 C.
 DENSITY = 870.0
@@ -562,6 +556,11 @@ def _kinematic(temperature: int) -> Any:
     )
 
 
+#: What makes an oil one of a grade, and surfaces rough, in messages.
+GRADED = "a grade, or viscosity_40 and viscosity_100"
+ROUGH = "journal_roughness or bore_roughness"
+
+
 @attrs.frozen(kw_only=True)
 class OilSettings:
     """An oil: of one viscosity, or at a temperature by its grade or two kinematic viscosities."""
@@ -577,12 +576,16 @@ class OilSettings:
     grade: str = text(NONE, "ISO VG 46, SAE 10W-40 and others, in place of viscosity, or none")
     viscosity_40: float = _kinematic(40)
     viscosity_100: float = _kinematic(100)
-    temperature: float = number(
-        NO_TEMPERATURE,
-        f"of an oil by grade or kinematic viscosities [C]; {NO_TEMPERATURE:g}: not given",
-        least=NO_TEMPERATURE,
-        below=1000,
-        example="90 for 363 K",
+    temperature: float = only_with(
+        number(
+            NO_TEMPERATURE,
+            f"of an oil by grade or kinematic viscosities [C]; {NO_TEMPERATURE:g}: not given",
+            least=NO_TEMPERATURE,
+            below=1000,
+            example="90 for 363 K",
+        ),
+        "graded",
+        words=GRADED,
     )
     density: float = number(
         DENSITY,
@@ -592,28 +595,39 @@ class OilSettings:
         usual=(600, 1500),
         example="870 for 0.87 g/cm3",
     )
-    specific_heat: float = number(
-        SPECIFIC_HEAT,
-        "[J/(kg K)]",
-        least=10,
-        below=1e5,
-        usual=(1000, 5000),
-        example="2000 for 2 kJ/(kg K)",
+    specific_heat: float = only_with(
+        number(
+            SPECIFIC_HEAT,
+            "[J/(kg K)]",
+            least=10,
+            below=1e5,
+            usual=(1000, 5000),
+            example="2000 for 2 kJ/(kg K)",
+        ),
+        "supply_temperature",
     )
     density_law: str = choice("constant", ("constant", "dowson-higginson"), "density by pressure")
-    compressibility: float = number(
-        COMPRESSIBILITY,
-        "a of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
-        above=0,
-        usual=(1e-11, 1e-8),
-        example="0.6e-9 for 0.6 1/GPa",
+    compressibility: float = only_with(
+        number(
+            COMPRESSIBILITY,
+            "a of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
+            above=0,
+            usual=(1e-11, 1e-8),
+            example="0.6e-9 for 0.6 1/GPa",
+        ),
+        "density_law",
+        among=("dowson-higginson",),
     )
-    stiffening: float = number(
-        STIFFENING,
-        "b of that, by which oil under pressure is stiffer [1/Pa]",
-        least=0,
-        usual=(1e-11, 1e-7),
-        example="1.7e-9 for 1.7 1/GPa",
+    stiffening: float = only_with(
+        number(
+            STIFFENING,
+            "b of that, by which oil under pressure is stiffer [1/Pa]",
+            least=0,
+            usual=(1e-11, 1e-7),
+            example="1.7e-9 for 1.7 1/GPa",
+        ),
+        "density_law",
+        among=("dowson-higginson",),
     )
     barus: float = number(
         0.0,
@@ -636,9 +650,12 @@ class OilSettings:
         usual=(1e2, 1e9),
         example="1e6 for an oil with polymers",
     )
-    cross_exponent: float = number(1.0, "of Cross's law [-]", above=0, below=10)
-    cross_second_viscosity: float = number(
-        0.5, "at the highest shear rates, over that at rest [-]", least=0, below=1
+    cross_exponent: float = only_with(
+        number(1.0, "of Cross's law [-]", above=0, below=10), "cross_rate"
+    )
+    cross_second_viscosity: float = only_with(
+        number(0.5, "at the highest shear rates, over that at rest [-]", least=0, below=1),
+        "cross_rate",
     )
 
     @property
@@ -661,24 +678,56 @@ class Roughness:
 
     journal_roughness: float = _roughness("journal")
     bore_roughness: float = _roughness("bore")
-    asperity_product: float = number(
-        0.04, "asperities per area x their radius x combined roughness [-]", above=0, below=1
+    asperity_product: float = not_with(
+        only_with(
+            number(
+                0.04,
+                "asperities per area x their radius x combined roughness [-]",
+                above=0,
+                below=1,
+            ),
+            "roughness",
+            words=ROUGH,
+        ),
+        "asperity_radius",
     )
-    asperity_slenderness: float = number(
-        1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1
+    asperity_slenderness: float = not_with(
+        only_with(
+            number(1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1),
+            "roughness",
+            words=ROUGH,
+        ),
+        "asperity_radius",
     )
-    summit_offset: float = number(
-        0.0,
-        "mean planes of the asperities' tips above those of the surfaces, together, over the "
-        "combined roughness [-]; 0: not above, the least contact",
-        least=0,
-        most=2,
+    summit_offset: float = only_with(
+        number(
+            0.0,
+            "mean planes of the asperities' tips above those of the surfaces, together, over the "
+            "combined roughness [-]; 0: not above, the least contact",
+            least=0,
+            most=2,
+        ),
+        "roughness",
+        words=ROUGH,
     )
-    boundary_friction: float = number(
-        0.1, "coefficient of friction of asperities that touch [-], with friction", least=0, below=5
+    boundary_friction: float = only_with(
+        only_with(
+            number(
+                0.1,
+                "coefficient of friction of asperities that touch [-], with friction",
+                least=0,
+                below=5,
+            ),
+            "roughness",
+            words=ROUGH,
+        ),
+        "friction",
+        "heat",
     )
-    flow_factors: bool = flag(
-        True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"
+    flow_factors: bool = only_with(
+        flag(True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"),
+        "roughness",
+        words=ROUGH,
     )
 
     @property
@@ -695,10 +744,13 @@ class Deviations:
     """
 
     ovality: float = deviation("amplitude of a wave around [m]")
-    ovality_angle: float = number(
-        0.0, "where it is outermost, from the body's x axis; of a bearing, the load [degrees]"
+    ovality_angle: float = only_with(
+        number(
+            0.0, "where it is outermost, from the body's x axis; of a bearing, the load [degrees]"
+        ),
+        "ovality",
     )
-    lobes: int = count(2, "waves in a turn", least=1, most=100)
+    lobes: int = only_with(count(2, "waves in a turn", least=1, most=100), "ovality")
     barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
     taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
     misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)

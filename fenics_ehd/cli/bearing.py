@@ -15,7 +15,7 @@ from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import FILM_ELEMENTS, NO_TEMPERATURE, NONE, Deviations
 from fenics_ehd.base.files import keeping_failed_film
-from fenics_ehd.base.settings import build, setting_names
+from fenics_ehd.base.settings import build, require_effects, setting_names
 from fenics_ehd.cli.options import FILE, Measured, answer, flag, json_option, setting_options
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
         Naming an option, or what is wrong with the table.
     """
     settings = build(Deviations, deviations)
+    require_effects(settings)
     if settings == Deviations():
         return None
     from fenics_ehd.scenes.films import surface_shape

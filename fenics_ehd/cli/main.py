@@ -22,12 +22,14 @@ with ending_signals_raise():
 
     from fenics_ehd import __version__
     from fenics_ehd.base.errors import EhdError
+    from fenics_ehd.base.needs import Needs
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
     from fenics_ehd.cli.options import (
         FILE,
         FOLDER,
         flag,
         json_option,
+        option,
         output_option,
         setting_options,
     )
@@ -48,6 +50,10 @@ LEAST_MEMORY = 768 << 20
 
 #: Keys of [output] that no option of `run` takes the place of, or one that says more.
 KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
+
+
+#: Of options of `run` that are read from the folder of a run that is resumed.
+NEW_RUN = (Needs(("resume",), absent=True),)
 
 
 #: Commands by their module, which is imported when one of them is asked for.
@@ -105,17 +111,18 @@ def cli() -> None:
     show_default=True,
     help="Seconds between two checkpoints.",
 )
-@click.option("--body", type=FILE, help="Reduced part made by 'reduce'.")
-@click.option("--method", type=click.Choice(METHODS), help="Reduction of the part.")
-@output_option("directory", "Folder for the results [default: results/SCENE].")
+@option("--body", type=FILE, help="Reduced part made by 'reduce'.", needs=NEW_RUN)
+@option("--method", type=click.Choice(METHODS), help="Reduction of the part.", needs=NEW_RUN)
+@output_option("directory", "Folder for the results [default: results/SCENE].", needs=NEW_RUN)
 @click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the curves.")
 @flag(
     "--vtk",
     "Write a ParaView series, vtk/run.pvd: bodies and films as they move, their elastic "
     "displacement to warp by, the pressure.",
+    needs=NEW_RUN,
 )
-@setting_options(OutputSettings, *KEPT, defaults=False)
-@flag("--overwrite", "Replace a complete result in the folder.")
+@setting_options(OutputSettings, *KEPT, defaults=False, needs=NEW_RUN)
+@flag("--overwrite", "Replace a complete result in the folder.", needs=NEW_RUN)
 @flag(
     "--multiplier",
     "Also find the largest multiplier of a periodic solution, its margin of stability, which "
@@ -148,8 +155,6 @@ def run(
         asked = given | ({"paraview": True} if vtk else {})
         run.run(run.changed_scene(scene, body, method, asked), target, overwrite, options)
         return
-    if body or method or directory or vtk or overwrite or given:
-        raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     run.resume(Path(resume), options)
 

@@ -10,13 +10,24 @@ import click
 
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import Material
+from fenics_ehd.base.needs import Needs
 from fenics_ehd.base.settings import build, toml_string
-from fenics_ehd.cli.options import aligned, answer, json_option, output_option, setting_options
+from fenics_ehd.cli.options import (
+    aligned,
+    answer,
+    json_option,
+    option,
+    output_option,
+    setting_options,
+)
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.fem.drawn_part import NamedFaces, OpenedPart, PlacedPart
 
 UNITS = ("m", "cm", "mm", "um", "in")
+
+#: Of options for the model that is written.
+WRITTEN = (Needs(("target",)),)
 
 
 @click.command()
@@ -29,14 +40,15 @@ UNITS = ("m", "cm", "mm", "um", "in")
     help="Lubricated surface: number of a face, or its radius, 22.5mm. Repeatable; the first is "
     "the origin, its axis z.",
 )
-@click.option(
+@option(
     "--point",
     "points",
     multiple=True,
     metavar="[NAME=]FACE",
     help="Boundary point, 'pin' unless named. Repeatable; x goes from the bore to the first.",
+    needs=WRITTEN,
 )
-@click.option("--held", metavar="FACE,...", help="Faces that are held.")
+@option("--held", metavar="FACE,...", help="Faces that are held.", needs=WRITTEN)
 @click.option(
     "--unit",
     type=click.Choice(UNITS),
@@ -51,16 +63,17 @@ UNITS = ("m", "cm", "mm", "um", "in")
     show_default=True,
     help="A face of a mesh ends at an edge as sharp as this [degrees].",
 )
-@click.option(
+@option(
     "--cells-around",
     "around",
     type=click.IntRange(min=8),
     default=40,
     show_default=True,
     help="Cells around the bores of a drawing.",
+    needs=WRITTEN,
 )
-@setting_options(Material)
-@click.option("--check/--no-check", default=True, help="Also find mass and mesh error.")
+@setting_options(Material, needs=(*WRITTEN, Needs(("check",), (True,))))
+@option("--check/--no-check", default=True, help="Also find mass and mesh error.", needs=WRITTEN)
 @output_option("target", "Model to write, rod.msh.", folder=False)
 @json_option
 def part(

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from fenics_ehd.base.files import PICTURES, claim, require_writable
+from fenics_ehd.base.needs import Needs
 from fenics_ehd.cli.options import FILE, FOLDER, answer, flag, json_option, output_option
 
 
@@ -173,6 +174,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     "--complete",
     "Add the static answer that the basis misses of the films' pressures and of turning: for "
     "m1, m2 and m3, which know a part of it.",
+    needs=(Needs(("damping",), (True,)),),
 )
 @click.option(
     "--model",
@@ -202,8 +204,6 @@ def stress(
 
     if MPI.COMM_WORLD.rank:  # one does it all
         return
-    if complete and not damping:
-        raise click.UsageError("--complete is in balance with the loads: drop --no-damping")
     folder = Path(directory)
     found = cycle_stresses(folder, chosen, damping, complete, programs)
     answer(found, report(found, folder), as_json)

@@ -565,23 +565,10 @@ def _pressure_law(settings: OilSettings, viscosity: float) -> PressureLaw:
 def _density_law(settings: OilSettings) -> PressureLaw:
     if settings.density_law != "constant":
         return DowsonHigginson(settings.compressibility, settings.stiffening)
-    _unused(settings, "density_law = 'dowson-higginson'", "compressibility", "stiffening")
     return Constant()
 
 
 def _shear_law(settings: OilSettings) -> Law | None:
     if settings.cross_rate:
         return Cross(settings.cross_rate, settings.cross_exponent, settings.cross_second_viscosity)
-    _unused(settings, "cross_rate", "cross_exponent", "cross_second_viscosity")
     return None
-
-
-def _unused(settings: OilSettings, needed: str, *names: str) -> None:
-    """Refuse other values than the defaults of what does nothing."""
-    defaults = attrs.fields_dict(type(settings))
-    for name in names:
-        value = getattr(settings, name)
-        if value != defaults[name].default:
-            raise SettingsError(
-                f"{name} = {value:g} does nothing without {needed}: drop it, or give that"
-            )

@@ -18,6 +18,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import LARGEST_LENGTH, NONE, REQUIRED, choice, number, text
+from fenics_ehd.base.needs import not_with
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import SurfacePoints
 
@@ -179,7 +180,11 @@ class Supply:
         usual=(1e6, 1e16),
         example="3e11 for 1 cm3/s at 3 bar",
     )
-    angle: float = number(0.0, "of the middle, from the body's x axis [degrees]")
+    angle: float = not_with(
+        number(0.0, "of the middle, from the body's x axis [degrees]"),
+        "closed",
+        words="a groove all around, extent = 360",
+    )
     height: float = number(
         0.0,
         "of the middle, from that of the bore [m]",

@@ -26,6 +26,7 @@ from scipy import linalg
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.fields import REQUIRED, number, pair, place, places
+from fenics_ehd.base.needs import only_with
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
@@ -541,7 +542,7 @@ class RigidBody(MasslessBody):
         example="1e-3 for 10 kg cm2",
     )
     points: dict = places("points in the body's frame [m]")
-    centre: tuple[float, float] = place("centre of mass in the body's frame [m]")
+    centre: tuple[float, float] = only_with(place("centre of mass in the body's frame [m]"), "mass")
 
 
 def ground(points: dict[str, tuple[float, float]] | None = None) -> MasslessBody:

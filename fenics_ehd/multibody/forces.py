@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.fields import NONE, REQUIRED, choice, names, number, text
+from fenics_ehd.base.needs import only_with
 from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.joints import SECOND
 
@@ -119,9 +120,11 @@ class Torque(Force):
     curve: Table | None = attrs.field(default=None, kw_only=True)
     torque: float = number(0.0, "constant part, + in the sense of the angle [N m]")
     table: str = text(NONE, "more torque: CSV file angle_deg,torque_Nm or time_s,torque_Nm")
-    over: str = choice("angle", BASES, "what the table is over, the body's own angle or time")
+    over: str = only_with(
+        choice("angle", BASES, "what the table is over, the body's own angle or time"), "table"
+    )
     damping: float = number(0.0, "more torque per speed below the given one [N m s/rad]", least=0)
-    speed: float = quantities.speed(0.0, "the given one [rad/s]")
+    speed: float = only_with(quantities.speed(0.0, "the given one [rad/s]"), "damping")
 
     @property
     def markers(self) -> tuple[str, ...]:

@@ -316,12 +316,13 @@ def _parts(
     if not flexible(scene):
         return {}
     # Imports all reductions.
-    from fenics_ehd.scenes.part import ElasticPart, elastic_part, model_file
+    from fenics_ehd.scenes.part import ElasticPart, elastic_part, model_file, require_snapshots
 
     for name in flexible(scene):  # all files are there before the first part is meshed
         settings = scene.bodies[name]
         if name not in reduced and settings.model != NONE:
             model_file(settings, f"bodies.{name}")
+            require_snapshots(settings, f"bodies.{name}")
         elif name not in reduced and not Path(settings.body).is_file():
             load_body(settings.body)
     found = {}
