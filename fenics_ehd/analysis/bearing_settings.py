@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import attrs
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
     CAVITATIONS,
@@ -141,6 +142,7 @@ class BearingSettings(OilSettings, Roughness):
                 "and viscosity_100, one of them"
             )
         require_effects(self)
+        self._check_classes()
         if self.cavitation == "mass-conserving":
             self._check_mass_conserving()
         if self.grooves and self.line_at_max_film:
@@ -162,6 +164,19 @@ class BearingSettings(OilSettings, Roughness):
                 f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s at speed 0: the shaft "
                 "must move along the load, the first must be above 0"
             )
+
+    def _check_classes(self) -> None:
+        """Refuse grooves and shapes that are none, imported only if there are any."""
+        if self.grooves:
+            from fenics_ehd.film.supply import AxialGroove
+
+            require_class("grooves", self.grooves, tuple)
+            for i, groove in enumerate(self.grooves):
+                require_class(f"grooves[{i}]", groove, AxialGroove)
+        if self.bore_shape is not None:
+            from fenics_ehd.film.kinematics import Shape
+
+            require_class("bore_shape", self.bore_shape, Shape)
 
     def _check_shape(self) -> None:
         """A bore that is not round stands still, and its thickest film is not where one thinks."""

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.mechanism import Instant, Mechanism, System, assemble
@@ -135,6 +136,8 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
     SolverError
         None was found from there.
     """
+    require_class("mechanism", mechanism, Mechanism)
+    require_number("tolerance", tolerance, above=0)
     system = System(mechanism)
     # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
     system.weights = np.full(system.n, GIVEN)
@@ -191,6 +194,7 @@ def linearise(found: Equilibrium | Mechanism) -> Linearisation:
     """
     if isinstance(found, Mechanism):
         found = equilibrium(found)
+    require_class("found", found, Equilibrium, Mechanism)
     system, solver = found.system, found.solver
     if solver.equations.conserves_oil:
         raise SettingsError(

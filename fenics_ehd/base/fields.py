@@ -238,6 +238,20 @@ def number(
     unit = unit_of(help_text)
     measured = f"in {unit}, " if unit else ""
     hint = f": {measured}{example}" if example else ""
+    check = limits(above=above, least=least, below=below, most=most, unit=unit, hint=hint)
+    return checked(default, help_text, check, partial(as_float, unit=unit), usual=(usual, hint))
+
+
+def limits(
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    unit: str = "",
+    hint: str = "",
+) -> Callable[[str, Any], None]:
+    """A check that refuses what is no finite number within limits, see `number`."""
 
     def check(name: str, value: Any) -> None:
         require_finite(name, value, unit)
@@ -257,7 +271,7 @@ def number(
                 f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in size"
             )
 
-    return checked(default, help_text, check, partial(as_float, unit=unit), usual=(usual, hint))
+    return check
 
 
 def unit_of(help_text: str) -> str:
@@ -335,8 +349,14 @@ def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> An
 def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
     """One of several words."""
     listed = ", ".join(options)
-    check = unless(lambda word: word in options, f"one of {listed}")
-    return checked(default, f"{help_text}: {listed}", check, options=options)
+    return checked(default, f"{help_text}: {listed}", one_of(options), options=options)
+
+
+def one_of(options: tuple[str, ...]) -> Callable[[str, Any], None]:
+    """A check that refuses what is none of several words."""
+    return unless(
+        lambda word: isinstance(word, str) and word in options, f"one of {', '.join(options)}"
+    )
 
 
 def text(default: str, help_text: str) -> Any:
@@ -369,10 +389,14 @@ def table(
     """Free table of names and what a function may refuse, which `converter` makes of each."""
 
     def check_all(name: str, value: Any) -> None:
+        if not isinstance(value, Mapping):
+            raise SettingsError(f"{name} = {value!r} must be a table")
         for key, entry in value.items():
             check(f"{name}.{key}", entry)
 
-    def convert(value: Mapping[str, Any]) -> dict[str, Any]:
+    def convert(value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value  # refused by the check, which knows the name
         return {key: converter(entry) for key, entry in value.items()}
 
     factory: Any = attrs.Factory(dict)
@@ -401,10 +425,12 @@ def entries(
 
 
 #: Elements of a film mesh: 9-node, 8-node, 4-node; where its oil is sheared in cavities; conditions
-#: of cavitation.
+#: of cavitation; transfers of pressures to a bore with another mesh; curves between rows of a load.
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 SHEAR_RULES = ("streamers", "full", "none")
 CAVITATIONS = ("reynolds", "mass-conserving")
+TRANSFERS = ("conservative", "mortar")
+INTERPOLATIONS = ("cubic", "linear")
 
 #: Largest bearing radius, bearing width or crank radius [m].
 LARGEST_LENGTH = 5.0

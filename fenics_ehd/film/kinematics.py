@@ -44,6 +44,7 @@ from typing import TYPE_CHECKING
 import attrs
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class, require_number, require_pair
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE, Deviations
 
@@ -81,6 +82,19 @@ class ShapeTable:
     deviations: np.ndarray
 
     def __post_init__(self) -> None:
+        for name, dimensions in (("angles", 1), ("heights", 1), ("deviations", 2)):
+            array = np.asarray(getattr(self, name))
+            if array.ndim != dimensions or array.dtype.kind not in "iuf":
+                raise SettingsError(
+                    f"{name} of a shape must be numbers in {dimensions} dimension"
+                    f"{'s' * (dimensions > 1)}"
+                )
+            object.__setattr__(self, name, array.astype(float))
+        if self.deviations.shape != (len(self.angles), len(self.heights)):
+            raise SettingsError(
+                f"deviations of shape {self.deviations.shape} for {len(self.angles)} angles and "
+                f"{len(self.heights)} heights of a shape"
+            )
         if len(self.angles) < FEWEST_ANGLES:
             raise SettingsError(
                 f"a shape over {len(self.angles)} angles: at least {FEWEST_ANGLES} are needed"
@@ -135,6 +149,9 @@ class Shape(Deviations):
     measured: ShapeTable | None = None
 
     def __attrs_post_init__(self) -> None:
+        require_class("measured", self.measured, ShapeTable, optional=True)
+        if self.half_width != np.inf:
+            require_number("half_width", self.half_width, above=0)
         require_read(self.table, self.measured, given="it as measured")
         if (self.barrel or self.taper) and self.half_width == np.inf:
             raise SettingsError(
@@ -240,6 +257,12 @@ class ShaftMotion:
     tilt_rate: Pair = (0.0, 0.0)
     bore_speed: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name in ("eccentricity", "eccentricity_rate", "tilt", "tilt_rate"):
+            require_pair(name, getattr(self, name))
+        for name in ("shaft_speed", "bore_speed"):
+            require_number(name, getattr(self, name))
+
 
 def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, np.ndarray]:
     """Radial and tangential components (3) at every point of a centre and a tilt."""
@@ -270,6 +293,10 @@ def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: Sh
     SettingsError
         The shaft's centre lies outside the shaft.
     """
+    require_class("points", points, SurfacePoints)
+    require_class("motion", motion, ShaftMotion)
+    require_number("radius", radius, above=0)
+    require_number("clearance", clearance, above=0)
     e_r, e_t = _local(points, motion.eccentricity, motion.tilt)
     rate_r, rate_t = _local(points, motion.eccentricity_rate, motion.tilt_rate)
     shaft_radius = radius - clearance

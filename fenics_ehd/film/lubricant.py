@@ -41,6 +41,7 @@ import attrs
 import numpy as np
 from scipy.special import erf
 
+from fenics_ehd.base.arguments import require_callable, require_class, require_number
 from fenics_ehd.base.errors import SettingsError, ViscosityError
 from fenics_ehd.base.fields import (
     COMPRESSIBILITY,
@@ -451,6 +452,16 @@ class Lubricant:
     temperature: float | None = None
     #: How the viscosity falls with the shear rate; None: it does not.
     shear_law: Law | None = None
+
+    def __attrs_post_init__(self) -> None:
+        for name in ("viscosity_law", "density_law"):
+            require_class(name, getattr(self, name), PressureLaw)
+        for name in ("viscosity_field", "density_field"):
+            require_callable(name, getattr(self, name), optional=True)
+        require_class("oil", self.oil, Oil, optional=True)
+        require_class("shear_law", self.shear_law, Law, optional=True)
+        if self.temperature is not None:
+            require_number("temperature", self.temperature, above=NO_TEMPERATURE)
 
     @classmethod
     def of(cls, oil: Oil, temperature: float) -> Lubricant:

@@ -16,6 +16,7 @@ from math import radians
 import attrs
 import numpy as np
 
+from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import LARGEST_LENGTH, NONE, REQUIRED, choice, number, text
 from fenics_ehd.base.needs import not_with
@@ -27,7 +28,7 @@ SLACK = 1e-9
 
 
 def _pressure(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value >= 0):
+    if not require_number(name, value) >= 0:
         raise SettingsError(
             f"{name} = {value:g} Pa must be at least 0, the pressure at which the film cavitates"
         )
@@ -75,6 +76,10 @@ class AxialGroove:
 
     def __post_init__(self) -> None:
         _pressure("the pressure of a groove", self.pressure)
+        require_number("the angle of a groove", self.angle)
+        if self.length is not None:
+            require_number("the length of a groove", self.length, above=0)
+        require_number("the width of a groove", self.width)
         if not 0 <= self.width < 2 * np.pi:
             raise SettingsError(
                 f"a groove {np.degrees(self.width):g} degrees wide: it must lie in 0..360"

@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.arguments import require_callable, require_class, require_pair
 from fenics_ehd.base.fields import NONE, REQUIRED, choice, names, number, text
 from fenics_ehd.base.needs import only_with
 from fenics_ehd.multibody.body import ANGLE
@@ -79,6 +80,12 @@ class PointForce(Force):
     size: Table
     angle_of: str = ""
 
+    def __post_init__(self) -> None:
+        require_class("point", self.point, str)
+        require_pair("direction", self.direction, zero=False)
+        require_callable("size", self.size)
+        require_class("angle_of", self.angle_of, str)
+
     @property
     def markers(self) -> tuple[str, ...]:
         """Markers of the point and of the body whose angle counts."""
@@ -125,6 +132,9 @@ class Torque(Force):
     )
     damping: float = number(0.0, "more torque per speed below the given one [N m s/rad]", least=0)
     speed: float = only_with(quantities.speed(0.0, "the given one [rad/s]"), "damping")
+
+    def __attrs_post_init__(self) -> None:
+        require_callable("curve", self.curve, optional=True)
 
     @property
     def markers(self) -> tuple[str, ...]:

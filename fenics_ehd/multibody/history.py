@@ -25,6 +25,7 @@ import h5py
 import numpy as np
 
 from fenics_ehd import __version__
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, csv_line, with_unit
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import (
@@ -609,6 +610,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         The folder holds no run of at least one step, or files that are damaged or of another
         version.
     """
+    require_class("directory", directory, str, Path)
     folder, path = Path(directory), Path(directory) / FIELDS_NAME
     summary, scene = _summary(folder), _scene(folder)
     if not path.exists():

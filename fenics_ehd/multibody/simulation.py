@@ -19,8 +19,10 @@ from dataclasses import dataclass, replace
 from time import perf_counter, process_time
 from typing import Any
 
+import attrs
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class, require_count, require_names, require_number
 from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.sealed_file import Stateful
@@ -658,17 +660,21 @@ def simulate(
     PeriodicityError
         The films still change after so many cycles.
     """
+    require_class("mechanism", mechanism, Mechanism)
+    require_names("simulate", steps, attrs.fields_dict(IntegratorOptions))
     if (end is None) == (period is None):
         raise SettingsError("simulate takes either end, a time, or period, of what repeats itself")
-    span = end if period is None else period
-    assert span is not None
+    given = ("end", end) if period is None else ("period", period)
+    span = require_number(*given, above=0)
+    require_number("periodicity", periodicity, above=0)
+    require_count("cycles", cycles, least=1)
     run = Run(mechanism, IntegratorOptions(**steps), span)
     if period is None and any(place.joint.heat for place in run.equations.system.films):
         raise SettingsError(
             "a joint's heat is balanced over a cycle, and an initial value problem has none: give "
             "a period, or leave `heat` out, the oil at the lubricant's temperature"
         )
-    search = None if period is None else PeriodicSolver(run, period, periodicity, cycles)
+    search = None if period is None else PeriodicSolver(run, span, periodicity, cycles)
     found = Simulation(run, span, search)
     for step, _ in found.steps():
         progress(step)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import BodyFileError, SettingsError
 from fenics_ehd.base.files import write_whole
 from fenics_ehd.base.sealed_file import digest, named, open_sealed, read_tree, save_tree
@@ -331,6 +332,7 @@ FORMAT_VERSION = 5
 
 def save_body(body: ReducedBody, path: str | Path) -> None:
     """Write a body; an existing file is replaced only once the new one is whole."""
+    require_class("body", body, ReducedBody)
     save_tree(path, _tree(body), FORMAT, FORMAT_VERSION)
 
 

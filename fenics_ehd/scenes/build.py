@@ -17,6 +17,7 @@ import attrs
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE
 from fenics_ehd.multibody.bdf import IntegratorOptions
@@ -245,6 +246,7 @@ def build(
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
         From meshes, files, bores and reductions.
     """
+    require_class("scene", scene, Scene)
     loads_of = imposed_angles(scene), forces(scene)
     stiff = {
         name: ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings

@@ -18,6 +18,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE, entries, section
 from fenics_ehd.base.needs import no_effect
@@ -460,6 +461,7 @@ def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
     SettingsError
         The file cannot be read, or naming the key that cannot be used.
     """
+    require_class("source", source, str, Path, Mapping)
     if isinstance(source, Mapping):
         scene = scene_of(beside(source, Path()), "scene")
     elif Path(source).suffix != ".toml":

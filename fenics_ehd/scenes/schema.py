@@ -21,11 +21,13 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
     CAVITATIONS,
     FILM_ELEMENTS,
+    INTERPOLATIONS,
     LARGEST_LENGTH,
     NONE,
     REQUIRED,
     ROUGH,
     SHEAR_RULES,
+    TRANSFERS,
     Deviations,
     Material,
     OilSettings,
@@ -97,15 +99,11 @@ def film_cells(help_text: str) -> Any:
     )
 
 
-TRANSFERS = ("conservative", "mortar")
-
 SUPPLIES: Mapping[str, type] = {
     "hole": HoleSupply,
     "axial-groove": AxialGrooveSupply,
     "circumferential-groove": CircumferentialGrooveSupply,
 }
-
-INTERPOLATIONS = ("cubic", "linear")
 
 
 @attrs.frozen
