@@ -166,7 +166,6 @@ COMMANDS = [
     ("bearing --load 1000 --lobes 3", "lobes = 3 has no effect without ovality"),
     ("bearing --load 1000 --conducted 0.5", "conducted = 0.5 has no effect without supply_temp"),
     ("bearing --load 1000 --mixing 0.4", "mixing = 0.4 has no effect without supply_temperature"),
-    ("bearing --load 1000 --specific-heat 1900", "specific_heat = 1900 has no effect without"),
     ("bearing --load 1000 --temperature 80", "temperature = 80 has no effect without a grade"),
     ("bearing --load 1000 --boundary-friction 0.2", "= 0.2 has no effect without journal_rough"),
     ("bearing --load 1000 --no-flow-factors", "flow_factors = false has no effect without jour"),

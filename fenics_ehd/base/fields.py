@@ -34,9 +34,14 @@ import attrs
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, not_with, only_with
 
-#: A number and its unit. No digits grouped, no exponent beyond what a float has.
+#: A number in the digits 0 to 9, none of them grouped: Python reads 1_0 as 10, and digits of other
+#: scripts.
+NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+
+#: A number and its unit. No exponent beyond what a float has.
 WRITTEN = re.compile(
-    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
+    rf"\s*({NUMBER.replace('[0-9]+)?', '[0-9]{1,3})?')})\s*"
+    r"((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
 )
 
 #: Characters of a number; Python converts no integer of more than 4300 digits.
@@ -68,7 +73,7 @@ class Unit:
 
 #: A word of a unit, and its symbol and power.
 _WORD = re.compile(r"[^\s*\u00b7]+")
-_SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?\d)?")
+_SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?[0-9])?")
 
 
 def _unit(factor: str, powers: str = "", turns: int = 0, zero: str = "0") -> Unit:
@@ -151,6 +156,19 @@ def unit(text: str) -> Unit | None:
         for name, own in found.powers.items():
             powers[name] += power * own
     return Unit(factor, powers, turns)
+
+
+def parse_number(text: str) -> float:
+    """Number of a text without a unit; it may be larger than any float, and then is infinite.
+
+    Raises
+    ------
+    ValueError
+        The text is no number in plain digits.
+    """
+    if not re.fullmatch(NUMBER, text.strip()):
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
 
 
 def in_unit(written: str, wanted: str) -> float:
@@ -384,9 +402,15 @@ def option(cls: type) -> Any:
 
 
 def table(
-    help_text: str, check: Callable[[str, Any], None], converter: Callable[[Any], Any]
+    help_text: str,
+    check: Callable[[str, Any], None],
+    converter: Callable[[Any], Any],
+    kept: Callable[[str], bool] = lambda key: False,
 ) -> Any:
-    """Free table of names and what a function may refuse, which `converter` makes of each."""
+    """Free table of names and what a function may refuse, which `converter` makes of each.
+
+    Values of keys that are `kept` are not converted.
+    """
 
     def check_all(name: str, value: Any) -> None:
         if not isinstance(value, Mapping):
@@ -397,21 +421,35 @@ def table(
     def convert(value: Any) -> Any:
         if not isinstance(value, Mapping):
             return value  # refused by the check, which knows the name
-        return {key: converter(entry) for key, entry in value.items()}
+        return {key: entry if kept(key) else converter(entry) for key, entry in value.items()}
 
     factory: Any = attrs.Factory(dict)
     return checked(factory, help_text, check_all, convert, table=True)
 
 
+def is_cell_count(key: str) -> bool:
+    """True of a parameter of a model that is a number of cells."""
+    return "cells" in key or "layers" in key
+
+
 def numbers(help_text: str) -> Any:
-    """Free table of names and numbers, those with a unit in that of the help text."""
+    """Free table of names and numbers, those with a unit in that of the help text.
+
+    Numbers of cells have none.
+    """
     unit = unit_of(help_text)
+
+    def check(name: str, value: Any) -> None:
+        if isinstance(value, str) and is_cell_count(name.rpartition(".")[2]):
+            raise SettingsError(f"{name} = {value!r} must be a number of cells, without a unit")
+        require_finite(name, as_float(value), unit)
 
     return table(
         help_text,
-        lambda name, value: require_finite(name, as_float(value), unit),
+        check,
         # Whole ones stay so: cells of a mesh.
         lambda value: as_float(value, unit) if isinstance(value, str) else value,
+        is_cell_count,
     )
 
 
@@ -621,16 +659,13 @@ class OilSettings:
         usual=(600, 1500),
         example="870 for 0.87 g/cm3",
     )
-    specific_heat: float = only_with(
-        number(
-            SPECIFIC_HEAT,
-            "[J/(kg K)]",
-            least=10,
-            below=1e5,
-            usual=(1000, 5000),
-            example="2000 for 2 kJ/(kg K)",
-        ),
-        "supply_temperature",
+    specific_heat: float = number(
+        SPECIFIC_HEAT,
+        "[J/(kg K)]",
+        least=10,
+        below=1e5,
+        usual=(1000, 5000),
+        example="2000 for 2 kJ/(kg K)",
     )
     density_law: str = choice("constant", ("constant", "dowson-higginson"), "density by pressure")
     compressibility: float = only_with(

@@ -50,12 +50,20 @@ def read_json(path: str | Path) -> Any:
     Raises
     ------
     OSError, ValueError
-        See `read_text`, or it is no JSON.
+        See `read_text`, or it is no JSON, or holds a number that is not finite.
     """
     try:
-        return json.loads(read_text(path))
+        return json.loads(read_text(path), parse_float=_finite, parse_constant=_finite)
     except RecursionError:
         raise ValueError("brackets within brackets without end") from None
+
+
+def _finite(text: str) -> float:
+    """Number of a JSON text, which the program writes as null if it is not finite."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is no finite number")
+    return value
 
 
 #: Room for what HDF5 notes of its datasets [bytes].
@@ -380,8 +388,13 @@ def require_complete(directory: Path) -> dict[str, Any]:
     InputError
         There is no such folder, no result in it, or one that is not complete.
     """
-    summary = _summary(directory)
-    if summary.get("status") != "complete":
+    path = directory / SUMMARY
+    try:
+        summary = read_json(path) if path.is_file() else {}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a summary of a run: {error}") from None
+    if not isinstance(summary, dict) or summary.get("status") != "complete":
+        summary = summary if isinstance(summary, dict) else {}
         missing = f"it has no {SUMMARY} of one" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: no complete run: {summary.get('status', missing)}")
     return summary

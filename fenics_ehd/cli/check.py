@@ -17,7 +17,7 @@ import click
 
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.base.files import versions
-from fenics_ehd.cli.options import answer, json_option
+from fenics_ehd.cli.options import answer, echo, json_option
 
 
 @click.command()
@@ -53,7 +53,7 @@ def check() -> None:
     """Test this installation in about a minute: libraries, a reduction, a film, steps, ranks."""
     found = versions(installed=True)
     for name, told in found.items():
-        click.echo(f"  {name:14s} {told}")
+        echo(f"  {name:14s} {told}")
         if told == "missing":
             import_module(name)  # its error says which packages to install
     failures = []
@@ -65,10 +65,10 @@ def check() -> None:
             except Exception as error:  # whatever is wrong here is to be told, not to end the rest
                 told = f"FAILED: {type(error).__name__}: {str(error).strip()}"
                 failures.append(name)
-            click.echo(f"  {name:14s} {told} ({perf_counter() - began:.1f} s)")
+            echo(f"  {name:14s} {told} ({perf_counter() - began:.1f} s)")
     if failures:
         raise VerificationError(f"this installation does not work: {', '.join(failures)}")
-    click.echo("all is well")
+    echo("all is well")
 
 
 def _film(_: Path) -> str:

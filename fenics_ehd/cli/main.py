@@ -23,10 +23,13 @@ with ending_signals_raise():
     from fenics_ehd import __version__
     from fenics_ehd.base.errors import EhdError
     from fenics_ehd.base.needs import Needs
+    from fenics_ehd.base.printed import escaped
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
     from fenics_ehd.cli.options import (
         FILE,
         FOLDER,
+        Real,
+        echo,
         flag,
         json_option,
         option,
@@ -106,7 +109,7 @@ def cli() -> None:
 @click.option(
     "--checkpoint-every",
     "interval",
-    type=click.FloatRange(min=0),
+    type=Real(min=0),
     default=10.0,
     show_default=True,
     help="Seconds between two checkpoints.",
@@ -203,19 +206,21 @@ def init(scene: str | None) -> None:
     """Print the scene file SCENE, every setting explained; without SCENE the names there are."""
     from fenics_ehd.scenes.library import shipped, shipped_names
 
-    click.echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
+    echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: named errors become one line and an exit status, on any number of ranks."""
     _open_streams()
     logging.disable(logging.INFO)  # the build log of just-in-time compiled forms
+    given = sys.argv[1:] if arguments is None else arguments
+    # dolfinx reads these when it is imported, and only as UTF-8.
+    sys.argv = [escaped(argument) for argument in sys.argv]
     with all_ranks() as comm:
-        given = sys.argv[1:] if arguments is None else arguments
         status, message = agreed(comm, *_outcome(given, alone=comm is None))
     if message:
         with suppress(OSError):  # nobody is listening
-            click.echo(message, err=True)
+            echo(message, err=True)
     sys.exit(status)
 
 

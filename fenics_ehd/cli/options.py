@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,10 +13,16 @@ import attrs
 import click
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, unit_of
+from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, parse_number, unit_of
 from fenics_ehd.base.files import to_json
 from fenics_ehd.base.needs import Needs, Setting, missing_need, no_effect
+from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.settings import declared
+
+
+def echo(text: object, *, err: bool = False) -> None:
+    """Print a text, what could control a terminal in it escaped."""
+    click.echo(escaped(str(text)), err=err)
 
 
 def warn_of(lines: Iterable[str]) -> None:
@@ -37,7 +44,7 @@ def _say(lines: Iterable[str]) -> None:
 
     if MPI.COMM_WORLD.rank == 0:
         for line in lines:
-            click.echo(line, err=True)
+            echo(line, err=True)
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -97,6 +104,41 @@ def flag(name: str, help_text: str, needs: Sequence[Needs] = ()) -> Callable[[Co
     return option(name, is_flag=True, help=help_text, needs=needs)
 
 
+class Integer(click.ParamType):
+    """A whole number in plain digits."""
+
+    name = "integer"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Number of the option, as click asks for it."""
+        if isinstance(value, str) and not re.fullmatch(r"[+-]?[0-9]{1,300}", value.strip()):
+            self.fail(f"{value[:40]!r} is not a whole number", param, ctx)
+        return int(value)
+
+
+class Whole(click.IntRange):
+    """A whole number in plain digits, within limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Number of the option, as click asks for it."""
+        return super().convert(Integer().convert(value, param, ctx), param, ctx)
+
+
+class Real(click.FloatRange):
+    """A finite number in plain digits, within limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Number of the option, as click asks for it."""
+        if isinstance(value, str):
+            try:
+                value = parse_number(value)
+            except ValueError as error:
+                self.fail(str(error), param, ctx)
+            if abs(value) == float("inf"):
+                self.fail("the number must be finite", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class Measured(click.ParamType):
     """A number, or one with its unit, ``5 kN``, in that which a help text has in brackets."""
 
@@ -107,8 +149,10 @@ class Measured(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Number in the unit of the option, as click asks for it."""
-        try:
+        if not isinstance(value, str):
             return float(value)
+        try:
+            return parse_number(value)
         except ValueError:
             pass
         try:
@@ -145,7 +189,7 @@ def _setting_option(
 ) -> Callable[[Command], Command]:
     name, kind, told = field.name.replace("_", "-"), str(field.type), field.metadata["help"]
     measured = Measured(told)
-    kinds: dict[str, Any] = {"float": measured, "int": int, "bool": bool}
+    kinds: dict[str, Any] = {"float": measured, "int": Integer(), "bool": bool}
     kinds["tuple[float, float]"] = measured, measured
     options, default = field.metadata.get("options"), field.default
     return option(
@@ -166,7 +210,7 @@ json_option = click.option(
 
 def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
     """Print a result, as JSON or in words."""
-    click.echo(to_json(found) if as_json else told)
+    echo(to_json(found) if as_json else told)
 
 
 def aligned(
@@ -195,6 +239,6 @@ def output_option(
 #: Shared by commands that run many cases.
 workers_option = click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     help="Processes [default: the cores this one may use]; with 1 no run disturbs another.",
 )

@@ -13,6 +13,8 @@ from fenics_ehd.base.fields import Material
 from fenics_ehd.base.needs import Needs
 from fenics_ehd.base.settings import build, toml_string
 from fenics_ehd.cli.options import (
+    Real,
+    Whole,
     aligned,
     answer,
     json_option,
@@ -58,7 +60,7 @@ WRITTEN = (Needs(("target",)),)
 )
 @click.option(
     "--angle",
-    type=click.FloatRange(1.0, 90.0),
+    type=Real(1.0, 90.0),
     default=35.0,
     show_default=True,
     help="A face of a mesh ends at an edge as sharp as this [degrees].",
@@ -66,7 +68,7 @@ WRITTEN = (Needs(("target",)),)
 @option(
     "--cells-around",
     "around",
-    type=click.IntRange(min=8),
+    type=Whole(min=8),
     default=40,
     show_default=True,
     help="Cells around the bores of a drawing.",

@@ -9,7 +9,17 @@ import click
 
 from fenics_ehd.base.files import PICTURES, claim, require_writable
 from fenics_ehd.base.needs import Needs
-from fenics_ehd.cli.options import FILE, FOLDER, answer, flag, json_option, output_option
+from fenics_ehd.cli.options import (
+    FILE,
+    FOLDER,
+    Real,
+    Whole,
+    answer,
+    echo,
+    flag,
+    json_option,
+    output_option,
+)
 
 
 @click.command()
@@ -46,7 +56,7 @@ def plot(
     pictures.require(quantities)
     for name in quantities or pictures.names:
         for path in pictures.draw(name, folder):
-            click.echo(path)
+            echo(path)
 
 
 #: File name where none is given.
@@ -65,7 +75,7 @@ DEFAULT_NAME = "animation.gif"
 )
 @click.option(
     "--frames",
-    type=click.IntRange(min=2),
+    type=Whole(min=2),
     default=80,
     show_default=True,
     help="Instants, at equal times over the run.",
@@ -73,14 +83,14 @@ DEFAULT_NAME = "animation.gif"
 @click.option(
     "--fps",
     "rate",
-    type=click.IntRange(min=1, max=50),
+    type=Whole(min=1, max=50),
     default=20,
     show_default=True,
     help="Frames a second.",
 )
 @click.option(
     "--scale",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Real(min=0, min_open=True),
     help="Enlargement of displacements and clearances [default: so that both are seen].",
 )
 @click.option(
@@ -114,10 +124,10 @@ def animate(
     if target is None:
         claim(path.parent, [DEFAULT_NAME])
     for hint in hints:
-        click.echo(hint, err=True)
+        echo(hint, err=True)
     with tqdm(total=frames, unit="frame", file=sys.stderr, mininterval=0.5) as bar:
         save_animation(figure, show, frames, path, rate, bar.update)
-    click.echo(path)
+    echo(path)
 
 
 @click.command()
@@ -125,7 +135,7 @@ def animate(
 @output_option("target", "Folder for the series [default: DIRECTORY/vtk].")
 @click.option(
     "--frames",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     default=60,
     show_default=True,
     help="At most how many recorded steps.",
@@ -155,7 +165,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     result = load_history(of).last_cycle()
     run = recorded(of, result)
     parts = parts_of_bases(run.bodies, bases)
-    click.echo(write_run(run.system.mechanism, result, parts, folder, frames))
+    echo(write_run(run.system.mechanism, result, parts, folder, frames))
 
 
 @click.command()

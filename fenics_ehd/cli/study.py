@@ -12,8 +12,10 @@ import click
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.cli.options import (
     FOLDER,
+    Real,
     aligned,
     answer,
+    echo,
     flag,
     json_option,
     output_option,
@@ -65,7 +67,7 @@ def report(directory: str) -> None:
     """
     from fenics_ehd.study.report.write import write_report
 
-    click.echo(write_report(directory))
+    echo(write_report(directory))
 
 
 #: Columns of the printed table: column, heading, factor, format.
@@ -84,7 +86,7 @@ SHOWN = (
 @flag("--quick", "A small selection, a few minutes on two cores.")
 @click.option(
     "--start",
-    type=click.FloatRange(min=0),
+    type=Real(min=0),
     help="Time from which on errors count [s] [default: 2 % of the simulated time, 0 of a cycle].",
 )
 @workers_option

@@ -641,6 +641,16 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
     return found
 
 
+#: Kinds of what is read of a summary.
+SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
+    "status": (str,),
+    "cycles": (int,),
+    "joints": (dict,),
+    "cycle_start_s": (float, int),
+    "cycle_end_s": (float, int),
+}
+
+
 def _summary(folder: Path) -> dict[str, Any]:
     """Summary of the folder, empty where there is none yet."""
     path = folder / SUMMARY
@@ -650,6 +660,9 @@ def _summary(folder: Path) -> dict[str, Any]:
         found = read_json(path)
         if not isinstance(found, dict):
             raise ValueError("not an object")
+        for name, kinds in SUMMARY_KINDS.items():
+            if not isinstance(found.get(name, kinds[0]()), kinds):
+                raise ValueError(f"{name} = {found[name]!r} is of another kind")
         return _with_nan(found)
 
 

@@ -271,7 +271,6 @@ def quantity(
     where, mean
         See `Output`.
     """
-
     require_class("name", name, str)
     require_class("unit", unit, str)
     require_callable("where", where)

@@ -175,7 +175,7 @@ class FlexibleSettings(Pose):
     @property
     def cell_counts(self) -> tuple[str, ...]:
         """Parameters of the model that are numbers of its cells, of those that are given."""
-        return tuple(key for key in self.geometry if "cells" in key or "layers" in key)
+        return tuple(filter(quantities.is_cell_count, self.geometry))
 
     def geometry_of(self, factor: float) -> dict[str, float]:
         """Parameters of the model with so many times its cells."""

@@ -49,7 +49,7 @@ import scipy  # whose interpolation, slow to import, comes when it is used
 
 from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import INTERPOLATIONS
+from fenics_ehd.base.fields import INTERPOLATIONS, parse_number
 from fenics_ehd.base.files import read_text
 from fenics_ehd.multibody.tabulated import Curve
 
@@ -99,7 +99,7 @@ def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
 def _finite(where: str, entry: str) -> float:
     """An entry as a number, refused where it is none or beyond `LARGEST`."""
     try:
-        value = float(entry)
+        value = parse_number(entry)
     except ValueError:
         value = float("nan")
     if not abs(value) < LARGEST:
