@@ -19,7 +19,6 @@ import stat
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from importlib import import_module, metadata
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory, TemporaryFile
@@ -27,6 +26,7 @@ from typing import Any
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import CavitationError, EhdError, InputError, InUseError, OutputError
+from fenics_ehd.base.libraries import version_of
 
 
 def read_text(path: str | Path) -> str:
@@ -463,14 +463,5 @@ def versions(*, installed: bool = False) -> dict[str, str]:
     return {
         "fenics_ehd": __version__,
         "python": platform.python_version(),
-        **{name: _version(name) for name in names if installed or name in sys.modules},
+        **{name: version_of(name) for name in names if installed or name in sys.modules},
     }
-
-
-def _version(name: str) -> str:
-    """Version of a package; Debian ships some without the metadata that pip leaves."""
-    with suppress(metadata.PackageNotFoundError):
-        return metadata.version(name)
-    with suppress(ImportError):
-        return str(getattr(import_module(name), "__version__", "unknown"))
-    return "missing"

@@ -17,6 +17,7 @@ import click
 
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.base.files import versions
+from fenics_ehd.base.libraries import library_fault, origin
 from fenics_ehd.cli.options import answer, echo, json_option
 
 
@@ -26,15 +27,18 @@ def info(as_json: bool) -> None:
     """Show versions and where the Gmsh models are."""
     from importlib import resources
 
-    from fenics_ehd.fem.models import model_path
+    found = {**versions(installed=True), "package": str(resources.files("fenics_ehd"))}
+    fault = library_fault()
+    if fault:
+        found |= {"numpy_file": origin("numpy"), "fault": fault}
+    else:
+        from fenics_ehd.fem.models import model_path
 
-    found = {
-        **versions(installed=True),
-        "package": str(resources.files("fenics_ehd")),
-        **{f"{part}_model": str(model_path(part)) for part in ("conrod", "housing")},
-    }
-    lines = "\n".join(f"{name:14s} {value}" for name, value in found.items())
+        found |= {f"{part}_model": str(model_path(part)) for part in ("conrod", "housing")}
+    lines = "\n".join(f"{name:14s} {value}" for name, value in found.items() if name != "fault")
     answer(found, lines, as_json)
+    if fault:
+        raise VerificationError(fault)
 
 
 #: A part that is reduced in a second, the same on any number of ranks.
@@ -56,6 +60,8 @@ def check() -> None:
         echo(f"  {name:14s} {told}")
         if told == "missing":
             import_module(name)  # its error says which packages to install
+    if fault := library_fault():
+        raise VerificationError(fault)
     failures = []
     with TemporaryDirectory() as folder:
         for name, run in CHECKS.items():

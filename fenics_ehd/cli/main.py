@@ -22,6 +22,7 @@ with ending_signals_raise():
 
     from fenics_ehd import __version__
     from fenics_ehd.base.errors import EhdError
+    from fenics_ehd.base.libraries import foreign_numpy, library_fault
     from fenics_ehd.base.needs import Needs
     from fenics_ehd.base.printed import escaped
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
@@ -229,6 +230,7 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
     try:
         _require_arguments(arguments)
         _require_memory()
+        _require_arrays(arguments)
         if not alone:
             require_alike("command", next(iter(arguments), ""))
         with ending_signals_raise():
@@ -253,6 +255,8 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
                 "install them, and call one that sees them, /usr/bin/python3 -m venv "
                 "--system-site-packages makes one"
             )
+        if fault := library_fault():
+            return 1, _line(fault)
         module, last = type(error).__module__, str(error).strip().rpartition("\n")[2]
         if "petsc4py" in module:
             return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
@@ -274,6 +278,24 @@ def _require_arguments(arguments: list[str]) -> None:
             raise click.UsageError(
                 f"{argument or before} is followed by nothing: is a shell variable empty?"
             )
+
+
+#: Commands that need no arrays, or explain why they do not work; so does help.
+WITHOUT_ARRAYS = {"init", "info", "check", "-h", "--help", "--version"}
+
+
+def _require_arrays(arguments: list[str]) -> None:
+    """Refuse a NumPy that others were not compiled for before it is imported from somewhere else.
+
+    Raises
+    ------
+    EhdError
+        Naming it.
+    """
+    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
+        return
+    if fault := library_fault():
+        raise EhdError(fault)
 
 
 def _require_memory() -> None:
