@@ -46,7 +46,6 @@ ALONE = [
     (CRANK, {"time.periodicity": 1e-3}, "without time.periodic = true"),
     (CRANK, {"time.cycles": 5}, "without time.periodic = true"),
     (CRANK, {"time.period": 0.01}, "without time.periodic = true"),
-    (CRANK, {"time.revolutions": None, "time.end": 0.01, "time.of": "rod"}, "without time.revol"),
     (CRANK, {"output.frames": 5}, "without output.paraview = true"),
     (CRANK, {"output.error_budget": False, "output.error_limit": 0.1}, "without output.error_b"),
     (CRANK, {"output.accuracy_keeps": ["tolerance"]}, "without output.accuracy"),

@@ -37,7 +37,7 @@ def require_number(name: str, value: Any, **bounds: Any) -> float:
         Naming the bound.
     """
     number: float = as_float(value)
-    limits(**bounds)(name, number)
+    limits(**bounds, sized=False)(name, number)
     return number
 
 

@@ -268,8 +268,12 @@ def limits(
     most: float | None = None,
     unit: str = "",
     hint: str = "",
+    sized: bool = True,
 ) -> Callable[[str, Any], None]:
-    """A check that refuses what is no finite number within limits, see `number`."""
+    """A check that refuses what is no finite number within limits, see `number`.
+
+    One that is `sized` refuses numbers other than 0 whose powers are no numbers, too.
+    """
 
     def check(name: str, value: Any) -> None:
         require_finite(name, value, unit)
@@ -284,7 +288,7 @@ def limits(
                     f"{name} = {value!r} must be {words} {limit:g}"
                     + (hint if words != "above" else "")
                 )
-        if value and not SMALLEST <= abs(value) <= LARGEST:
+        if sized and value and not SMALLEST <= abs(value) <= LARGEST:
             raise SettingsError(
                 f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in size"
             )

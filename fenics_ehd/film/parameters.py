@@ -82,7 +82,7 @@ class FilmParameters:
             for i, entry in enumerate(getattr(self, name)):
                 require_class(f"{name}[{i}]", entry, cls)
         for name in ("clearance", "rate"):
-            require_number(f"{name} of the film", getattr(self, name), above=0)
+            require_number(name, getattr(self, name), above=0)
         if not np.finfo(float).tiny < self.pressure_scale < np.inf:
             raise SettingsError(
                 f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s: the film's "

@@ -42,6 +42,12 @@ from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, Lubricat
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
 
 
+def _require_drive(name: str, value: Any) -> None:
+    """Refuse what gives no angle over time; a torque is refused by the `System`, by its name."""
+    if not isinstance(value, Torque):
+        require_callable(name, value)
+
+
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """Bodies and what connects and moves them.
@@ -71,7 +77,7 @@ class Mechanism:
         checks: Mapping[str, Callable[[str, Any], None]] = {
             "bodies": lambda name, value: require_class(name, value, Body),
             "joints": lambda name, value: require_class(name, value, Joint, LubricatedJoint),
-            "drives": require_callable,
+            "drives": _require_drive,
             "forces": lambda name, value: require_class(name, value, Force),
         }
         for name, check in checks.items():

@@ -50,6 +50,7 @@ from fenics_ehd.multibody.quantities import (
 )
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
+from fenics_ehd.multibody.totals import unusual_totals
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
     above,
@@ -582,7 +583,7 @@ class Simulation(Stateful):
                 f"{name}: nothing moves or loads its film, the {largest[name]:.2g} Pa in it are "
                 "rounding"
             )
-        return told
+        return told + unusual_totals(self.system.mechanism.bodies)
 
     @property
     def _resting(self) -> list[str]:

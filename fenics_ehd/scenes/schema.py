@@ -154,6 +154,8 @@ class FlexibleSettings(Pose):
             0.0,
             "in place of the model's, about the centre of mass [kg m2], 0: the model's",
             least=0,
+            usual=(1e-8, 1e4),
+            example="1e-3 for 10 kg cm2",
         ),
         "clamped",
     )
@@ -363,9 +365,7 @@ class TimeSettings:
     revolutions: float = number(
         0.0, "to simulate, or in a period; 0: as end or period say", least=0
     )
-    of: str = only_with(
-        text("crank", "body whose revolutions count, at its speed at the start"), "revolutions"
-    )
+    of: str = text("crank", "body whose revolutions count, at its speed at the start")
     periodic: bool = flag(False, "whether cycles are run until the films repeat")
     period: float = only_with(
         number(0.0, "of all drives and forces [s]; 0: as revolutions say", least=0),
