@@ -37,6 +37,8 @@ def require_number(name: str, value: Any, **bounds: Any) -> float:
         Naming the bound.
     """
     number: float = as_float(value)
+    if isinstance(number, str):
+        raise SettingsError(f"{name} = {shown(value)} must be a finite number")
     limits(**bounds, sized=False)(name, number)
     return number
 

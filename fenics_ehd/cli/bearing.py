@@ -23,6 +23,7 @@ from fenics_ehd.cli.options import (
     flag,
     json_option,
     setting_options,
+    warn_of,
 )
 
 if TYPE_CHECKING:
@@ -93,9 +94,12 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
     require_effects(settings)
     if settings == Deviations():
         return None
+    from fenics_ehd.multibody.notices import stepped_shape
     from fenics_ehd.scenes.films import surface_shape
 
-    return surface_shape(settings, "", width, clearance)
+    shape = surface_shape(settings, "", width, clearance)
+    warn_of(stepped_shape("bore_shape", shape))
+    return shape
 
 
 def summary(result: BearingResult) -> dict[str, Any]:

@@ -39,6 +39,7 @@ from fenics_ehd.multibody.history import (
 )
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import MechanismStep, SolverState, unresolved
+from fenics_ehd.multibody.notices import stepped_shapes, unusual_totals
 from fenics_ehd.multibody.periodic import WHOLE, PeriodicSolver, crank, temperatures
 from fenics_ehd.multibody.quantities import (
     CONTENT,
@@ -50,7 +51,6 @@ from fenics_ehd.multibody.quantities import (
 )
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve
-from fenics_ehd.multibody.totals import unusual_totals
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
     above,
@@ -583,7 +583,8 @@ class Simulation(Stateful):
                 f"{name}: nothing moves or loads its film, the {largest[name]:.2g} Pa in it are "
                 "rounding"
             )
-        return told + unusual_totals(self.system.mechanism.bodies)
+        mechanism = self.system.mechanism
+        return [*told, *unusual_totals(mechanism.bodies), *stepped_shapes(mechanism.joints)]
 
     @property
     def _resting(self) -> list[str]:

@@ -1,6 +1,7 @@
-"""Notices of a mass, an inertia or a centre of mass that a body hardly has: a unit may be another.
+"""Notices of what a mechanism has and is hardly meant, one line each.
 
-A part knows its own radius of gyration; a rigid body at least how far its points reach.
+An inertia or a centre of mass that a body hardly has: the unit may be another. A part knows its own
+radius of gyration; a rigid body at least how far its points reach. A measured shape with a step.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fenics_ehd.film.kinematics import OVERSHOOT, Shape
 from fenics_ehd.multibody.body import Body, FlexibleBody, RigidBody
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 
 #: Distance of a centre of mass from the part's own beyond which it is outside the part, in radii of
 #: gyration: half a uniform bar is 1.73 of them long.
@@ -72,3 +75,26 @@ def _of_rigid(key: str, body: RigidBody) -> list[str]:
             f"points of the body reach {body.reach:.3g} m: is the unit another?"
         )
     return lines
+
+
+def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
+    """One line for every measured shape whose spline would overshoot its rows."""
+    lines = []
+    for name, joint in joints.items():
+        if isinstance(joint, LubricatedJoint):
+            lines += stepped_shape(f"joints.{name}.bore_shape", joint.bore_shape)
+            lines += stepped_shape(f"joints.{name}.journal_shape", joint.journal_shape)
+    return lines
+
+
+def stepped_shape(key: str, shape: Shape | None) -> list[str]:
+    """A line for a measured shape whose spline would overshoot its rows, else none."""
+    if shape is None or shape.measured is None or not shape.measured.stepped.any():
+        return []
+    table = shape.measured
+    beyond, span = 1e6 * table.overshoot.max(), 1e6 * np.ptp(table.deviations)
+    return [
+        f"{key}.table: a spline would overshoot its rows by {beyond:.3g} um, more than "
+        f"{100 * OVERSHOOT:g} % of the {span:.3g} um that they span: a monotone curve takes its "
+        "place; more rows where the surface steps make it smooth"
+    ]
