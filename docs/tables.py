@@ -82,8 +82,20 @@ def _settings(cls: type, path: str = "", where: str = "") -> list[tuple[str, str
             if isinstance(default, attrs.Factory):
                 default = default.factory()
             told = f"must be given{where}" if default is attrs.NOTHING else f"`{_text(default)}`"
-            own.append((f"`{name}`", told, attribute.metadata["help"]))
+            meaning = attribute.metadata["help"] + _needed(attribute)
+            own.append((f"`{name}`", told, meaning))
     return own + nested
+
+
+def _needed(attribute: attrs.Attribute) -> str:
+    """Conditions under which a setting has an effect, in a sentence."""
+    words = []
+    for condition in attribute.metadata.get("needs", ()):
+        keys = condition.words or " or ".join(f"`{key}`" for key in condition.keys)
+        if condition.among:
+            keys += f" {' or '.join(_text(value) for value in condition.among)}"
+        words.append(f"{'not with' if condition.absent else 'only with'} {keys}")
+    return f"; *{', '.join(words)}*" if words else ""
 
 
 def _text(value: object) -> str:

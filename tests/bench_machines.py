@@ -67,6 +67,7 @@ from fenics_ehd.multibody.lubricated_joint import (
 )
 from fenics_ehd.multibody.mechanism import Instant, Motion, System, assemble
 from fenics_ehd.multibody.newton import CoupledSteps, classify_failure
+from fenics_ehd.multibody.notices import stepped_shapes, unusual_totals
 from fenics_ehd.multibody.periodic import PeriodicSolver, check_period, repeating
 from fenics_ehd.multibody.quantities import OUTPUTS, averaged, joint_row, upper_most
 from fenics_ehd.multibody.run import Run, touching_film

@@ -147,6 +147,78 @@ def test_run_from_body_file_equals_run_from_mesh(tmp_path, capfd):
     assert not (tmp_path / "a" / "max_pressure.png").exists()
 
 
+#: Options whose numbers Python would read, and what is said.
+WRITTEN = [
+    ("bearing --load 1_0", "'1_0' must be a number in N"),
+    ("bearing --load \u0663", "must be a finite number in N"),
+    ("bearing --load 1 --cells \u0661\u0666x4", "must be two whole numbers, around x along"),
+    ("bearing --load 1 --lobes 1_0", "'1_0' is not a whole number"),
+    ("bearing --load 1 --groove nan 10 1e5", "'nan' must be a finite number in degrees"),
+    ("animate out --scale nan", "'nan' is no number"),
+    ("animate out --frames 1_0", "'1_0' is not a whole number"),
+    ("run four-bar --checkpoint-every inf", "'inf' is no number"),
+    ("sweep four-bar --set tolerance=1_0e-5", "tolerance = '1_0e-5' must be a number"),
+    ("sweep four-bar --set tolerance=1e-5:1e-4:\u0663", "count = \u0663 must be a whole number"),
+]
+
+
+@pytest.mark.parametrize(("command", "message"), WRITTEN)
+def test_options_have_plain_digits(command, message, capfd, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, output, errors = exit_of(capfd, *command.split())
+    assert (status, output) == (2, "")
+    assert message in errors.splitlines()[-1]
+
+
+def test_what_could_control_a_terminal_is_escaped(tmp_path, capfd):
+    name = "a\x1b[31m\u202eb\x7f.toml"
+    for command in (["run", name], ["plot", name], ["run", "four-bar", "--body", name], [name]):
+        _, _, errors = exit_of(capfd, *command)
+        assert "a\\x1b[31m\\u202eb\\x7f.toml" in errors
+        assert "\x1b" not in errors
+    status, output, errors = exit_of(
+        capfd, "reduce", "conrod", "--method", "rigid", "-o", tmp_path / f"{name}.h5"
+    )
+    assert status == 0, errors
+    assert "\\x1b[31m" in output
+    assert "\x1b" not in output
+
+
+def test_a_path_that_is_not_utf_8_is_answered(tmp_path):
+    bad = os.fsdecode(b"\xff.toml")
+    for command in (["run", bad], ["stress", bad], ["plot", bad], ["sweep", bad, "--set", "a=1"]):
+        done = program(*command, cwd=tmp_path)
+        assert done.returncode == 2
+        assert len(done.stderr.splitlines()) == 1, done.stderr
+        assert "\\udcff.toml" in done.stderr
+
+
+#: A NumPy that stands before Debian's, and what is said of it.
+OTHER_NUMPY = {
+    "raise ImportError('numpy.core.multiarray failed to import')": "multiarray failed to import",
+    "__version__ = '9.9'": "numpy 9.9 of {place} does not work",
+    "x = 1 +": "SyntaxError",
+}
+
+
+@pytest.mark.parametrize("text", OTHER_NUMPY)
+def test_a_numpy_that_does_not_work_is_explained(text, tmp_path):
+    place = tmp_path / "numpy" / "__init__.py"
+    place.parent.mkdir()
+    place.write_text(text)
+    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | {"PYTHONPATH": paths}
+    for command in ("info", "check", "bearing --load 1000", "run four-bar -o out"):
+        done = program(*command.split(), cwd=tmp_path, env=environment)
+        assert done.returncode == 1
+        (line,) = done.stderr.splitlines()
+        assert OTHER_NUMPY[text].format(place=place) in line
+        assert f"of {place}" in line
+        assert f"PYTHONPATH = {tmp_path}" in line
+        assert ("scipy" in done.stdout) == (command in ("info", "check"))
+    assert program("init", "four-bar", env=environment).returncode == 0
+
+
 def test_options_reach_the_film_solver(tmp_path):
     scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", START)
     environment = os.environ | {"PETSC_OPTIONS": "-motion_snes_monitor"}

@@ -645,7 +645,10 @@ def test_a_slider_crank_on_40_cells_has_the_film_of_80(figure):
         ({"element": "lagrange"}, "joints.bearing.element = 'lagrange' cannot conserve mass"),
         ({"initial_filling": 1.1}, "joints.bearing.initial_filling = 1.1 must be at most 1"),
         ({"cavitation": "elrod"}, "joints.bearing.cavitation = 'elrod'"),
-        ({"cavitation": "reynolds"}, "initial_filling does nothing under Reynolds' condition"),
+        (
+            {"cavitation": "reynolds"},
+            "has no effect without joints.bearing.cavitation = 'mass-conserving'",
+        ),
     ],
 )
 def test_scenes_that_cannot_conserve_oil_are_refused(changes, words):

@@ -280,7 +280,7 @@ def test_a_published_example_of_charts():
         ({"supply_temperature": 400.0}, "temperature = 400 C of the oil must lie between"),
         (
             {"supply_temperature": -273.15, "conducted": 0.5},
-            "do nothing without supply_temperature",
+            "has no effect without supply_temperature",
         ),
         ({"mixing": 1.5}, "mixing = 1.5"),
     ],

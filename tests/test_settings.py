@@ -7,6 +7,7 @@ import pytest
 from bench_parts import FAMILIES, SELECTIONS
 from bench_parts import PRESSURE_SETS_REDUCTION as PRESSURE_SETS
 from bench_scenes import (
+    fields,
     part_settings,
     read_toml,
     require_thin_film,
@@ -151,6 +152,13 @@ def film(**changes):
         (film(cells=[8, 1]), "joints.big_end.cells = [8, 1] must be at least [8, 2]"),
         (film(cells=[20]), "joints.big_end.cells = [20] must be two whole numbers above 0, or em"),
         (film(cells=[20, -5]), "joints.big_end.cells = [20, -5] must be two whole numbers"),
+        (film(cells="10 mm"), "joints.big_end.cells = ['10 mm'] must be two whole numbers"),
+        (film(cells=["10 mm", 5]), "cells = ['10 mm', 5] must be two whole numbers above 0"),
+        (rod(**{"geometry.bore_cells_around": "20 m"}), "= '20 m' must be a number of cells, with"),
+        (rod(**{"geometry.big_end_layers": "2"}), "= '2' must be a number of cells, without a un"),
+        (film(clearance="1_7 um"), "clearance = '1_7 um' must be a number in m: '_7 um' is no"),
+        (film(clearance="١٧ um"), "clearance = '١٧ um' must be a finite number in m, or one with"),
+        ({"time.order": "2 mm"}, "time.order = '2 mm' must be a whole number, at least 1"),
         (film(cells=[1000, 1000]), "cells = [1000, 1000]: 1000000 cells, at most 200000"),
         (rod(**{"material.density": 7.85}), "density = 7.85 must be at least 100: in kg/m3, 7850"),
         (rod(**{"material.density": 7.85e6}), "density = 7850000.0 must be below 100000: in kg/m"),
@@ -195,6 +203,18 @@ def test_numbers_that_are_perhaps_in_another_unit_are_named():
         "joints.big_end.supply.inlet.pressure = 3 is outside the usual 1000 to 1e+09: in Pa, 3e5 "
         "for 3 bar",
     }
+
+
+@pytest.mark.parametrize("text", ["1_0", "\u0661\u0660", "1e1_0", "0x10", "1d1", "--1", "", "nan"])
+def test_only_plain_digits_are_a_number(text, tmp_path):
+    with pytest.raises(ValueError, match="is no number"):
+        fields.parse_number(text)
+    table = tmp_path / "load.csv"
+    table.write_text(f"time_s,Fx_N,Fy_N\n0,500,900\n5e-3,{text},500\n10e-3,-5,9\n20e-3,500,900\n")
+    with pytest.raises(ehd.errors.SettingsError, match=r"Fx_N = .* must be a finite number"):
+        ehd.read_load(table)
+    for written in ("1.5", " 2. ", "+.5e-3", "7E+2"):
+        assert fields.parse_number(written) == float(written)
 
 
 def test_limits_of_cells_are_inside():

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from attrs import evolve
-from bench_machines import IntegratorOptions, JointFilm, Run, System
+from bench_machines import IntegratorOptions, JointFilm, Run, System, stepped_shapes
 from film_cases import oval
 from hand_made_rod import Joint, flexible, make_mechanism, run, with_residual
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, in_bearing, make_film
 from moving_point import assert_derivatives
+from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
 
@@ -64,6 +65,73 @@ def test_a_table_meets_its_function_to_fourth_order_around():
     ]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all(orders > 3.5)
+
+
+def spline_of(measured):
+    """Periodic cubic spline through the rows of a table, every height for itself."""
+    closed = np.append(measured.angles, measured.angles[0] + 2 * np.pi)
+    rows = np.vstack([measured.deviations, measured.deviations[:1]])
+    return CubicSpline(closed, rows, bc_type="periodic")
+
+
+@pytest.mark.parametrize("lobes", [2, 3, 4])
+def test_a_smooth_table_is_the_spline_to_the_last_bit(lobes):
+    # Five rows a wave and more, also where two rows are as far from an extreme as they can be.
+    for phase in np.linspace(0.0, 0.4, 5):
+        smooth = table(5 * lobes, 2, lambda a, b, p=phase: 1e-6 * np.cos(lobes * a + p) * (2 + b))
+        angle = np.linspace(-7.0, 7.0, 501)
+        for order in (0, 1, 2):
+            expected = spline_of(smooth)(angle, order)[:, 0]
+            found = smooth.radial(angle, np.full(501, -R), order)
+            np.testing.assert_array_equal(found, expected)
+        assert not smooth.stepped.any()
+
+
+#: A surface with a step, in degrees and um, as coordinate measuring machines write it.
+STEP = ([0, 99.9, 100, 235, 235.1, 260, 300], [0, 0, 60, 60, 0, 0, 0])
+
+
+def stepped(smooth=0.0):
+    """A table with a step at its lower height alone."""
+    angles, rows = np.radians(STEP[0]), 1e-6 * np.array(STEP[1], dtype=float)
+    return ehd.ShapeTable(angles, np.array([-R, R]), np.column_stack([rows, smooth * rows]))
+
+
+def test_a_step_is_not_overshot_and_its_slope_is_continuous():
+    measured = stepped()
+    angle = np.linspace(0.0, 2 * np.pi, 100_001)
+    assert np.ptp(spline_of(measured)(angle)[:, 0]) > 100 * 60e-6
+    found = measured.radial(angle, np.full(angle.size, -R))
+    assert found.min() == 0.0
+    assert found.max() == pytest.approx(60e-6, rel=1e-12)
+    assert list(measured.stepped) == [True, False]
+    rows = measured.radial(measured.angles, np.full(len(measured.angles), -R))
+    np.testing.assert_allclose(rows, measured.deviations[:, 0], atol=1e-20)
+    near, steepest = 1e-9, 60e-6 / np.radians(0.1)
+    for place in (*measured.angles, 2 * np.pi):
+        before, after = measured.radial(np.array([place - near, place + near]), -R, 1)
+        assert before == pytest.approx(after, abs=1e-4 * steepest)
+    there = measured.radial(angle + 2 * np.pi, np.full(angle.size, -R))
+    np.testing.assert_allclose(there, found, atol=1e-12)
+
+
+def test_two_rows_that_stand_out_are_not_overshot():
+    angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
+    rows = np.where((angles > 1.2) & (angles < 1.7), 5e-6, 0.0)
+    measured = ehd.ShapeTable(angles, np.zeros(1), rows[:, None])
+    assert rows.sum() == pytest.approx(10e-6)
+    assert measured.overshoot == pytest.approx(0.2 * 5e-6, rel=0.02)
+    found = measured.radial(np.linspace(0, 7, 999), np.zeros(999))
+    assert found.min() >= 0.0
+    assert found.max() <= 5e-6
+
+
+def test_a_table_with_a_step_is_a_notice_of_its_run():
+    step = ehd.Shape(measured=stepped(1.0))
+    (line,) = stepped_shapes({"a": ehd.LubricatedJoint("a", "b", make_film(), bore_shape=step)})
+    assert "joints.a.bore_shape.table: a spline would overshoot its rows by" in line
+    plain = ehd.LubricatedJoint("a", "b", make_film(), bore_shape=ehd.Shape(measured=table()))
+    assert stepped_shapes({"a": plain}) == []
 
 
 def test_a_table_of_one_height_stands_for_all_and_ends_stay():

@@ -133,7 +133,9 @@ def refuse(capfd):
 def test_bodies_without_stresses_are_named(folder, refuse):
     assert "crank: it is rigid" in refuse(folder, "--body", "crank")
     assert "rodd: bodies of this run: crank, rod, piston" in refuse(folder, "--body", "rodd")
-    assert "drop --no-damping" in refuse(folder, "--complete", "--no-damping")
+    assert "--complete has no effect without --damping" in refuse(
+        folder, "--complete", "--no-damping"
+    )
 
 
 def test_folders_without_a_complete_run_are_refused(tmp_path, refuse):
@@ -143,6 +145,12 @@ def test_folders_without_a_complete_run_are_refused(tmp_path, refuse):
         ('{"status": "interrupted"}', "no complete run: interrupted"),
         ('{"status": "complete", "scene": "x"}', "not a results folder, it has no history.h5"),
         ("[1]", "no complete run: it has no summary.json"),
+        ('{"status": "complete", "cycle_start_s": Infinity}', "Infinity is no finite number"),
+        ('{"status": "complete", "cycle_start_s": 1e999}', "1e999 is no finite number"),
+        ('{"status": "complete", "cycle_start_s": null}', "cycle_start_s = None is of another"),
+        ('{"status": "complete", "cycle_start_s": "x"}', "cycle_start_s = 'x' is of another kind"),
+        ('{"status": "complete", "joints": 3}', "joints = 3 is of another kind"),
+        ("{", "summary.json: not a summary of a run"),
     ):
         (tmp_path / "summary.json").write_text(summary)
         assert words in refuse(tmp_path)

@@ -36,6 +36,7 @@ from fenics_ehd.analysis.equilibrium import (
     linearise,
     stability,
 )
+from fenics_ehd.base.arguments import require_class, require_names, require_number
 from fenics_ehd.base.errors import (
     EhdError,
     GapClosedError,
@@ -648,14 +649,13 @@ def solve_bearing(
     VerificationError
         A figure of the result is no finite number.
     """
+    require_class("settings", settings, BearingSettings)
     if (eccentricity is None) == (load is None):
         raise SettingsError("exactly one of eccentricity and load must be given")
-    if eccentricity is not None and not 0 <= eccentricity < 1:
-        raise SettingsError(
-            f"eccentricity = {eccentricity:g} must be at least 0 and below 1 (of the clearance)"
-        )
-    if load is not None and not 0 < load < np.inf:
-        raise SettingsError(f"load = {load:g} N must be a finite number above 0")
+    if eccentricity is not None:
+        require_number("eccentricity", eccentricity, least=0, below=1)
+    if load is not None:
+        require_number("load", load, above=0)
 
     def find(at: BearingSettings) -> _Found:
         if load is not None:
@@ -690,6 +690,7 @@ def bearing(
     **settings: Any,
 ) -> BearingResult:
     """`solve_bearing` of `BearingSettings` that are given by name, and a load, ``"5 kN"``."""
+    require_names("bearing", settings, attrs.fields_dict(BearingSettings))
     size = as_float(load, "N")
     if load is not None:
         require_finite("load", size, "N")

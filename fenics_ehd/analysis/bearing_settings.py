@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import attrs
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
     CAVITATIONS,
     FILM_ELEMENTS,
     NO_TEMPERATURE,
+    ROUGH,
     SHEAR_RULES,
     OilSettings,
     Roughness,
@@ -25,6 +27,8 @@ from fenics_ehd.base.fields import (
     radial_clearance,
     require_thin_film,
 )
+from fenics_ehd.base.needs import only_with
+from fenics_ehd.base.settings import require_effects
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.film.kinematics import Shape
@@ -83,19 +87,28 @@ class BearingSettings(OilSettings, Roughness):
         least=NO_TEMPERATURE,
         below=1000,
     )
-    conducted: float = number(
-        0.0,
-        "share of the dissipated power that shaft and bore conduct away, with supply_temperature",
-        least=0,
-        below=1,
+    conducted: float = only_with(
+        number(
+            0.0,
+            "share of the dissipated power that shaft and bore conduct away, with "
+            "supply_temperature",
+            least=0,
+            below=1,
+        ),
+        "supply_temperature",
     )
-    mixing: float = number(
-        MIXING,
-        "where the effective temperature lies between supply, 0, and outlet, 1",
-        above=0,
-        most=1,
+    mixing: float = only_with(
+        number(
+            MIXING,
+            "where the effective temperature lies between supply, 0, and outlet, 1",
+            above=0,
+            most=1,
+        ),
+        "supply_temperature",
     )
-    contact_modulus: float = number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0)
+    contact_modulus: float = only_with(
+        number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0), "roughness", words=ROUGH
+    )
     #: Of the bore, angles from the load line; None: round.
     bore_shape: Shape | None = None
 
@@ -128,8 +141,8 @@ class BearingSettings(OilSettings, Roughness):
                 f"viscosity = {self.viscosity:g} Pa s: give a viscosity, a grade, or viscosity_40 "
                 "and viscosity_100, one of them"
             )
-        if not self.heated and (self.conducted or self.mixing != MIXING):
-            raise SettingsError("conducted and mixing do nothing without supply_temperature")
+        require_effects(self)
+        self._check_classes()
         if self.cavitation == "mass-conserving":
             self._check_mass_conserving()
         if self.grooves and self.line_at_max_film:
@@ -166,6 +179,19 @@ class BearingSettings(OilSettings, Roughness):
                 f"oil is drawn in; their sum must be at least {least:.3g} rad/s, clearance / "
                 "radius of their difference"
             )
+
+    def _check_classes(self) -> None:
+        """Refuse grooves and shapes that are none, imported only if there are any."""
+        if self.grooves:
+            from fenics_ehd.film.supply import AxialGroove
+
+            require_class("grooves", self.grooves, tuple)
+            for i, groove in enumerate(self.grooves):
+                require_class(f"grooves[{i}]", groove, AxialGroove)
+        if self.bore_shape is not None:
+            from fenics_ehd.film.kinematics import Shape
+
+            require_class("bore_shape", self.bore_shape, Shape)
 
     def _check_shape(self) -> None:
         """A bore that is not round stands still, and its thickest film is not where one thinks."""

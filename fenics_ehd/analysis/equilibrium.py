@@ -37,6 +37,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.film.supply import CircumferentialGrooveSupply, Supply
 from fenics_ehd.multibody.bdf import ImplicitStep
@@ -155,6 +156,8 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
     SolverError
         None was found from there.
     """
+    require_class("mechanism", mechanism, Mechanism)
+    require_number("tolerance", tolerance, above=0)
     mechanism, notices = _without_rotating_forces(mechanism)
     for line in notices:
         warnings.warn(line, stacklevel=2)
@@ -369,6 +372,7 @@ def linearise(found: Equilibrium | Mechanism) -> Linearisation:
     """
     if isinstance(found, Mechanism):
         found = equilibrium(found)
+    require_class("found", found, Equilibrium, Mechanism)
     system, solver = found.system, found.solver
     if solver.equations.conserves_oil:
         raise SettingsError(

@@ -26,6 +26,7 @@ from typing import Any, cast
 import numpy as np
 from scipy import sparse
 
+from fenics_ehd.base.arguments import require_class, require_count
 from fenics_ehd.base.errors import InputError, StepSizeError
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid
@@ -227,6 +228,7 @@ def solved_run(history: History) -> Simulation:
     InputError
         It was read from a folder.
     """
+    require_class("history", history, History)
     if history.solved is None:
         raise InputError("a history that was read says nothing more of its run: simulate it")
     return cast(Simulation, history.solved)
@@ -603,6 +605,8 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
         There is no solution near that of the run.
     """
     course = course_of(solved_run(history))
+    require_class("mechanism", mechanism, Mechanism)
+    require_count("stride", stride, least=1)
     run = course.base.with_mechanism(mechanism)
     start = taken_over(course.start, course.base, run)
     tolerance = NEWTON_FRACTION * run.control.tolerance

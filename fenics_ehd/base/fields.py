@@ -32,10 +32,16 @@ from typing import Any
 import attrs
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, not_with, only_with
 
-#: A number and its unit. No digits grouped, no exponent beyond what a float has.
+#: A number in the digits 0 to 9, none of them grouped: Python reads 1_0 as 10, and digits of other
+#: scripts.
+NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+
+#: A number and its unit. No exponent beyond what a float has.
 WRITTEN = re.compile(
-    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
+    rf"\s*({NUMBER.replace('[0-9]+)?', '[0-9]{1,3})?')})\s*"
+    r"((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
 )
 
 #: Characters of a number; Python converts no integer of more than 4300 digits.
@@ -67,7 +73,7 @@ class Unit:
 
 #: A word of a unit, and its symbol and power.
 _WORD = re.compile(r"[^\s*\u00b7]+")
-_SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?\d)?")
+_SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?[0-9])?")
 
 
 def _unit(factor: str, powers: str = "", turns: int = 0, zero: str = "0") -> Unit:
@@ -152,6 +158,19 @@ def unit(text: str) -> Unit | None:
     return Unit(factor, powers, turns)
 
 
+def parse_number(text: str) -> float:
+    """Number of a text without a unit; it may be larger than any float, and then is infinite.
+
+    Raises
+    ------
+    ValueError
+        The text is no number in plain digits.
+    """
+    if not re.fullmatch(NUMBER, text.strip()):
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
+
+
 def in_unit(written: str, wanted: str) -> float:
     """A text's number in the unit of a setting.
 
@@ -182,9 +201,6 @@ def in_unit(written: str, wanted: str) -> float:
     except OverflowError:
         raise SettingsError(f"must be a finite number{told}") from None
 
-
-#: Stands for what is not given: a file, a name.
-NONE = "none"
 
 #: A key that must be written.
 REQUIRED: Any = attrs.NOTHING
@@ -240,6 +256,24 @@ def number(
     unit = unit_of(help_text)
     measured = f"in {unit}, " if unit else ""
     hint = f": {measured}{example}" if example else ""
+    check = limits(above=above, least=least, below=below, most=most, unit=unit, hint=hint)
+    return checked(default, help_text, check, partial(as_float, unit=unit), usual=(usual, hint))
+
+
+def limits(
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    unit: str = "",
+    hint: str = "",
+    sized: bool = True,
+) -> Callable[[str, Any], None]:
+    """A check that refuses what is no finite number within limits, see `number`.
+
+    One that is `sized` refuses numbers other than 0 whose powers are no numbers, too.
+    """
 
     def check(name: str, value: Any) -> None:
         require_finite(name, value, unit)
@@ -254,12 +288,12 @@ def number(
                     f"{name} = {value!r} must be {words} {limit:g}"
                     + (hint if words != "above" else "")
                 )
-        if value and not SMALLEST <= abs(value) <= LARGEST:
+        if sized and value and not SMALLEST <= abs(value) <= LARGEST:
             raise SettingsError(
                 f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in size"
             )
 
-    return checked(default, help_text, check, partial(as_float, unit=unit), usual=(usual, hint))
+    return check
 
 
 def unit_of(help_text: str) -> str:
@@ -337,8 +371,14 @@ def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> An
 def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
     """One of several words."""
     listed = ", ".join(options)
-    check = unless(lambda word: word in options, f"one of {listed}")
-    return checked(default, f"{help_text}: {listed}", check, options=options)
+    return checked(default, f"{help_text}: {listed}", one_of(options), options=options)
+
+
+def one_of(options: tuple[str, ...]) -> Callable[[str, Any], None]:
+    """A check that refuses what is none of several words."""
+    return unless(
+        lambda word: isinstance(word, str) and word in options, f"one of {', '.join(options)}"
+    )
 
 
 def text(default: str, help_text: str) -> Any:
@@ -366,30 +406,54 @@ def option(cls: type) -> Any:
 
 
 def table(
-    help_text: str, check: Callable[[str, Any], None], converter: Callable[[Any], Any]
+    help_text: str,
+    check: Callable[[str, Any], None],
+    converter: Callable[[Any], Any],
+    kept: Callable[[str], bool] = lambda key: False,
 ) -> Any:
-    """Free table of names and what a function may refuse, which `converter` makes of each."""
+    """Free table of names and what a function may refuse, which `converter` makes of each.
+
+    Values of keys that are `kept` are not converted.
+    """
 
     def check_all(name: str, value: Any) -> None:
+        if not isinstance(value, Mapping):
+            raise SettingsError(f"{name} = {value!r} must be a table")
         for key, entry in value.items():
             check(f"{name}.{key}", entry)
 
-    def convert(value: Mapping[str, Any]) -> dict[str, Any]:
-        return {key: converter(entry) for key, entry in value.items()}
+    def convert(value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value  # refused by the check, which knows the name
+        return {key: entry if kept(key) else converter(entry) for key, entry in value.items()}
 
     factory: Any = attrs.Factory(dict)
     return checked(factory, help_text, check_all, convert, table=True)
 
 
+def is_cell_count(key: str) -> bool:
+    """True of a parameter of a model that is a number of cells."""
+    return "cells" in key or "layers" in key
+
+
 def numbers(help_text: str) -> Any:
-    """Free table of names and numbers, those with a unit in that of the help text."""
+    """Free table of names and numbers, those with a unit in that of the help text.
+
+    Numbers of cells have none.
+    """
     unit = unit_of(help_text)
+
+    def check(name: str, value: Any) -> None:
+        if isinstance(value, str) and is_cell_count(name.rpartition(".")[2]):
+            raise SettingsError(f"{name} = {value!r} must be a number of cells, without a unit")
+        require_finite(name, as_float(value), unit)
 
     return table(
         help_text,
-        lambda name, value: require_finite(name, as_float(value), unit),
+        check,
         # Whole ones stay so: cells of a mesh.
         lambda value: as_float(value, unit) if isinstance(value, str) else value,
+        is_cell_count,
     )
 
 
@@ -403,10 +467,12 @@ def entries(
 
 
 #: Elements of a film mesh: 9-node, 8-node, 4-node; where its oil is sheared in cavities; conditions
-#: of cavitation.
+#: of cavitation; transfers of pressures to a bore with another mesh; curves between rows of a load.
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 SHEAR_RULES = ("streamers", "full", "none")
 CAVITATIONS = ("reynolds", "mass-conserving")
+TRANSFERS = ("conservative", "mortar")
+INTERPOLATIONS = ("cubic", "linear")
 
 #: Largest bearing radius, bearing width or crank radius [m].
 LARGEST_LENGTH = 5.0
@@ -534,10 +600,6 @@ def require_thin_film(clearance: float, radius: float, key: str) -> None:
         )
 
 
-#: Stands for a temperature that is not given: absolute zero [C].
-NO_TEMPERATURE = -273.15
-
-
 #: Of mineral oils at 15 C [kg/m3]; paraffinic ones of The Tribology Handbook (table 25, opened at
 #: digilib.universitaspertamina.ac.id) have 862 to 891 at 25 C.
 DENSITY = 870.0
@@ -562,6 +624,11 @@ def _kinematic(temperature: int) -> Any:
     )
 
 
+#: What makes an oil one of a grade, and surfaces rough, in messages.
+GRADED = "a grade, or viscosity_40 and viscosity_100"
+ROUGH = "journal_roughness or bore_roughness"
+
+
 @attrs.frozen(kw_only=True)
 class OilSettings:
     """An oil: of one viscosity, or at a temperature by its grade or two kinematic viscosities."""
@@ -577,12 +644,16 @@ class OilSettings:
     grade: str = text(NONE, "ISO VG 46, SAE 10W-40 and others, in place of viscosity, or none")
     viscosity_40: float = _kinematic(40)
     viscosity_100: float = _kinematic(100)
-    temperature: float = number(
-        NO_TEMPERATURE,
-        f"of an oil by grade or kinematic viscosities [C]; {NO_TEMPERATURE:g}: not given",
-        least=NO_TEMPERATURE,
-        below=1000,
-        example="90 for 363 K",
+    temperature: float = only_with(
+        number(
+            NO_TEMPERATURE,
+            f"of an oil by grade or kinematic viscosities [C]; {NO_TEMPERATURE:g}: not given",
+            least=NO_TEMPERATURE,
+            below=1000,
+            example="90 for 363 K",
+        ),
+        "graded",
+        words=GRADED,
     )
     density: float = number(
         DENSITY,
@@ -601,19 +672,27 @@ class OilSettings:
         example="2000 for 2 kJ/(kg K)",
     )
     density_law: str = choice("constant", ("constant", "dowson-higginson"), "density by pressure")
-    compressibility: float = number(
-        COMPRESSIBILITY,
-        "a of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
-        above=0,
-        usual=(1e-11, 1e-8),
-        example="0.6e-9 for 0.6 1/GPa",
+    compressibility: float = only_with(
+        number(
+            COMPRESSIBILITY,
+            "a of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
+            above=0,
+            usual=(1e-11, 1e-8),
+            example="0.6e-9 for 0.6 1/GPa",
+        ),
+        "density_law",
+        among=("dowson-higginson",),
     )
-    stiffening: float = number(
-        STIFFENING,
-        "b of that, by which oil under pressure is stiffer [1/Pa]",
-        least=0,
-        usual=(1e-11, 1e-7),
-        example="1.7e-9 for 1.7 1/GPa",
+    stiffening: float = only_with(
+        number(
+            STIFFENING,
+            "b of that, by which oil under pressure is stiffer [1/Pa]",
+            least=0,
+            usual=(1e-11, 1e-7),
+            example="1.7e-9 for 1.7 1/GPa",
+        ),
+        "density_law",
+        among=("dowson-higginson",),
     )
     barus: float = number(
         0.0,
@@ -636,9 +715,12 @@ class OilSettings:
         usual=(1e2, 1e9),
         example="1e6 for an oil with polymers",
     )
-    cross_exponent: float = number(1.0, "of Cross's law [-]", above=0, below=10)
-    cross_second_viscosity: float = number(
-        0.5, "at the highest shear rates, over that at rest [-]", least=0, below=1
+    cross_exponent: float = only_with(
+        number(1.0, "of Cross's law [-]", above=0, below=10), "cross_rate"
+    )
+    cross_second_viscosity: float = only_with(
+        number(0.5, "at the highest shear rates, over that at rest [-]", least=0, below=1),
+        "cross_rate",
     )
 
     @property
@@ -661,24 +743,56 @@ class Roughness:
 
     journal_roughness: float = _roughness("journal")
     bore_roughness: float = _roughness("bore")
-    asperity_product: float = number(
-        0.04, "asperities per area x their radius x combined roughness [-]", above=0, below=1
+    asperity_product: float = not_with(
+        only_with(
+            number(
+                0.04,
+                "asperities per area x their radius x combined roughness [-]",
+                above=0,
+                below=1,
+            ),
+            "roughness",
+            words=ROUGH,
+        ),
+        "asperity_radius",
     )
-    asperity_slenderness: float = number(
-        1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1
+    asperity_slenderness: float = not_with(
+        only_with(
+            number(1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1),
+            "roughness",
+            words=ROUGH,
+        ),
+        "asperity_radius",
     )
-    summit_offset: float = number(
-        0.0,
-        "mean planes of the asperities' tips above those of the surfaces, together, over the "
-        "combined roughness [-]; 0: not above, the least contact",
-        least=0,
-        most=2,
+    summit_offset: float = only_with(
+        number(
+            0.0,
+            "mean planes of the asperities' tips above those of the surfaces, together, over the "
+            "combined roughness [-]; 0: not above, the least contact",
+            least=0,
+            most=2,
+        ),
+        "roughness",
+        words=ROUGH,
     )
-    boundary_friction: float = number(
-        0.1, "coefficient of friction of asperities that touch [-], with friction", least=0, below=5
+    boundary_friction: float = only_with(
+        only_with(
+            number(
+                0.1,
+                "coefficient of friction of asperities that touch [-], with friction",
+                least=0,
+                below=5,
+            ),
+            "roughness",
+            words=ROUGH,
+        ),
+        "friction",
+        "heat",
     )
-    flow_factors: bool = flag(
-        True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"
+    flow_factors: bool = only_with(
+        flag(True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"),
+        "roughness",
+        words=ROUGH,
     )
 
     @property
@@ -695,10 +809,13 @@ class Deviations:
     """
 
     ovality: float = deviation("amplitude of a wave around [m]")
-    ovality_angle: float = number(
-        0.0, "where it is outermost, from the body's x axis; of a bearing, the load [degrees]"
+    ovality_angle: float = only_with(
+        number(
+            0.0, "where it is outermost, from the body's x axis; of a bearing, the load [degrees]"
+        ),
+        "ovality",
     )
-    lobes: int = count(2, "waves in a turn", least=1, most=100)
+    lobes: int = only_with(count(2, "waves in a turn", least=1, most=100), "ovality")
     barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
     taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
     misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)

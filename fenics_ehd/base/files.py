@@ -23,7 +23,6 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from importlib import import_module, metadata
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory, TemporaryFile
@@ -31,6 +30,7 @@ from typing import Any
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import CavitationError, EhdError, InputError, InUseError, OutputError
+from fenics_ehd.base.libraries import version_of
 
 
 def read_text(path: str | Path) -> str:
@@ -54,12 +54,20 @@ def read_json(path: str | Path) -> Any:
     Raises
     ------
     OSError, ValueError
-        See `read_text`, or it is no JSON.
+        See `read_text`, or it is no JSON, or holds a number that is not finite.
     """
     try:
-        return json.loads(read_text(path))
+        return json.loads(read_text(path), parse_float=_finite, parse_constant=_finite)
     except RecursionError:
         raise ValueError("brackets within brackets without end") from None
+
+
+def _finite(text: str) -> float:
+    """Number of a JSON text, which the program writes as null if it is not finite."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is no finite number")
+    return value
 
 
 #: Room for what HDF5 notes of its datasets [bytes].
@@ -598,8 +606,13 @@ def require_complete(directory: Path) -> dict[str, Any]:
     InputError
         There is no such folder, no result in it, or one that is not complete.
     """
-    summary = _summary(directory)
-    if summary.get("status") != "complete":
+    path = directory / SUMMARY
+    try:
+        summary = read_json(path) if path.is_file() else {}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a summary of a run: {error}") from None
+    if not isinstance(summary, dict) or summary.get("status") != "complete":
+        summary = summary if isinstance(summary, dict) else {}
         missing = f"it has no {SUMMARY} of one" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: no complete run: {summary.get('status', missing)}")
     return summary
@@ -681,24 +694,5 @@ def versions(*, installed: bool = False) -> dict[str, str]:
     return {
         "fenics_ehd": __version__,
         "python": platform.python_version(),
-        **{name: _version(name) for name in names if installed or name in sys.modules},
+        **{name: version_of(name) for name in names if installed or name in sys.modules},
     }
-
-
-#: Modules of this package that import a library, or PETSc before it, without foreign options.
-STARTS = {
-    "dolfinx": "fenics_ehd.base.compat",
-    "matplotlib": "fenics_ehd.base.matplotlib_start",
-    "petsc4py": "fenics_ehd.base.petsc_start",
-    "slepc4py": "fenics_ehd.base.petsc_start",
-}
-
-
-def _version(name: str) -> str:
-    """Version of a package; Debian ships some without the metadata that pip leaves."""
-    with suppress(metadata.PackageNotFoundError):
-        return metadata.version(name)
-    with suppress(ImportError):
-        import_module(STARTS.get(name, name))
-        return str(getattr(import_module(name), "__version__", "unknown"))
-    return "missing"

@@ -27,6 +27,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.printed import escaped
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -330,7 +331,9 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
     while not arrived.Test():
         if status and time.monotonic() > begin + PATIENCE:
             with suppress(OSError):  # nobody is listening
-                print(f"{message} (rank {comm.rank}, which ends the others)", file=sys.stderr)
+                print(
+                    f"{escaped(message)} (rank {comm.rank}, which ends the others)", file=sys.stderr
+                )
                 sys.stdout.flush()
             time.sleep(PASSING_ON)
             comm.Abort(status)

@@ -10,6 +10,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +18,7 @@ import attrs
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import read_text
+from fenics_ehd.base.needs import Setting, missing_need, no_effect
 
 
 def declared(cls: type) -> list[attrs.Attribute]:
@@ -115,6 +117,8 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
             named = f"tables: [{name}.NAME]" if "kinds" in about else "a table"
             raise SettingsError(f"{name} = {value!r} must be {named}")
         values[key] = value
+        if "section" in about and value == {} and path:
+            raise SettingsError(f"[{name}] is empty: give one of its keys, or drop it")
         if "section" in about:
             values[key] = build(about["section"], value, f"{name}.")
         elif "kinds" in about:
@@ -156,6 +160,74 @@ def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, 
             yield name, attribute, value
         elif value is not None:
             yield from walk(value, f"{name}.")
+
+
+def idle_settings(
+    settings: Any, path: str = "", around: tuple[tuple[str, Any], ...] = ()
+) -> Iterator[tuple[str, Any, str]]:
+    """Full key and value of every setting that has no effect, and why: see `base.needs`.
+
+    Parameters
+    ----------
+    settings
+        Object of a settings class.
+    path
+        Of its table, with a dot behind.
+    around
+        Tables around it with their paths, the nearest first.
+    """
+    tables = ((path, settings), *around)
+    look_up = partial(_setting, tables)
+    for attribute in declared(type(settings)):
+        name, value = f"{path}{attribute.name}", getattr(settings, attribute.name)
+        about = attribute.metadata
+        changed = value != _default(attribute)
+        why = missing_need(about.get("needs", ()), look_up) if changed else ""
+        if why:
+            yield name, value, why
+        elif "kinds" in about:
+            for key, entry in value.items():
+                yield from idle_settings(entry, f"{name}.{key}.", tables)
+        elif "section" in about and value is not None:
+            yield from idle_settings(value, f"{name}.", tables)
+
+
+def _default(attribute: attrs.Attribute) -> Any:
+    default: Any = attribute.default
+    return default.factory() if isinstance(default, attrs.Factory) else default  # type: ignore[arg-type]
+
+
+def _setting(tables: tuple[tuple[str, Any], ...], key: str) -> Setting | None:
+    """A setting by its key in the first of some tables that has it."""
+    for path, table in tables:
+        value = table
+        for name in key.split("."):
+            value = getattr(value, name, None)
+        if value is not None:
+            return Setting(f"{path}{key}", value)
+    return None
+
+
+def keys_excluded_by(cls: type, key: str) -> tuple[str, ...]:
+    """Keys of a settings class that have no effect with another one."""
+    return tuple(
+        attribute.name
+        for attribute in declared(cls)
+        for condition in attribute.metadata.get("needs", ())
+        if condition.absent and key in condition.keys
+    )
+
+
+def require_effects(settings: Any, path: str = "") -> None:
+    """Refuse settings that have no effect; defaults are accepted.
+
+    Raises
+    ------
+    SettingsError
+        Naming the first one, its value and what it needs.
+    """
+    for name, value, why in idle_settings(settings, path):
+        raise no_effect(name, value, why)
 
 
 def unusual(settings: Any, path: str = "") -> list[str]:

@@ -15,8 +15,16 @@ from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import FILM_ELEMENTS, NO_TEMPERATURE, NONE, Deviations
 from fenics_ehd.base.files import keeping_failed_film
-from fenics_ehd.base.settings import build, setting_names
-from fenics_ehd.cli.options import FILE, Measured, answer, flag, json_option, setting_options
+from fenics_ehd.base.settings import build, require_effects, setting_names
+from fenics_ehd.cli.options import (
+    FILE,
+    Measured,
+    answer,
+    flag,
+    json_option,
+    setting_options,
+    warn_of,
+)
 
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing import BearingResult
@@ -84,11 +92,15 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
         Naming an option, or what is wrong with the table.
     """
     settings = build(Deviations, deviations)
+    require_effects(settings)
     if settings == Deviations():
         return None
+    from fenics_ehd.multibody.notices import stepped_shape
     from fenics_ehd.scenes.films import surface_shape
 
-    return surface_shape(settings, "", width, clearance)
+    shape = surface_shape(settings, "", width, clearance)
+    warn_of(stepped_shape("bore_shape", shape))
+    return shape
 
 
 def summary(result: BearingResult) -> dict[str, Any]:
@@ -264,14 +276,16 @@ def _groove(numbers: tuple[float, float, float]) -> Any:
 
 def _cells(text: str) -> tuple[int, int]:
     """Two whole numbers from 64x12."""
-    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text.strip().lower())
+    match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text.strip().lower())
     if not match:
         raise SettingsError(f"--cells {text!r} must be two whole numbers, around x along: 64x12")
     return int(match[1]), int(match[2])
 
 
 @click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing.")
-@click.option("--eccentricity", type=float, metavar="E", help="Eccentricity over clearance, 0..1.")
+@click.option(
+    "--eccentricity", type=Measured(""), metavar="E", help="Eccentricity over clearance, 0..1."
+)
 @click.option("--load", type=Measured("[N]"), metavar="W", help="Load on the shaft [N], instead.")
 @click.option(
     "--groove",

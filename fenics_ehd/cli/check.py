@@ -17,8 +17,9 @@ import click
 
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.base.files import versions
+from fenics_ehd.base.libraries import library_fault, origin
 from fenics_ehd.base.processes import without_launcher
-from fenics_ehd.cli.options import answer, json_option
+from fenics_ehd.cli.options import answer, echo, json_option
 
 
 @click.command()
@@ -27,15 +28,18 @@ def info(as_json: bool) -> None:
     """Show versions and where the Gmsh models are."""
     from importlib import resources
 
-    from fenics_ehd.fem.models import model_path
+    found = {**versions(installed=True), "package": str(resources.files("fenics_ehd"))}
+    fault = library_fault()
+    if fault:
+        found |= {"numpy_file": origin("numpy"), "fault": fault}
+    else:
+        from fenics_ehd.fem.models import model_path
 
-    found = {
-        **versions(installed=True),
-        "package": str(resources.files("fenics_ehd")),
-        **{f"{part}_model": str(model_path(part)) for part in ("conrod", "housing")},
-    }
-    lines = "\n".join(f"{name:14s} {value}" for name, value in found.items())
+        found |= {f"{part}_model": str(model_path(part)) for part in ("conrod", "housing")}
+    lines = "\n".join(f"{name:14s} {value}" for name, value in found.items() if name != "fault")
     answer(found, lines, as_json)
+    if fault:
+        raise VerificationError(fault)
 
 
 #: A part that is reduced in a second, the same on any number of ranks.
@@ -54,9 +58,11 @@ def check() -> None:
     """Test this installation in about a minute: libraries, a reduction, a film, steps, ranks."""
     found = versions(installed=True)
     for name, told in found.items():
-        click.echo(f"  {name:14s} {told}")
+        echo(f"  {name:14s} {told}")
         if told == "missing":
             import_module(name)  # its error says which packages to install
+    if fault := library_fault():
+        raise VerificationError(fault)
     failures = []
     with TemporaryDirectory() as folder:
         for name, run in CHECKS.items():
@@ -66,10 +72,10 @@ def check() -> None:
             except Exception as error:  # whatever is wrong here is to be told, not to end the rest
                 told = f"FAILED: {type(error).__name__}: {str(error).strip()}"
                 failures.append(name)
-            click.echo(f"  {name:14s} {told} ({perf_counter() - began:.1f} s)")
+            echo(f"  {name:14s} {told} ({perf_counter() - began:.1f} s)")
     if failures:
         raise VerificationError(f"this installation does not work: {', '.join(failures)}")
-    click.echo("all is well")
+    echo("all is well")
 
 
 def _film(_: Path) -> str:

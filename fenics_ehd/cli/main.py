@@ -24,12 +24,18 @@ with ending_signals_raise():
     from fenics_ehd.base.command_start import start_command
     from fenics_ehd.base.compile_lock import forms_folder
     from fenics_ehd.base.errors import EhdError
+    from fenics_ehd.base.libraries import foreign_numpy, library_fault
+    from fenics_ehd.base.needs import Needs
+    from fenics_ehd.base.printed import escaped
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
     from fenics_ehd.cli.options import (
         FILE,
         FOLDER,
+        Real,
+        echo,
         flag,
         json_option,
+        option,
         output_option,
         setting_options,
     )
@@ -45,6 +51,10 @@ LEAST_MEMORY = 768 << 20
 
 #: Keys of [output] that no option of `run` takes the place of, or one that says more.
 KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
+
+
+#: Of options of `run` that are read from the folder of a run that is resumed.
+NEW_RUN = (Needs(("resume",), absent=True),)
 
 
 #: Commands by their module, which is imported when one of them is asked for.
@@ -97,22 +107,23 @@ def cli() -> None:
 @click.option(
     "--checkpoint-every",
     "interval",
-    type=click.FloatRange(min=0),
+    type=Real(min=0),
     default=10.0,
     show_default=True,
     help="Seconds between two checkpoints.",
 )
-@click.option("--body", type=FILE, help="Reduced part made by 'reduce'.")
-@click.option("--method", type=click.Choice(METHODS), help="Reduction of the part.")
-@output_option("directory", "Folder for the results [default: results/SCENE].")
+@option("--body", type=FILE, help="Reduced part made by 'reduce'.", needs=NEW_RUN)
+@option("--method", type=click.Choice(METHODS), help="Reduction of the part.", needs=NEW_RUN)
+@output_option("directory", "Folder for the results [default: results/SCENE].", needs=NEW_RUN)
 @click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the curves.")
 @flag(
     "--vtk",
     "Write a ParaView series, vtk/run.pvd: bodies and films as they move, their elastic "
     "displacement to warp by, the pressure.",
+    needs=NEW_RUN,
 )
-@setting_options(OutputSettings, *KEPT, defaults=False)
-@flag("--overwrite", "Replace a complete result in the folder.")
+@setting_options(OutputSettings, *KEPT, defaults=False, needs=NEW_RUN)
+@flag("--overwrite", "Replace a complete result in the folder.", needs=NEW_RUN)
 @flag(
     "--multiplier",
     "Also find the largest multiplier of a periodic solution, its margin of stability, which "
@@ -147,8 +158,6 @@ def run(
         changed = run.changed_scene(scene, body, method, asked)
         run.run(changed, target, overwrite, options, input_files(scene, changed))
         return
-    if body or method or directory or vtk or overwrite or given:
-        raise click.UsageError("--resume takes scene and body from its folder: drop the others")
     assert resume is not None
     run.resume(Path(resume), options)
 
@@ -197,7 +206,7 @@ def init(scene: str | None) -> None:
     """Print the scene file SCENE, every setting explained; without SCENE the names there are."""
     from fenics_ehd.scenes.library import shipped, shipped_names
 
-    click.echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
+    echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -205,12 +214,14 @@ def main(arguments: list[str] | None = None) -> None:
     start_command()
     _open_streams()
     logging.disable(logging.INFO)  # the build log of just-in-time compiled forms
+    given = sys.argv[1:] if arguments is None else arguments
+    # dolfinx reads these when it is imported, and only as UTF-8.
+    sys.argv = [escaped(argument) for argument in sys.argv]
     with all_ranks() as comm:
-        given = sys.argv[1:] if arguments is None else arguments
         status, message = agreed(comm, *_outcome(given, alone=comm is None))
     if message:
         with suppress(OSError):  # nobody is listening
-            click.echo(message, err=True)
+            echo(message, err=True)
     sys.exit(status)
 
 
@@ -218,6 +229,7 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
     """Exit status of a command, and what is to be said of an error."""
     try:
         _require_memory()
+        _require_arrays(arguments)
         if not alone:
             require_alike("command, or other arguments,", repr(arguments))
         _require_arguments(arguments)
@@ -243,6 +255,8 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
                 "install them, and call one that sees them, /usr/bin/python3 -m venv "
                 "--system-site-packages makes one"
             )
+        if fault := library_fault():
+            return 1, _line(fault)
         module, last = type(error).__module__, str(error).strip().rpartition("\n")[2]
         if "petsc4py" in module:
             return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
@@ -264,6 +278,24 @@ def _require_arguments(arguments: list[str]) -> None:
             raise click.UsageError(
                 f"{argument or before} is followed by nothing: is a shell variable empty?"
             )
+
+
+#: Commands that need no arrays, or explain why they do not work; so does help.
+WITHOUT_ARRAYS = {"init", "info", "check", "-h", "--help", "--version"}
+
+
+def _require_arrays(arguments: list[str]) -> None:
+    """Refuse a NumPy that others were not compiled for before it is imported from somewhere else.
+
+    Raises
+    ------
+    EhdError
+        Naming it.
+    """
+    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
+        return
+    if fault := library_fault():
+        raise EhdError(fault)
 
 
 def _require_memory() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import attrs
@@ -12,9 +13,16 @@ import click
 
 from fenics_ehd.base.compile_lock import forms_folder
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, unit_of
+from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, parse_number, unit_of
 from fenics_ehd.base.files import to_json
+from fenics_ehd.base.needs import Needs, Setting, missing_need, no_effect
+from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.settings import declared
+
+
+def echo(text: object, *, err: bool = False) -> None:
+    """Print a text, what could control a terminal in it escaped."""
+    click.echo(escaped(str(text)), err=err)
 
 
 def warn_of(lines: Iterable[str]) -> None:
@@ -35,7 +43,7 @@ def _say(lines: Iterable[str]) -> None:
 
     if MPI.COMM_WORLD.rank == 0:
         for line in lines:
-            click.echo(line, err=True)
+            echo(line, err=True)
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -44,9 +52,90 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 FILE, FOLDER = click.Path(dir_okay=False), click.Path(file_okay=False)
 
 
-def flag(name: str, help_text: str) -> Callable[[Command], Command]:
+class Dependent(click.Option):
+    """Option that is refused where it has no effect.
+
+    Parameters
+    ----------
+    needs
+        Conditions on other parameters of the command, by their names.
+    """
+
+    def __init__(self, *names: Any, needs: Sequence[Needs] = (), **more: Any):
+        super().__init__(*names, **more)
+        self._needs = needs
+
+    def handle_parse_result(
+        self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]
+    ) -> tuple[Any, list[str]]:
+        """Value of the option; the default, written out, is accepted everywhere."""
+        value, rest = super().handle_parse_result(ctx, opts, args)
+        name = str(self.name)
+        if name in opts and value != self.get_default(ctx):
+            why = missing_need(self._needs, partial(_parameter, ctx.command, opts))
+            if why:
+                raise no_effect(_written(self, opts[name]), value, why)
+        return value, rest
+
+
+def _parameter(command: click.Command, given: Mapping[str, Any], name: str) -> Setting | None:
+    """Another parameter of the command, as far as it is parsed."""
+    for parameter in command.params:
+        if parameter.name == name:
+            default = parameter.default
+            return Setting(_written(parameter, True), given.get(name, default))
+    return None
+
+
+def _written(parameter: click.Parameter, value: Any) -> str:
+    """An option as it is written, its ``--no-`` form for false."""
+    off = value is False and parameter.secondary_opts
+    return (parameter.secondary_opts if off else parameter.opts)[-1]
+
+
+def option(*names: str, needs: Sequence[Needs] = (), **more: Any) -> Callable[[Command], Command]:
+    """Option of click that has an effect only under conditions, see `Dependent`."""
+    return click.option(*names, cls=Dependent, needs=needs, **more)
+
+
+def flag(name: str, help_text: str, needs: Sequence[Needs] = ()) -> Callable[[Command], Command]:
     """Option that is given or not."""
-    return click.option(name, is_flag=True, help=help_text)
+    return option(name, is_flag=True, help=help_text, needs=needs)
+
+
+class Integer(click.ParamType):
+    """A whole number in plain digits."""
+
+    name = "integer"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Number of the option, as click asks for it."""
+        if isinstance(value, str) and not re.fullmatch(r"[+-]?[0-9]{1,300}", value.strip()):
+            self.fail(f"{value[:40]!r} is not a whole number", param, ctx)
+        return int(value)
+
+
+class Whole(click.IntRange):
+    """A whole number in plain digits, within limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Number of the option, as click asks for it."""
+        return super().convert(Integer().convert(value, param, ctx), param, ctx)
+
+
+class Real(click.FloatRange):
+    """A finite number in plain digits, within limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Number of the option, as click asks for it."""
+        if isinstance(value, str):
+            try:
+                value = parse_number(value)
+            except ValueError as error:
+                self.fail(str(error), param, ctx)
+            if abs(value) == float("inf"):
+                self.fail("the number must be finite", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 class Measured(click.ParamType):
@@ -59,8 +148,10 @@ class Measured(click.ParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Number in the unit of the option, as click asks for it."""
-        try:
+        if not isinstance(value, str):
             return float(value)
+        try:
+            return parse_number(value)
         except ValueError:
             pass
         try:
@@ -74,36 +165,40 @@ NOT_GIVEN = (NONE, NO_TEMPERATURE, (0.0, 0.0))
 
 
 def setting_options(
-    cls: type, *without: str, defaults: bool = True
+    cls: type, *without: str, defaults: bool = True, needs: Sequence[Needs] = ()
 ) -> Callable[[Command], Command]:
     """Options for the settings of a class, some left out, with help and unit of each.
 
-    Without `defaults` what is not given is None.
+    Without `defaults` what is not given is None. All of them have the conditions `needs`, those of
+    the settings are checked with the settings.
     """
 
     def add(command: Command) -> Command:
         fields = [field for field in declared(cls) if field.name not in without]
         fields.sort(key=lambda field: field.name not in cls.__annotations__)  # inherited ones last
         for field in reversed(fields):
-            command = _setting_option(field, defaults)(command)
+            command = _setting_option(field, defaults, needs)(command)
         return command
 
     return add
 
 
-def _setting_option(field: attrs.Attribute, defaults: bool) -> Callable[[Command], Command]:
+def _setting_option(
+    field: attrs.Attribute, defaults: bool, needs: Sequence[Needs]
+) -> Callable[[Command], Command]:
     name, kind, told = field.name.replace("_", "-"), str(field.type), field.metadata["help"]
     measured = Measured(told)
-    kinds: dict[str, Any] = {"float": measured, "int": int, "bool": bool}
+    kinds: dict[str, Any] = {"float": measured, "int": Integer(), "bool": bool}
     kinds["tuple[float, float]"] = measured, measured
     options, default = field.metadata.get("options"), field.default
-    return click.option(
+    return option(
         f"--{name}/--no-{name}" if default is True else f"--{name}",
         type=click.Choice(options) if options else kinds.get(kind),
         is_flag=kind == "bool",
         default=default if defaults else None,
         show_default=defaults and bool(default) and default not in NOT_GIVEN,
         help=told,
+        needs=needs,
     )
 
 
@@ -128,7 +223,7 @@ def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
     keys = sorted(set(_not_finite(found))) if unknown else []
     if keys:
         raise VerificationError(f"{', '.join(keys)}: no finite number, in: {unknown[0]}")
-    click.echo(to_json(found) if as_json else told)
+    echo(to_json(found) if as_json else told)
 
 
 def _unknown(line: str) -> bool:
@@ -157,16 +252,22 @@ def aligned(
 
 
 def output_option(
-    name: str, help_text: str, *, folder: bool = True, required: bool = False
+    name: str,
+    help_text: str,
+    *,
+    folder: bool = True,
+    required: bool = False,
+    needs: Sequence[Needs] = (),
 ) -> Callable[[Command], Command]:
     """``-o``, a folder or a file, under the name of an argument."""
     path = FOLDER if folder else FILE
-    return click.option("-o", "--output", name, type=path, help=help_text, required=required)
+    names = "-o", "--output", name
+    return option(*names, type=path, help=help_text, required=required, needs=needs)
 
 
 #: Shared by commands that run many cases.
 workers_option = click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     help="Processes [default: the cores this one may use]; with 1 no run disturbs another.",
 )

@@ -12,11 +12,15 @@ from click.core import ParameterSource
 
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import Material
+from fenics_ehd.base.needs import Needs
 from fenics_ehd.base.settings import build, toml_string
 from fenics_ehd.cli.options import (
+    Real,
+    Whole,
     aligned,
     answer,
     json_option,
+    option,
     output_option,
     setting_options,
     warn_of,
@@ -33,6 +37,9 @@ MOST_LISTED = 60
 #: Most runs of numbers in a row of several faces.
 MOST_RUNS = 6
 
+#: Of options for the model that is written.
+WRITTEN = (Needs(("target",)),)
+
 
 @click.command()
 @click.argument("file", type=click.Path())
@@ -44,14 +51,15 @@ MOST_RUNS = 6
     help="Lubricated surface: number of a face, or its radius, 22.5mm. Repeatable; the first is "
     "the origin, its axis z.",
 )
-@click.option(
+@option(
     "--point",
     "points",
     multiple=True,
     metavar="[NAME=]FACE",
     help="Boundary point, 'pin' unless named. Repeatable; x goes from the bore to the first.",
+    needs=WRITTEN,
 )
-@click.option("--held", metavar="FACE,...", help="Faces that are held.")
+@option("--held", metavar="FACE,...", help="Faces that are held.", needs=WRITTEN)
 @click.option(
     "--unit",
     type=click.Choice(UNITS),
@@ -59,21 +67,22 @@ MOST_RUNS = 6
 )
 @click.option(
     "--angle",
-    type=click.FloatRange(1.0, 90.0),
+    type=Real(1.0, 90.0),
     default=35.0,
     show_default=True,
     help="A face of a mesh ends at an edge as sharp as this [degrees].",
 )
-@click.option(
+@option(
     "--cells-around",
     "around",
-    type=click.IntRange(min=8),
+    type=Whole(min=8),
     default=40,
     show_default=True,
     help="Cells around the bores of a drawing.",
+    needs=WRITTEN,
 )
-@setting_options(Material)
-@click.option("--check/--no-check", default=True, help="Also find mass and mesh error.")
+@setting_options(Material, needs=(*WRITTEN, Needs(("check",), (True,))))
+@option("--check/--no-check", default=True, help="Also find mass and mesh error.", needs=WRITTEN)
 @output_option("target", "Model to write, rod.msh.", folder=False)
 @json_option
 def part(

@@ -8,7 +8,18 @@ from pathlib import Path
 import click
 
 from fenics_ehd.base.files import PICTURES, claim, require_kept, require_writable
-from fenics_ehd.cli.options import FILE, FOLDER, answer, flag, json_option, output_option
+from fenics_ehd.base.needs import Needs
+from fenics_ehd.cli.options import (
+    FILE,
+    FOLDER,
+    Real,
+    Whole,
+    answer,
+    echo,
+    flag,
+    json_option,
+    output_option,
+)
 
 
 @click.command()
@@ -47,7 +58,7 @@ def plot(
         claim(folder, (), "plot")
     for name in quantities or pictures.names:
         for path in pictures.draw(name, folder):
-            click.echo(path)
+            echo(path)
 
 
 #: File name where none is given.
@@ -66,7 +77,7 @@ DEFAULT_NAME = "animation.gif"
 )
 @click.option(
     "--frames",
-    type=click.IntRange(min=2),
+    type=Whole(min=2),
     default=80,
     show_default=True,
     help="Instants, at equal times over the run.",
@@ -74,14 +85,14 @@ DEFAULT_NAME = "animation.gif"
 @click.option(
     "--fps",
     "rate",
-    type=click.IntRange(min=1, max=50),
+    type=Whole(min=1, max=50),
     default=20,
     show_default=True,
     help="Frames a second.",
 )
 @click.option(
     "--scale",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Real(min=0, min_open=True),
     help="Enlargement of displacements and clearances [default: so that both are seen].",
 )
 @click.option(
@@ -115,10 +126,10 @@ def animate(
     if target is None:
         claim(path.parent, [DEFAULT_NAME])
     for hint in hints:
-        click.echo(hint, err=True)
+        echo(hint, err=True)
     with tqdm(total=frames, unit="frame", file=sys.stderr, mininterval=0.5) as bar:
         save_animation(figure, show, frames, path, rate, bar.update)
-    click.echo(path)
+    echo(path)
 
 
 @click.command()
@@ -126,7 +137,7 @@ def animate(
 @output_option("target", "Folder for the series [default: DIRECTORY/vtk].")
 @click.option(
     "--frames",
-    type=click.IntRange(min=1),
+    type=Whole(min=1),
     default=60,
     show_default=True,
     help="At most how many recorded steps.",
@@ -159,7 +170,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     result = load_history(of).last_cycle()
     run = recorded(of, result)
     parts = parts_of_bases(run.bodies, bases)
-    click.echo(write_run(run.system.mechanism, result, parts, folder, frames))
+    echo(write_run(run.system.mechanism, result, parts, folder, frames))
 
 
 @click.command()
@@ -178,6 +189,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     "--complete",
     "Add the static answer that the basis misses of the films' pressures and of turning: for "
     "m1, m2 and m3, which know a part of it.",
+    needs=(Needs(("damping",), (True,)),),
 )
 @click.option(
     "--model",
@@ -207,8 +219,6 @@ def stress(
 
     if MPI.COMM_WORLD.rank:  # one does it all
         return
-    if complete and not damping:
-        raise click.UsageError("--complete is in balance with the loads: drop --no-damping")
     folder = Path(directory)
     found = cycle_stresses(folder, chosen, damping, complete, programs)
     answer(found, report(found, folder), as_json)

@@ -8,14 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import attrs
 import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import naming, require_output, versions
 from fenics_ehd.base.processes import require_alike
-from fenics_ehd.base.settings import build, unusual
+from fenics_ehd.base.settings import unusual
 from fenics_ehd.cli.options import answer, say_reducing, warn_of
 from fenics_ehd.reduction.body import (
     BODY_KIND,
@@ -27,7 +26,7 @@ from fenics_ehd.reduction.body import (
 )
 from fenics_ehd.reduction.part_files import BASIS_KIND, save_basis
 from fenics_ehd.scenes.part import ReducedPart, elastic_part
-from fenics_ehd.scenes.scene import Scene, input_files, meshed, read_scene
+from fenics_ehd.scenes.scene import Scene, changed, input_files, meshed, read_scene
 
 #: Scenes whose flexible bodies are known by their models.
 SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
@@ -57,12 +56,11 @@ def reduce_part(
     machine, name = _flexible(part, scene)
     inputs = input_files(scene or "", machine)
     _require_outputs(outputs, inputs)
-    settings = machine.bodies[name]
     key = f"bodies.{name}."
-    given = {name: value for name, value in options.items() if value is not None}
-    tables = attrs.asdict(settings.reduction) | given
-    reduction: Any = build(type(settings.reduction), tables, f"{key}reduction.")
-    settings = attrs.evolve(settings, reduction=reduction, cells=cells or settings.cells)
+    values = {f"{key}reduction.{word}": value for word, value in options.items()}
+    values[f"{key}cells"] = cells
+    machine = changed(machine, {k: value for k, value in values.items() if value is not None})
+    settings = machine.bodies[name]
     warn_of(unusual(settings, key))
     require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
     say_reducing([name])

@@ -12,7 +12,6 @@ from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-import click
 import numpy as np
 from mpi4py import MPI
 
@@ -20,7 +19,7 @@ from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.files import complete_result, require_kept, require_writable
 from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import read_toml
-from fenics_ehd.cli.options import aligned, answer, say_reducing, warn_of
+from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
     Checkpoint,
@@ -136,7 +135,7 @@ def say_next(search: Search) -> None:
     """Say why there is another run."""
     run = search.runs[-1]
     changes = ", ".join(f"{key} = {shown(value)}" for key, value in search.wanted.items())
-    click.echo(
+    echo(
         f"accuracy: {share(run['estimate'])} of {share(search.asked)} asked, next with {changes}",
         err=True,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -19,6 +19,7 @@ from fenics_ehd.base.files import (
     versions,
     write_whole,
 )
+from fenics_ehd.base.needs import no_effect
 from fenics_ehd.cli.options import say_reducing
 from fenics_ehd.multibody.body import FlexibleBody, MasslessBody
 from fenics_ehd.multibody.history import History, load_history
@@ -26,7 +27,7 @@ from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME, SERIES, STRESS
 from fenics_ehd.results.stress import cycle_stress, figures, write_fields
-from fenics_ehd.scenes.part import remade_part
+from fenics_ehd.scenes.part import model_file, remade_part
 from fenics_ehd.scenes.scene import GROUND, Scene, as_stored, meshed
 
 #: Relative difference of the cells around a place above which its stress is said to be unresolved.
@@ -65,6 +66,7 @@ def cycle_stresses(
     run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)
     bodies, skipped = _bodies(scene, run, folder, chosen)
+    _require_models(scene, bodies, programs)
     instants = instants_of(scene, answer)
     say_reducing(bodies)
     found = {}
@@ -130,6 +132,16 @@ def _bodies(
         reasons = ", ".join(f"{name}: {reason}" for name, reason in skipped.items())
         raise SettingsError(f"{folder}: no body with stresses ({reasons})")
     return list(wanted), skipped
+
+
+def _require_models(scene: Scene, bodies: Sequence[str], programs: Sequence[str]) -> None:
+    """Refuse a model that is of none of the bodies."""
+    models = (
+        [model_file(scene.bodies[name], f"bodies.{name}") for name in bodies] if programs else []
+    )
+    for program in programs:
+        if not any(model.samefile(program) for model in models):
+            raise no_effect("--model", program, "without a body of that model in the run")
 
 
 def _why_none(body: object, has_model: bool) -> str:

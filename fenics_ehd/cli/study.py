@@ -13,8 +13,10 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import require_kept, require_made_by
 from fenics_ehd.cli.options import (
     FOLDER,
+    Real,
     aligned,
     answer,
+    echo,
     flag,
     json_option,
     output_option,
@@ -66,7 +68,7 @@ def report(directory: str) -> None:
     """
     from fenics_ehd.study.report.write import write_report
 
-    click.echo(write_report(directory))
+    echo(write_report(directory))
 
 
 #: Columns of the printed table: column, heading, factor, format.
@@ -85,7 +87,7 @@ SHOWN = (
 @flag("--quick", "A small selection, a few minutes on two cores.")
 @click.option(
     "--start",
-    type=click.FloatRange(min=0),
+    type=Real(min=0),
     help="Time from which on errors count [s] [default: 2 % of the simulated time, 0 of a cycle].",
 )
 @workers_option

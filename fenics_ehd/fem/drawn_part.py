@@ -284,7 +284,7 @@ class OpenedPart:
         MeshError
             There is none, or more than one.
         """
-        if re.fullmatch(r"\d+", wanted):
+        if re.fullmatch(r"[0-9]+", wanted):
             found = [int(wanted)] if 1 <= int(wanted) <= len(self.faces) else []
             known = f"1 to {len(self.faces)}"
         else:

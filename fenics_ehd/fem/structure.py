@@ -21,10 +21,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_ehd.base import compat
+from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import MeshError, StructureError
 from fenics_ehd.base.fields import Material
 from fenics_ehd.base.processes import interrupt_kept
-from fenics_ehd.fem.elements import quadratic_element, solid_element
+from fenics_ehd.fem.elements import FAMILIES, quadratic_element, solid_element
 from fenics_ehd.fem.faces import cylinder_centre, rounded_middles
 from fenics_ehd.fem.gmsh_session import (
     HEXAHEDRON_27,
@@ -146,6 +147,9 @@ def build_mesh(
         Gmsh cannot read or mesh the model, or it mixes cells, or has no tetrahedra to be asked
         for.
     """
+    require_word("cells", cells, tuple(CELLS))
+    require_number("size", size, above=0)
+    require_class("bores", bores, tuple, list)
     groups, failure = None, None
     with ExitStack() as model:
         if comm.rank == 0:
@@ -249,6 +253,10 @@ def assemble_structure(
     MeshError
         A named surface is missing or empty, or a bore is not a cylinder along z.
     """
+    require_class("part", part, PartMesh)
+    require_class("material", material, Material)
+    require_word("family", family, FAMILIES)
+    require_word("pressure_family", pressure_family, FAMILIES)
     mesh = part.mesh
     cell = part.cell
     space = compat.functionspace(mesh, quadratic_element(family, cell, (3,)))

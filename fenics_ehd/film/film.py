@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
+from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import (
     CavitationError,
     GapClosedError,
@@ -93,6 +94,8 @@ class Film:
         options_prefix: str = "film_",
         tolerance: float = 1e-10,
     ):
+        require_class("parameters", parameters, FilmParameters)
+        require_number("tolerance", tolerance, above=0)
         self.parameters = parameters
         # Here, as it takes dolfinx along: pictures know films without equations.
         from fenics_ehd.film.reynolds import ReynoldsEquation

@@ -24,6 +24,12 @@ from scipy import sparse
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial import cKDTree
 
+from fenics_ehd.base.arguments import (
+    require_class,
+    require_count,
+    require_number,
+    require_word,
+)
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
 from fenics_ehd.base.fields import FILM_ELEMENTS
 from fenics_ehd.reduction.elements import ELEMENTS
@@ -60,11 +66,8 @@ class FilmGrid:
     family: str = "lagrange"
 
     def __post_init__(self) -> None:
-        if self.family not in FILM_ELEMENTS:
-            known = ", ".join(FILM_ELEMENTS)
-            raise SettingsError(f"film element {self.family!r} is not one of {known}")
-        if not (np.isfinite(self.radius) and self.radius > 0):
-            raise SettingsError(f"the bore's radius is {self.radius:g} m, it must be above 0")
+        require_word("family", self.family, FILM_ELEMENTS)
+        require_number("radius", self.radius, above=0)
         around, along = self.cells
         if around < 3 or along < 1:
             raise SettingsError(
@@ -156,9 +159,20 @@ def uniform_grid(
     *,
     start: float = 0.0,
 ) -> FilmGrid:
-    """Grid of equal cells, a cell boundary at angle `start` [rad]."""
-    angles = start + np.linspace(0.0, TURN, max(int(cells[0]), 0) + 1)
-    heights = np.linspace(-width / 2, width / 2, max(int(cells[1]), 0) + 1)
+    """Grid of equal cells, a cell boundary at angle `start` [rad].
+
+    Raises
+    ------
+    SettingsError
+        Numbers of cells that are not two whole ones, a size that is not above 0, another family.
+    """
+    require_class("cells", cells, tuple, list, np.ndarray)
+    if len(cells) != 2:
+        raise SettingsError(f"cells = {list(cells)} must be two whole numbers, around and along")
+    around, along = (require_count(f"cells[{i}]", number) for i, number in enumerate(cells))
+    half = 0.5 * require_number("width", width, above=0)
+    angles = require_number("start", start) + np.linspace(0.0, TURN, around + 1)
+    heights = np.linspace(-half, half, along + 1)
     return FilmGrid(radius, angles, heights, family)
 
 
@@ -350,6 +364,7 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     InterfaceMismatchError
         The nodes are not those of a structured quadratic mesh of equal cells.
     """
+    require_class("nodes", nodes, np.ndarray)
     cells, family = film_layout(nodes)
     radius = float(np.linalg.norm(nodes[:, :2], axis=1).mean())
     angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]), TURN / cells[0])

@@ -41,6 +41,7 @@ import attrs
 import numpy as np
 from scipy.special import erf
 
+from fenics_ehd.base.arguments import require_callable, require_class, require_number
 from fenics_ehd.base.errors import SettingsError, ViscosityError
 from fenics_ehd.base.fields import (
     COMPRESSIBILITY,
@@ -452,6 +453,16 @@ class Lubricant:
     #: How the viscosity falls with the shear rate; None: it does not.
     shear_law: Law | None = None
 
+    def __attrs_post_init__(self) -> None:
+        for name in ("viscosity_law", "density_law"):
+            require_class(name, getattr(self, name), PressureLaw)
+        for name in ("viscosity_field", "density_field"):
+            require_callable(name, getattr(self, name), optional=True)
+        require_class("oil", self.oil, Oil, optional=True)
+        require_class("shear_law", self.shear_law, Law, optional=True)
+        if self.temperature is not None:
+            require_number("temperature", self.temperature, above=NO_TEMPERATURE)
+
     @classmethod
     def of(cls, oil: Oil, temperature: float) -> Lubricant:
         """An oil at a temperature [C], its viscosity the same at every pressure.
@@ -565,23 +576,10 @@ def _pressure_law(settings: OilSettings, viscosity: float) -> PressureLaw:
 def _density_law(settings: OilSettings) -> PressureLaw:
     if settings.density_law != "constant":
         return DowsonHigginson(settings.compressibility, settings.stiffening)
-    _unused(settings, "density_law = 'dowson-higginson'", "compressibility", "stiffening")
     return Constant()
 
 
 def _shear_law(settings: OilSettings) -> Law | None:
     if settings.cross_rate:
         return Cross(settings.cross_rate, settings.cross_exponent, settings.cross_second_viscosity)
-    _unused(settings, "cross_rate", "cross_exponent", "cross_second_viscosity")
     return None
-
-
-def _unused(settings: OilSettings, needed: str, *names: str) -> None:
-    """Refuse other values than the defaults of what does nothing."""
-    defaults = attrs.fields_dict(type(settings))
-    for name in names:
-        value = getattr(settings, name)
-        if value != defaults[name].default:
-            raise SettingsError(
-                f"{name} = {value:g} does nothing without {needed}: drop it, or give that"
-            )

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import sparse
 
+from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, with_weights
 from fenics_ehd.film.grid import FilmGrid
@@ -72,12 +73,16 @@ class FilmParameters:
     surfaces: RoughSurfaces | None = None
 
     def __post_init__(self) -> None:
+        require_class("grid", self.grid, FilmGrid)
+        require_class("lubricant", self.lubricant, Lubricant)
+        require_class("sides", self.sides, Sides)
+        require_class("surfaces", self.surfaces, RoughSurfaces, optional=True)
+        for name, cls in (("regions", AxialGroove), ("feeds", Supply), ("recesses", Supply)):
+            require_class(name, getattr(self, name), tuple, list)
+            for i, entry in enumerate(getattr(self, name)):
+                require_class(f"{name}[{i}]", entry, cls)
         for name in ("clearance", "rate"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise SettingsError(
-                    f"{name} = {value:g} of the film must be a finite number above 0"
-                )
+            require_number(name, getattr(self, name), above=0)
         if not np.finfo(float).tiny < self.pressure_scale < np.inf:
             raise SettingsError(
                 f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s: the film's "

@@ -16,8 +16,10 @@ from math import radians
 import attrs
 import numpy as np
 
+from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import LARGEST_LENGTH, NONE, REQUIRED, choice, number, text
+from fenics_ehd.base.needs import not_with
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import SurfacePoints
 
@@ -26,7 +28,7 @@ SLACK = 1e-9
 
 
 def _pressure(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value >= 0):
+    if not require_number(name, value) >= 0:
         raise SettingsError(
             f"{name} = {value:g} Pa must be at least 0, the pressure at which the film cavitates"
         )
@@ -74,10 +76,10 @@ class AxialGroove:
 
     def __post_init__(self) -> None:
         _pressure("the pressure of a groove", self.pressure)
-        if not np.isfinite(self.angle):
-            raise SettingsError(f"the angle of a groove is {self.angle:g}, it must be finite")
-        if self.length is not None and not 0 < self.length < np.inf:
-            raise SettingsError(f"a groove {self.length:g} m long: it must be above 0 and finite")
+        require_number("the angle of a groove", self.angle)
+        if self.length is not None:
+            require_number("the length of a groove", self.length, above=0)
+        require_number("the width of a groove", self.width)
         if not 0 <= self.width < 2 * np.pi:
             raise SettingsError(
                 f"a groove {np.degrees(self.width):g} degrees wide: it must lie in 0..360"
@@ -183,7 +185,11 @@ class Supply:
         usual=(1e6, 1e16),
         example="3e11 for 1 cm3/s at 3 bar",
     )
-    angle: float = number(0.0, "of the middle, from the body's x axis [degrees]")
+    angle: float = not_with(
+        number(0.0, "of the middle, from the body's x axis [degrees]"),
+        "closed",
+        words="a groove all around, extent = 360",
+    )
     height: float = number(
         0.0,
         "of the middle, from that of the bore [m]",

@@ -25,7 +25,9 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.arguments import require_class, require_number, require_pair
 from fenics_ehd.base.fields import REQUIRED, number, pair, place, places
+from fenics_ehd.base.needs import only_with
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
@@ -507,7 +509,11 @@ class MasslessBody(PlanarBody):
     """A rigid body without mass, as a journal under a given load."""
 
     points: dict = places("points in the body's frame [m]")
-    held: bool = attrs.field(default=False, kw_only=True)
+    held: bool = attrs.field(
+        default=False,
+        kw_only=True,
+        validator=lambda _, field, value: require_class(field.name, value, bool),
+    )
     mass = 0.0
     inertia = 0.0
     centre = (0.0, 0.0)
@@ -541,12 +547,12 @@ class RigidBody(MasslessBody):
         example="1e-3 for 10 kg cm2",
     )
     points: dict = places("points in the body's frame [m]")
-    centre: tuple[float, float] = place("centre of mass in the body's frame [m]")
+    centre: tuple[float, float] = only_with(place("centre of mass in the body's frame [m]"), "mass")
 
 
 def ground(points: dict[str, tuple[float, float]] | None = None) -> MasslessBody:
     """The ground with points of its own."""
-    return MasslessBody(points or {}, held=True)
+    return MasslessBody({} if points is None else points, held=True)
 
 
 @attrs.frozen(eq=False, slots=False)
@@ -572,6 +578,15 @@ class FlexibleBody(PlanarBody):
     mass: float | None = None
     inertia: float | None = None
     centre: tuple[float, float] | None = None
+
+    def __attrs_post_init__(self) -> None:
+        require_class("reduced", self.reduced, ReducedBody)
+        require_number("damping_time", self.damping_time, least=0)
+        for name in ("mass", "inertia"):
+            if getattr(self, name) is not None:
+                require_number(name, getattr(self, name), above=0)
+        if self.centre is not None:
+            require_pair("centre", self.centre)
 
     @cached_property
     def held(self) -> bool:  # type: ignore[override]

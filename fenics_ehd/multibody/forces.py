@@ -10,7 +10,9 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.arguments import require_callable, require_class, require_pair
 from fenics_ehd.base.fields import NONE, REQUIRED, choice, names, number, text
+from fenics_ehd.base.needs import only_with
 from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.joints import SECOND
 
@@ -78,6 +80,12 @@ class PointForce(Force):
     size: Table
     angle_of: str = ""
 
+    def __post_init__(self) -> None:
+        require_class("point", self.point, str)
+        require_pair("direction", self.direction, zero=False)
+        require_callable("size", self.size)
+        require_class("angle_of", self.angle_of, str)
+
     @property
     def markers(self) -> tuple[str, ...]:
         """Markers of the point and of the body whose angle counts."""
@@ -119,9 +127,14 @@ class Torque(Force):
     curve: Table | None = attrs.field(default=None, kw_only=True)
     torque: float = number(0.0, "constant part, + in the sense of the angle [N m]")
     table: str = text(NONE, "more torque: CSV file angle_deg,torque_Nm or time_s,torque_Nm")
-    over: str = choice("angle", BASES, "what the table is over, the body's own angle or time")
+    over: str = only_with(
+        choice("angle", BASES, "what the table is over, the body's own angle or time"), "table"
+    )
     damping: float = number(0.0, "more torque per speed below the given one [N m s/rad]", least=0)
-    speed: float = quantities.speed(0.0, "the given one [rad/s]")
+    speed: float = only_with(quantities.speed(0.0, "the given one [rad/s]"), "damping")
+
+    def __attrs_post_init__(self) -> None:
+        require_callable("curve", self.curve, optional=True)
 
     @property
     def markers(self) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ import h5py
 import numpy as np
 
 from fenics_ehd import __version__
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, csv_line, with_unit
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import (
@@ -674,6 +675,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         The folder holds no run of at least one step, or files that are damaged or of another
         version.
     """
+    require_class("directory", directory, str, Path)
     folder, path = Path(directory), Path(directory) / FIELDS_NAME
     summary, scene = _summary(folder), _scene(folder)
     if not path.exists():
@@ -726,6 +728,16 @@ def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
             raise ValueError(f"/{path} of shape {cells.shape} are no cells of {nodes} nodes")
 
 
+#: Kinds of what is read of a summary.
+SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
+    "status": (str,),
+    "cycles": (int,),
+    "joints": (dict,),
+    "cycle_start_s": (float, int),
+    "cycle_end_s": (float, int),
+}
+
+
 def _summary(folder: Path) -> dict[str, Any]:
     """Summary of the folder, empty where there is none yet."""
     path = folder / SUMMARY
@@ -735,6 +747,9 @@ def _summary(folder: Path) -> dict[str, Any]:
         found = read_json(path)
         if not isinstance(found, dict):
             raise ValueError("not an object")
+        for name, kinds in SUMMARY_KINDS.items():
+            if not isinstance(found.get(name, kinds[0]()), kinds):
+                raise ValueError(f"{name} = {found[name]!r} is of another kind")
         return _with_nan(found)
 
 

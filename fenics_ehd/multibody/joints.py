@@ -19,6 +19,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.fields import NONE, REQUIRED, flag, names, number, pair, text
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import ANGLE, WIDTH
@@ -201,6 +202,10 @@ class Speed:
     start: float = 0.0
     table: str = text(NONE, "in its place: CSV file time_s,speed_rad_per_s, or none")
     curve: Curve | None = None
+
+    def __attrs_post_init__(self) -> None:
+        require_number("start", self.start)
+        require_class("curve", self.curve, Curve, optional=True)
 
     def __call__(self, time: float) -> tuple[float, float]:
         """Angle and speed at a time."""

@@ -47,8 +47,14 @@ from functools import cached_property
 
 import numpy as np
 
+from fenics_ehd.base.arguments import (
+    require_class,
+    require_number,
+    require_pair,
+    require_word,
+)
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
-from fenics_ehd.base.fields import CAVITATIONS
+from fenics_ehd.base.fields import CAVITATIONS, SHEAR_RULES, TRANSFERS
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
@@ -217,6 +223,9 @@ class BoreFilm:
     """
 
     def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
+        require_class("body", body, ReducedBody)
+        require_class("film", film, Film)
+        require_word("transfer", transfer, TRANSFERS)
         grid = film.parameters.grid
         self._check_size(body, film)
         surface = bore_surface(body.bore_nodes, body.bore.cells, body.bore.family)
@@ -307,6 +316,15 @@ TIED = (
 )
 
 
+#: Words of a lubricated joint, by argument.
+WORDS = {
+    "transfer": TRANSFERS,
+    "shear_rule": SHEAR_RULES,
+    "cavitation": CAVITATIONS,
+    "ambient": AMBIENTS,
+}
+
+
 @dataclass(frozen=True, eq=False)
 class LubricatedJoint:
     """Lubricated joint of a mechanism: its markers, film and models.
@@ -359,13 +377,7 @@ class LubricatedJoint:
     ambient: str = "air"
 
     def __post_init__(self) -> None:
-        for name, known in (("cavitation", CAVITATIONS), ("ambient", AMBIENTS)):
-            if getattr(self, name) not in known:
-                raise SettingsError(
-                    f"{name} = {getattr(self, name)!r} must be one of {', '.join(known)}"
-                )
-        if not 0.0 <= self.initial_filling <= 1.0:
-            raise SettingsError(f"initial_filling = {self.initial_filling:g} must lie in 0..1")
+        self._check_arguments()
         if self.heat is not None and self.film.parameters.lubricant.oil is None:
             raise SettingsError(
                 f"heat of {self.journal} in {self.bore}: the lubricant's viscosity does not depend "
@@ -377,6 +389,22 @@ class LubricatedJoint:
                 f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
                 f"{share:.3g} of the clearance: it must be below 1"
             )
+
+    def _check_arguments(self) -> None:
+        """Words, numbers and classes of the arguments, each by itself."""
+        for name in ("journal", "bore"):
+            require_class(name, getattr(self, name), str)
+        require_class("film", self.film, Film)
+        for name, words in WORDS.items():
+            require_word(name, getattr(self, name), words)
+        require_class("friction", self.friction, bool)
+        for name in ("eccentricity", "eccentricity_rate"):
+            require_pair(name, getattr(self, name))
+        require_number("smallest_film", self.smallest_film, least=0, below=1)
+        require_number("initial_filling", self.initial_filling, least=0, most=1)
+        for name in ("bore_shape", "journal_shape"):
+            require_class(name, getattr(self, name), Shape, optional=True)
+        require_class("heat", self.heat, Heat, optional=True)
 
     @property
     def markers(self) -> tuple[str, ...]:

@@ -15,10 +15,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.base.arguments import copied, require_callable, require_class, require_pair
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.kinematics import Gap, require_read
@@ -38,6 +40,12 @@ from fenics_ehd.multibody.forces import Force, Load, Torque
 from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, Speed
 from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint, Turned
 from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
+
+
+def _require_drive(name: str, value: Any) -> None:
+    """Refuse what gives no angle over time; a torque is refused by the `System`, by its name."""
+    if not isinstance(value, Torque):
+        require_callable(name, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +72,17 @@ class Mechanism:
     drives: Mapping[str, AngleOverTime] = field(default_factory=dict)
     forces: Mapping[str, Force] = field(default_factory=dict)
     gravity: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        checks: Mapping[str, Callable[[str, Any], None]] = {
+            "bodies": lambda name, value: require_class(name, value, Body),
+            "joints": lambda name, value: require_class(name, value, Joint, LubricatedJoint),
+            "drives": _require_drive,
+            "forces": lambda name, value: require_class(name, value, Force),
+        }
+        for name, check in checks.items():
+            object.__setattr__(self, name, copied(name, getattr(self, name), check))
+        require_pair("gravity", self.gravity)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,7 @@ from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.arguments import require_callable, require_class
 from fenics_ehd.base.columns import with_unit
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
@@ -270,6 +271,9 @@ def quantity(
     where, mean
         See `Output`.
     """
+    require_class("name", name, str)
+    require_class("unit", unit, str)
+    require_callable("where", where)
 
     def register(value: Value) -> Value:
         meaning = (value.__doc__ or "").rstrip(".")

@@ -19,8 +19,10 @@ from dataclasses import dataclass, replace
 from time import perf_counter, process_time
 from typing import Any, ClassVar
 
+import attrs
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class, require_count, require_names, require_number
 from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
@@ -42,6 +44,7 @@ from fenics_ehd.multibody.newton import (
     SolverState,
     unresolved,
 )
+from fenics_ehd.multibody.notices import stepped_shapes, unusual_totals
 from fenics_ehd.multibody.periodic import WHOLE, PeriodicSolver, crank, temperatures
 from fenics_ehd.multibody.quantities import (
     CONTENT,
@@ -647,7 +650,9 @@ class Simulation(Stateful):
                 f"{name}: nothing moves or loads its film, the {largest[name]:.2g} Pa in it are "
                 "rounding"
             )
-        return told + self._single_peaks()
+        mechanism = self.system.mechanism
+        told += self._single_peaks()
+        return [*told, *unusual_totals(mechanism.bodies), *stepped_shapes(mechanism.joints)]
 
     def _single_peaks(self) -> list[str]:
         """One line each of peaks that are one step's or the ringing of a start."""
@@ -747,17 +752,21 @@ def simulate(
     PeriodicityError
         The films still change after so many cycles.
     """
+    require_class("mechanism", mechanism, Mechanism)
+    require_names("simulate", steps, attrs.fields_dict(IntegratorOptions))
     if (end is None) == (period is None):
         raise SettingsError("simulate takes either end, a time, or period, of what repeats itself")
-    span = end if period is None else period
-    assert span is not None
+    given = ("end", end) if period is None else ("period", period)
+    span = require_number(*given, above=0)
+    require_number("periodicity", periodicity, above=0)
+    require_count("cycles", cycles, least=1)
     run = Run(mechanism, IntegratorOptions(**steps), span)
     if period is None and any(place.joint.heat for place in run.equations.system.films):
         raise SettingsError(
             "a joint's heat is balanced over a cycle, and an initial value problem has none: give "
             "a period, or leave `heat` out, the oil at the lubricant's temperature"
         )
-    search = None if period is None else PeriodicSolver(run, period, periodicity, cycles)
+    search = None if period is None else PeriodicSolver(run, span, periodicity, cycles)
     found = Simulation(run, span, search)
     for step, _ in found.steps():
         progress(step)

@@ -14,6 +14,7 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import Kind, write_whole
 from fenics_ehd.base.layout import Group, Value, read_declared
@@ -390,6 +391,7 @@ LAYOUT = Group(
 
 def save_body(body: ReducedBody, path: str | Path) -> None:
     """Write a body; an existing file is replaced only once the new one is whole."""
+    require_class("body", body, ReducedBody)
     save_tree(path, _tree(body), FORMAT, FORMAT_VERSION)
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
@@ -95,6 +96,7 @@ def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignM
     StructureError
         A file cannot be read, or does not fit the others.
     """
+    require_class("job", job, str, Path)
     dof_file = Path(f"{job}.dof")
     labels = _labels(dof_file, _table(dof_file, (2,), separator="."))
     files = [Path(f"{job}.sti"), Path(f"{job}.mas")]
@@ -122,6 +124,8 @@ def read_abaqus(
     StructureError
         A file cannot be read; nodes have other degrees of freedom than 1, 2, 3, or are internal.
     """
+    require_class("stiffness", stiffness, str, Path)
+    require_class("mass", mass, str, Path)
     files = [Path(stiffness), Path(mass)]
     tables = [_table(file, (3, 5)) for file in files]
     width = tables[0].shape[1]

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.reduction.body import (
     ELASTIC,
@@ -276,6 +277,7 @@ class Reductor:
         solver: str = "auto",
         options_prefix: str = "",
     ):
+        require_class("structure", structure, Structure)
         check_structure(structure)
         self.structure, self.solver, self.options_prefix = structure, solver, options_prefix
         self._directions = attachment_directions
@@ -284,6 +286,7 @@ class Reductor:
     @staticmethod
     def of(part: Structure | Reductor) -> Reductor:
         """The given one, or one of a structure, made without options."""
+        require_class("part", part, Structure, Reductor)
         return Reductor(part) if isinstance(part, Structure) else part
 
     @cached_property

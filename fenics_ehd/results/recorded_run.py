@@ -56,6 +56,7 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.layout import Group, Value, read_declared
+from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.processes import interrupt_between_steps
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.bdf import IntegratorState
@@ -294,7 +295,7 @@ class RunFolder:
             lines.append(f"go on with: fenics-ehd run --resume {self.directory}")
         with suppress(OSError):  # whoever was reading may be gone
             for line in lines:
-                click.echo(line, err=True)
+                click.echo(escaped(line), err=True)
 
 
 class CsvFile:

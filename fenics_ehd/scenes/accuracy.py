@@ -155,10 +155,6 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
     """
     output, asked = scene.output, scene.output.accuracy
     if not asked:
-        if output.accuracy_keeps:
-            raise SettingsError(
-                "output.accuracy_keeps does nothing without output.accuracy: give it, 0.01 say"
-            )
         return scene, None
     if not scene.films:
         raise SettingsError(f"output.accuracy = {asked:g}: scene {scene.name} has no film")

@@ -17,6 +17,7 @@ import attrs
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE
 from fenics_ehd.multibody.bdf import IntegratorOptions
@@ -245,6 +246,7 @@ def build(
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
         From meshes, files, bores and reductions.
     """
+    require_class("scene", scene, Scene)
     loads_of = imposed_angles(scene), forces(scene)
     stiff = {
         name: ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings
@@ -316,12 +318,13 @@ def _parts(
     if not flexible(scene):
         return {}
     # Imports all reductions.
-    from fenics_ehd.scenes.part import ElasticPart, elastic_part, model_file
+    from fenics_ehd.scenes.part import ElasticPart, elastic_part, model_file, require_snapshots
 
     for name in flexible(scene):  # all files are there before the first part is meshed
         settings = scene.bodies[name]
         if name not in reduced and settings.model != NONE:
             model_file(settings, f"bodies.{name}")
+            require_snapshots(settings, f"bodies.{name}")
         elif name not in reduced and not Path(settings.body).is_file():
             load_body(settings.body)
     found = {}

@@ -22,9 +22,11 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
 from fenics_ehd.base.fields import NONE
+from fenics_ehd.base.settings import keys_excluded_by
 from fenics_ehd.fem.models import check_model, is_shipped, model_path, stored_mesh_error
 from fenics_ehd.film.grid import match
 from fenics_ehd.film.transfer import interpolation_matrix
+from fenics_ehd.multibody.history import FIELDS_NAME
 from fenics_ehd.multibody.lubricated_joint import bore_surface, sampling_grid
 from fenics_ehd.reduction.body import ReducedBody, load_body
 from fenics_ehd.reduction.bore import BoreSurface
@@ -50,19 +52,8 @@ from fenics_ehd.reduction.residual_completion import basis_of, residual_flexibil
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.part_settings import ReductionSettings
+from fenics_ehd.scenes.part_settings import ReductionSettings, method_keys
 from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
-
-#: Keys of [reduction] that each method reads.
-METHOD_KEYS = {
-    "m1": ("modes",),
-    "m2": ("modes", "interior_modes"),
-    "m3": ("vibration_modes", "residual_modes", "pressure_set", "snapshots", "selection"),
-    "m4": ("vibration_modes", "residual_truncation"),
-    "full": ("vibration_modes",),
-    "rigid": (),
-}
-
 
 #: Reductions by name, of what, by which settings, and with which options that most have.
 METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]], ReducedBody]] = {
@@ -119,6 +110,22 @@ def model_file(part: schema.FlexibleSettings, section: str) -> Path:
         raise SettingsError(f"{section}.model = {part.model!r}: there is no file {path}")
     check_model(path)
     return path
+
+
+def require_snapshots(part: schema.FlexibleSettings, section: str) -> None:
+    """Refuse snapshots of a folder that holds no run, before anything is meshed for them.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key of the section.
+    """
+    folder = part.reduction.snapshots
+    if folder != NONE and not Path(folder, FIELDS_NAME).is_file():
+        raise SettingsError(
+            f"{section}.reduction.snapshots = {folder!r}: no folder of a run, it has no "
+            f"{FIELDS_NAME}"
+        )
 
 
 def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -> ReducedBody:
@@ -196,7 +203,7 @@ def structure_provenance(
 
 def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
     """A method and what it reads of its settings, as text by name."""
-    names = ("method", *METHOD_KEYS[reduction.method])
+    names = ("method", *method_keys(reduction.method))
     return {name: str(getattr(reduction, name)) for name in names}
 
 
@@ -408,6 +415,7 @@ def elastic_part(
     """
     if settings.body != NONE:
         return ElasticPart(settings, load_body(settings.body), film_element)
+    require_snapshots(settings, key)
     return ElasticPart(settings, _assembled(key, settings, film_element, comm), film_element)
 
 
@@ -528,7 +536,7 @@ def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
     entry = {
         k: v
         for k, v in scene.tables["bodies"][name].items()
-        if k not in (*schema.MODEL_KEYS, "model")
+        if k not in (*keys_excluded_by(schema.FlexibleSettings, "body"), "model")
     }
     return changed(scene, {f"bodies.{name}": {**entry, "body": str(file)}})
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import attrs
 
 from fenics_ehd.base.fields import NONE, choice, count, flag, names, number, text
+from fenics_ehd.base.needs import not_with, only_with
 
 ELEMENTS = ("serendipity", "lagrange")
 METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")
@@ -27,22 +28,60 @@ class ReductionSettings:
     """Reduction of an elastic part."""
 
     method: str = choice("m4", METHODS, "the last one without elasticity")
-    modes: int = count(37, "fixed-boundary modes (m1, m2)", least=1)
-    interior_modes: int = count(20, "fixed-interface modes of the first step (m2)")
-    vibration_modes: int = count(6, "free-floating vibration modes n_v (m3, m4, full)")
-    residual_modes: int = count(31, "residual modes n_r (m3)")
-    pressure_set: str = choice("pc2", PRESSURE_SETS, "unit pressures (34), shapes (35) (m3)")
-    snapshots: str = text(
-        NONE,
-        "folder of a former run: the main patterns of its pressures are kept, whatever "
-        "pressure_set and selection say, or none (m3)",
+    modes: int = only_with(
+        count(37, "fixed-boundary modes (m1, m2)", least=1), "method", among=("m1", "m2")
     )
-    selection: str = choice("lowest-frequency", SELECTIONS, "which residual modes are kept (m3)")
-    residual_truncation: float = number(
-        1e-4, "relative displacement of dropped residual patterns (m4)", least=0, below=1
+    interior_modes: int = only_with(
+        count(20, "fixed-interface modes of the first step (m2)"), "method", among=("m2",)
+    )
+    vibration_modes: int = only_with(
+        count(6, "free-floating vibration modes n_v (m3, m4, full)"),
+        "method",
+        among=("m3", "m4", "full"),
+    )
+    residual_modes: int = only_with(count(31, "residual modes n_r (m3)"), "method", among=("m3",))
+    pressure_set: str = not_with(
+        only_with(
+            choice("pc2", PRESSURE_SETS, "unit pressures (34), shapes (35) (m3)"),
+            "method",
+            among=("m3",),
+        ),
+        "snapshots",
+    )
+    snapshots: str = only_with(
+        text(
+            NONE,
+            "folder of a former run: the main patterns of its pressures are kept, whatever "
+            "pressure_set and selection say, or none (m3)",
+        ),
+        "method",
+        among=("m3",),
+    )
+    selection: str = not_with(
+        only_with(
+            choice("lowest-frequency", SELECTIONS, "which residual modes are kept (m3)"),
+            "method",
+            among=("m3",),
+        ),
+        "snapshots",
+    )
+    residual_truncation: float = only_with(
+        number(1e-4, "relative displacement of dropped residual patterns (m4)", least=0, below=1),
+        "method",
+        among=("m4",),
     )
     solver: str = choice("auto", SOLVERS, "of the static responses, by size or as named")
     estimate_error: bool = flag(True, "also solve for the bore flexibility the basis misses")
+
+
+def method_keys(method: str) -> tuple[str, ...]:
+    """Keys of [reduction] that only some methods read, this one among them."""
+    return tuple(
+        field.name
+        for field in attrs.fields(ReductionSettings)
+        for condition in field.metadata.get("needs", ())
+        if condition.keys == ("method",) and method in condition.among
+    )
 
 
 @attrs.frozen
@@ -51,12 +90,16 @@ class OutputSettings:
 
     plots: bool = flag(True, "curves as pictures")
     error_budget: bool = flag(True, "whether the run says what its figures are worth")
-    error_limit: float = number(
-        0.2,
-        "largest estimated error of a peak pressure or thinnest film of a run that is complete; "
-        "above it the run is untrustworthy",
-        above=0,
-        example="0.1 for 10 %",
+    error_limit: float = only_with(
+        number(
+            0.2,
+            "largest estimated error of a peak pressure or thinnest film of a run that is "
+            "complete; above it the run is untrustworthy",
+            above=0,
+            example="0.1 for 10 %",
+        ),
+        "error_budget",
+        among=(True,),
     )
     part_mesh_error: bool = flag(
         True, "whether parts are meshed again, more finely, to know what their meshes are worth"
@@ -70,8 +113,11 @@ class OutputSettings:
         usual=(1e-3, 0.1),
         example="0.01 for 1 %",
     )
-    accuracy_keeps: tuple[str, ...] = names(
-        "keys that stay as written, of those that accuracy chooses: tolerance, joints.pin.cells"
+    accuracy_keeps: tuple[str, ...] = only_with(
+        names(
+            "keys that stay as written, of those that accuracy chooses: tolerance, joints.pin.cells"
+        ),
+        "accuracy",
     )
     paraview: bool = flag(False, "ParaView series of bodies and films")
-    frames: int = count(60, "of the series", least=2)
+    frames: int = only_with(count(60, "of the series", least=2), "paraview", among=(True,))

@@ -15,6 +15,7 @@ from typing import Any
 
 import attrs
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import (
     SUMMARY,
@@ -80,6 +81,8 @@ def run(
     SettingsError, MeshError, BodyFileError, SolverError
         Of the scene, its parts and the run.
     """
+    require_class("scene", scene, Scene)
+    require_class("folder", folder, str, Path)
     directory = Path(folder)
     require_writable(directory / SUMMARY)
     if resume:

@@ -10,7 +10,7 @@ and its meaning, files by their own paths.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
@@ -19,13 +19,17 @@ from typing import Any
 import attrs
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE, entries, section
+from fenics_ehd.base.needs import no_effect
 from fenics_ehd.base.settings import (
     UnknownKeyError,
     build,
+    idle_settings,
     key_hint,
     read_toml,
+    require_effects,
     setting_names,
     to_toml,
     unusual,
@@ -211,8 +215,11 @@ def check_names(scene: Scene) -> None:
     for name, force in scene.forces.items():
         if isinstance(force, schema.AngleTableSettings):
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
-    for name in scene.drives:
+    for name, drive in scene.drives.items():
         _check_turning(scene, f"drives.{name}", name)
+        speed = scene.bodies[name].speed
+        if isinstance(drive, Speed) and speed not in (0.0, drive.speed):
+            raise no_effect(f"bodies.{name}.speed", speed, f"with drives.{name}.kind = 'speed'")
     check_lubricants(scene)
     bores: dict[str, str] = {}
     for name, joint in scene.films.items():
@@ -233,12 +240,6 @@ def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> Non
         raise SettingsError(f"{key}.bores = {list(body.bores)} must be names, each of them once")
     if (body.model == NONE) == (body.body == NONE):
         raise SettingsError(f"{key}: give a model or a body, one of them")
-    idle = [k for k in body.idle if k in scene.tables["bodies"][name]]
-    if idle:
-        raise SettingsError(
-            f"{key}.{', '.join(idle)} do nothing beside body = {body.body!r}, which was reduced "
-            "before: drop them, or give a model"
-        )
 
 
 def points_of(body: Any) -> tuple[str, ...] | None:
@@ -289,6 +290,8 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
             "length must be below 1"
         )
     _check_contact(joint, key)
+    if joint.transfer != schema.TRANSFERS[0] and not scene.elastic_bore(joint):
+        raise no_effect(f"{key}.transfer", joint.transfer, "without a flexible bore")
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
     if isinstance(bored, ShaftBody):
@@ -307,45 +310,31 @@ def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
     Raises
     ------
     SettingsError
-        Keys of smooth surfaces, one of two that belong together, or surfaces too rough.
+        Surfaces too rough.
     """
-    contact, key = joint.contact, f"{key}.contact"
-    if not contact.roughness:
-        if contact != schema.ContactSettings():
-            raise SettingsError(
-                f"{key}: journal_roughness and bore_roughness are 0: give one of them, or drop it"
-            )
-        return
-    if bool(contact.asperity_density) != bool(contact.asperity_radius):
-        raise SettingsError(f"{key}: asperity_density and asperity_radius belong together")
+    contact = joint.contact
     if not contact.roughness < ROUGHEST * joint.clearance:
         raise SettingsError(
-            f"{key}: the combined roughness of {contact.roughness:g} m must be below {ROUGHEST:g} "
-            f"of the clearance, {joint.clearance:g} m"
+            f"{key}.contact: the combined roughness of {contact.roughness:g} m must be below "
+            f"{ROUGHEST:g} of the clearance, {joint.clearance:g} m"
         )
 
 
 def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
-    """Refuse elements that cannot conserve oil, and settings of oil where it is not conserved."""
-    key = f"joints.{name}"
-    if joint.cavitation == "mass-conserving":
-        from fenics_ehd.film.oil_balance import require_monotone  # slow to import
-
-        require_monotone(joint.element, f"{key}.element")
-        body = joint.journal.partition(".")[0]
-        massless = type(scene.bodies.get(body)) is MasslessBody
-        if massless and joint.initial_filling < 1.0:
-            raise SettingsError(
-                f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
-                f"nothing holds the massless body {body}: it must be 1, or the body have a mass"
-            )
+    """Refuse elements that cannot conserve oil, and a gap not full that holds a massless body."""
+    if joint.cavitation != "mass-conserving":
         return
-    for idle in ("initial_filling", "ambient"):
-        if getattr(joint, idle) != getattr(attrs.fields(type(joint)), idle).default:
-            raise SettingsError(
-                f"{key}.{idle} does nothing under Reynolds' condition: set {key}.cavitation = "
-                "'mass-conserving'"
-            )
+    from fenics_ehd.film.oil_balance import require_monotone  # slow to import
+
+    key = f"joints.{name}"
+    require_monotone(joint.element, f"{key}.element")
+    body = joint.journal.partition(".")[0]
+    massless = type(scene.bodies.get(body)) is MasslessBody
+    if massless and joint.initial_filling < 1.0:
+        raise SettingsError(
+            f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
+            f"nothing holds the massless body {body}: it must be 1, or the body have a mass"
+        )
 
 
 def notices(scene: Scene) -> list[str]:
@@ -385,9 +374,7 @@ def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> lis
 def check_time(scene: Scene) -> None:
     """Refuse a time that is given twice or not at all."""
     time, key = scene.time, "time.period" if scene.time.periodic else "time.end"
-    given, other = (time.period, time.end) if time.periodic else (time.end, time.period)
-    if other:
-        raise SettingsError(f"time.periodic = {str(time.periodic).lower()}: give {key}")
+    given = time.period if time.periodic else time.end
     if bool(given) == bool(time.revolutions):
         raise SettingsError(f"give {key} or time.revolutions, one of them")
     if time.revolutions:
@@ -475,6 +462,7 @@ def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
     SettingsError
         The file cannot be read, or naming the key that cannot be used.
     """
+    require_class("source", source, str, Path, Mapping)
     if isinstance(source, Mapping):
         scene = scene_of(beside(source, Path()), "scene")
     elif Path(source).suffix != ".toml":
@@ -505,7 +493,29 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
             if not isinstance(table, dict):
                 raise SettingsError(f"unknown key {key}: {name} is no table")
         table[last] = deepcopy(value)  # of the caller's tables nothing is changed below
-    return scene_of(beside(tables, Path()), scene.name, told)
+    changes = {today(key) for key in values}
+    return scene_of(_without_idle(beside(tables, Path()), changes), scene.name, told)
+
+
+def _without_idle(tables: Mapping[str, Any], changes: Collection[str]) -> dict[str, Any]:
+    """Tables without keys that changes of others leave without effect.
+
+    A scene has none before: with ``method = "m4"`` in place of "m3" its ``residual_modes`` go, and
+    a sweep over methods has those of M3 where it is M3.
+    """
+    remaining = deepcopy(dict(tables))
+    try:
+        scene = build(Scene, remaining)
+    except SettingsError:
+        return remaining  # refused by `scene_of`, which has hints
+    for name, *_ in idle_settings(scene):
+        if not any(name == key or name.startswith(f"{key}.") for key in changes):
+            *path, last = name.split(".")
+            table = remaining
+            for key in path:
+                table = table[key]
+            table.pop(last, None)
+    return remaining
 
 
 def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> Scene:
@@ -532,6 +542,7 @@ def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> 
         raise SettingsError(f"unknown key {error}{_hint(tables, str(error))}") from None
     scene, replaced = with_model_materials(scene)
     check_names(scene)
+    require_effects(scene)
     check_time(scene)
     warnings = (*lines, *replaced, *unusual(scene), *notices(scene))
     return attrs.evolve(scene, renamed=tuple(lines), warnings=warnings)

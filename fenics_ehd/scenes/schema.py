@@ -21,10 +21,13 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
     CAVITATIONS,
     FILM_ELEMENTS,
+    INTERPOLATIONS,
     LARGEST_LENGTH,
     NONE,
     REQUIRED,
+    ROUGH,
     SHEAR_RULES,
+    TRANSFERS,
     Deviations,
     Material,
     OilSettings,
@@ -46,6 +49,8 @@ from fenics_ehd.base.fields import (
     section,
     text,
 )
+from fenics_ehd.base.needs import not_with, only_with
+from fenics_ehd.base.settings import keys_excluded_by
 from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.supply import (
     AMBIENTS,
@@ -94,15 +99,11 @@ def film_cells(help_text: str) -> Any:
     )
 
 
-TRANSFERS = ("conservative", "mortar")
-
 SUPPLIES: Mapping[str, type] = {
     "hole": HoleSupply,
     "axial-groove": AxialGrooveSupply,
     "circumferential-groove": CircumferentialGrooveSupply,
 }
-
-INTERPOLATIONS = ("cubic", "linear")
 
 
 @attrs.frozen
@@ -110,10 +111,6 @@ class GroundSettings:
     """The frame at rest; it is there without being listed."""
 
     points: dict = places("points of the frame at rest [m]")
-
-
-#: Keys of a flexible body that only its mesh and reduction read.
-MODEL_KEYS = ("points", "clamped", "cells", "element", "material", "geometry", "reduction")
 
 
 #: The models' cells around a bore are a multiple of this.
@@ -133,35 +130,54 @@ class FlexibleSettings(Pose):
     model: str = text(NONE, "shipped model, or a .geo file, which is a program, or .msh")
     body: str = text(NONE, "HDF5 file of the reduced part, in place of a model")
     bores: tuple[str, ...] = names("surfaces that films bend, the first one's axis is z", ("bore",))
-    points: tuple[str, ...] = names("surfaces of the model whose mean places are points")
-    clamped: str = text(NONE, "surface of the model that does not move, or none")
-    cells: str = choice(
-        "hex", CELLS, "of a model that can give either: hexahedra, 10-node tetrahedra"
+    points: tuple[str, ...] = not_with(
+        names("surfaces of the model whose mean places are points"), "body"
     )
-    element: str = choice("serendipity", ELEMENTS, "of hexahedra, 20- or 27-node")
+    clamped: str = not_with(text(NONE, "surface of the model that does not move, or none"), "body")
+    cells: str = not_with(
+        choice("hex", CELLS, "of a model that can give either: hexahedra, 10-node tetrahedra"),
+        "body",
+    )
+    element: str = only_with(
+        not_with(choice("serendipity", ELEMENTS, "of hexahedra, 20- or 27-node"), "body"),
+        "cells",
+        among=("hex",),
+    )
     damping_time: float = number(
         0.0, "zeta of D = zeta K [s]", least=0, usual=(1e-12, 0.1), example="1e-3 for 1 ms"
     )
-    mass: float = quantities.mass(0.0, "in place of the model's [kg], 0: the model's", 1e4)
-    inertia: float = number(
-        0.0, "in place of the model's, about the centre of mass [kg m2], 0: the model's", least=0
+    mass: float = not_with(
+        quantities.mass(0.0, "in place of the model's [kg], 0: the model's", 1e4), "clamped"
     )
-    centre: tuple[float, float] = place(
-        "centre of mass from the bore in place of the model's [m], [0, 0]: the model's"
+    inertia: float = not_with(
+        number(
+            0.0,
+            "in place of the model's, about the centre of mass [kg m2], 0: the model's",
+            least=0,
+            usual=(1e-8, 1e4),
+            example="1e-3 for 10 kg cm2",
+        ),
+        "clamped",
     )
-    material: Material = section(Material)
-    geometry: dict = numbers("parameters of the Gmsh model by name, lengths in [m]")
-    reduction: ReductionSettings = section(ReductionSettings)
+    centre: tuple[float, float] = not_with(
+        place("centre of mass from the bore in place of the model's [m], [0, 0]: the model's"),
+        "clamped",
+    )
+    material: Material = not_with(section(Material), "body")
+    geometry: dict = not_with(
+        numbers("parameters of the Gmsh model by name, lengths in [m]"), "body"
+    )
+    reduction: ReductionSettings = not_with(section(ReductionSettings), "body")
 
     @property
     def idle(self) -> tuple[str, ...]:
-        """Keys that do nothing beside the file of a reduced part."""
-        return () if self.body == NONE else MODEL_KEYS
+        """Keys without effect with the file of a reduced part."""
+        return () if self.body == NONE else keys_excluded_by(type(self), "body")
 
     @property
     def cell_counts(self) -> tuple[str, ...]:
         """Parameters of the model that are numbers of its cells, of those that are given."""
-        return tuple(key for key in self.geometry if "cells" in key or "layers" in key)
+        return tuple(filter(quantities.is_cell_count, self.geometry))
 
     def geometry_of(self, factor: float) -> dict[str, float]:
         """Parameters of the model with so many times its cells."""
@@ -176,22 +192,47 @@ class FlexibleSettings(Pose):
 class ContactSettings(Roughness):
     """Rough surfaces of a journal and its bore, which may touch; smooth without a roughness."""
 
-    asperity_density: float = number(
-        0.0, "per area, with asperity_radius in place of both [1/m2], 0: not given", least=0
+    asperity_density: float = only_with(
+        only_with(
+            number(
+                0.0, "per area, with asperity_radius in place of both [1/m2], 0: not given", least=0
+            ),
+            "roughness",
+            words=ROUGH,
+        ),
+        "asperity_radius",
     )
-    asperity_radius: float = number(0.0, "of their tips [m], 0: not given", least=0, below=1e-2)
-    journal_modulus: float = quantities.youngs_modulus(210e9)
-    journal_poissons_ratio: float = number(0.3, "[-]", above=-1, below=0.5)
-    bore_modulus: float = number(
-        0.0,
-        "[Pa], 0: that of the flexible body's material, of another bore 210e9",
-        least=0,
-        below=1e18,
-        usual=(1e9, 2e12),
-        example="70e9 for 70 GPa",
+    asperity_radius: float = only_with(
+        only_with(
+            number(0.0, "of their tips [m], 0: not given", least=0, below=1e-2),
+            "roughness",
+            words=ROUGH,
+        ),
+        "asperity_density",
     )
-    bore_poissons_ratio: float = number(
-        0.3, "[-], where bore_modulus is given", above=-1, below=0.5
+    journal_modulus: float = only_with(quantities.youngs_modulus(210e9), "roughness", words=ROUGH)
+    journal_poissons_ratio: float = only_with(
+        number(0.3, "[-]", above=-1, below=0.5), "roughness", words=ROUGH
+    )
+    bore_modulus: float = only_with(
+        number(
+            0.0,
+            "[Pa], 0: that of the flexible body's material, of another bore 210e9",
+            least=0,
+            below=1e18,
+            usual=(1e9, 2e12),
+            example="70e9 for 70 GPa",
+        ),
+        "roughness",
+        words=ROUGH,
+    )
+    bore_poissons_ratio: float = only_with(
+        only_with(
+            number(0.3, "[-], where bore_modulus is given", above=-1, below=0.5),
+            "roughness",
+            words=ROUGH,
+        ),
+        "bore_modulus",
     )
 
 
@@ -237,23 +278,33 @@ class LubricatedSettings:
         "reynolds", CAVITATIONS,
         "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
     )  # fmt: skip
-    initial_filling: float = number(
-        1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0, most=1
+    initial_filling: float = only_with(
+        number(
+            1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0, most=1
+        ),
+        "cavitation",
+        among=("mass-conserving",),
     )
-    ambient: str = choice(
+    ambient: str = not_with(only_with(choice(
         "air", AMBIENTS,
         "around sides without ambient_pressure: air, or oil beside them (mass-conserving)",
-    )  # fmt: skip
+    ), "cavitation", among=("mass-conserving",)), "ambient_pressure")  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
-    shear_rule: str = choice(
-        "streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"
+    shear_rule: str = only_with(
+        choice("streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"),
+        "friction",
+        "heat",
     )
-    smallest_film: float = number(
-        0.01,
-        "film thickness at which the run ends, share of the clearance; up to 0.01 at most 0.2 um; "
-        "none with contact",
-        least=0,
-        below=1,
+    smallest_film: float = not_with(
+        number(
+            0.01,
+            "film thickness at which the run ends, share of the clearance; up to 0.01 at most 0.2 "
+            "um; none with contact",
+            least=0,
+            below=1,
+        ),
+        "contact.roughness",
+        words=f"contact.{ROUGH}",
     )
     eccentricity: tuple[float, float] = pair(
         "of the journal in the bore's frame at the start, share of the clearance", below=1.0
@@ -311,17 +362,23 @@ class GravitySettings:
 class TimeSettings:
     """Duration of a run, and its steps."""
 
-    end: float = number(0.0, "[s]; 0: as revolutions say", least=0)
+    end: float = not_with(number(0.0, "[s]; 0: as revolutions say", least=0), "periodic")
     revolutions: float = number(
         0.0, "to simulate, or in a period; 0: as end or period say", least=0
     )
     of: str = text("crank", "body whose revolutions count, at its speed at the start")
     periodic: bool = flag(False, "whether cycles are run until the films repeat")
-    period: float = number(0.0, "of all drives and forces [s]; 0: as revolutions say", least=0)
-    periodicity: float = number(
-        1e-4, "largest change of a film from cycle to cycle, relative", above=0, below=1
+    period: float = only_with(
+        number(0.0, "of all drives and forces [s]; 0: as revolutions say", least=0),
+        "periodic",
+        among=(True,),
     )
-    cycles: int = count(20, "to give up after", least=1)
+    periodicity: float = only_with(
+        number(1e-4, "largest change of a film from cycle to cycle, relative", above=0, below=1),
+        "periodic",
+        among=(True,),
+    )
+    cycles: int = only_with(count(20, "to give up after", least=1), "periodic", among=(True,))
     tolerance: float = number(
         1e-5, "local error of a step, relative change of the gap", above=1e-12, below=1
     )

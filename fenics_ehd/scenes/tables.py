@@ -47,7 +47,9 @@ from pathlib import Path
 import numpy as np
 import scipy  # whose interpolation, slow to import, comes when it is used
 
+from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import INTERPOLATIONS, parse_number
 from fenics_ehd.base.files import read_text
 from fenics_ehd.multibody.tabulated import Curve
 
@@ -97,7 +99,7 @@ def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
 def _finite(where: str, entry: str) -> float:
     """An entry as a number, refused where it is none or beyond `LARGEST`."""
     try:
-        value = float(entry)
+        value = parse_number(entry)
     except ValueError:
         value = float("nan")
     if not abs(value) < LARGEST:
@@ -311,7 +313,13 @@ def load_curves(
         The last row that of the first, shape (n, 2) [N].
     interpolation
         ``"cubic"``: periodic spline, or ``"linear"``.
+
+    Raises
+    ------
+    SettingsError
+        Another interpolation.
     """
+    require_word("interpolation", interpolation, INTERPOLATIONS)
     closed = np.vstack([forces[:-1], forces[:1]])  # SciPy forgives no round-off
     largest = float(np.hypot(*forces.T).max())
 
@@ -354,6 +362,9 @@ def read_load(
     SettingsError
         Naming file, line and value.
     """
+    require_class("path", path, str, Path)
+    scale = require_number("scale", scale)
+    period = require_number("period", period, least=0)
     where = f"{section}.file {path}"
     places, values = read_columns(path, where, UNITS)
     times, forces = values[:, 0], scale * values[:, 1:]

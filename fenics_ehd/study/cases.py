@@ -23,6 +23,7 @@ import numpy as np
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import parse_number
 from fenics_ehd.base.files import read_text, write_whole
 from fenics_ehd.base.settings import key_hint, walk
 from fenics_ehd.reduction.body import FORMAT_VERSION
@@ -184,7 +185,7 @@ def _list(key: str, item: str) -> list[Any]:
 def _number(item: str) -> float | None:
     """Number of a text, None where it holds none."""
     with suppress(ValueError):
-        return float(item)
+        return parse_number(item)
     return None
 
 
@@ -202,7 +203,8 @@ def _range(key: str, item: str) -> list[float]:
     first, last = _number(first_text), _number(last_text)
     if first is None or last is None or not (isfinite(first) and isfinite(last)):
         raise SettingsError(f"{key} = {item!r}: first and last must be finite numbers")
-    count = int(counted[0]) if counted[0].isdecimal() and len(counted[0]) < 10 else 0
+    whole = counted[0].isascii() and counted[0].isdecimal() and len(counted[0]) < 10
+    count = int(counted[0]) if whole else 0
     if not 2 <= count <= MOST_CASES:
         raise SettingsError(
             f"{key} = {item!r}: count = {counted[0]} must be a whole number from 2 to {MOST_CASES}"

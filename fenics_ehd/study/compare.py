@@ -35,7 +35,7 @@ from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.reduction.load_dependent_basis import RANK_TOLERANCE
 from fenics_ehd.results.motion import RecordedMotion, between_steps
 from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.part import METHOD_KEYS
+from fenics_ehd.scenes.part_settings import method_keys
 from fenics_ehd.scenes.run import stored_bodies
 from fenics_ehd.scenes.scene import Scene, changed
 from fenics_ehd.study.cases import Case, finite, write_table
@@ -403,7 +403,7 @@ def _settings(case: Case, joint: str) -> dict[str, Any]:
     reduction = next(iter(case.bodies.values())).settings.reduction
     time, cells = case.scene.time, case.scene.joints[joint].cells
     values = {"method": reduction.method, "tolerance": time.tolerance, "order": time.order}
-    for name in METHOD_KEYS[reduction.method]:
+    for name in method_keys(reduction.method):
         values["vibration_modes" if name == "modes" else name] = getattr(reduction, name)
     values.pop("snapshots", None)
     if cells:

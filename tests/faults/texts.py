@@ -17,10 +17,11 @@ SCENES = ("slider-crank-paper", "rotor-paper", "loaded-journal", "four-bar")
 WRONG_VALUES = {
     float: ['"text"', '""', "true", "[]", "{}", "nan", "inf", "-inf", "1979-05-27", "[1.0]",
             "1e999", "9" * 400, "9" * 5000],
-    int: ['"3"', "true", "[]", "{}", "nan", "inf", "1.5", "-1", "[3]", "-" + "9" * 400],
+    int: ['"3"', '"3 mm"', '"\u0663"', "true", "[]", "{}", "nan", "inf", "1.5", "-1", "[3]",
+          "-" + "9" * 400],
     bool: ['"true"', "1", "0.0", "[]", "{}", "[true]"],
     str: ["1", "true", "[]", "{}", "nan", '"no such thing"', '"a\\u0000b"', f'"{"x" * 200_000}"'],
-    list: ["1", '"20x5"', "true", "[nan, 5]", "[20, 5, 3]", "[[20, 5]]", "[1e999, 1]",
+    list: ["1", '"20x5"', '"10 mm"', "true", "[nan, 5]", "[20, 5, 3]", "[[20, 5]]", "[1e999, 1]",
             '["20", "5"]', "{}"],
     dict: ["1", '"text"', "[]", "true"],
 }  # fmt: skip
@@ -284,7 +285,16 @@ REFUSED = (
     ("sweep", "slider-crank", "--set", "oil.viscosity=nan", "-o", "s"),
     ("bearing", "--load", "1e300"), ("bearing", "--load", "5", "--cells", "64x0"),
     ("bearing", "--load", "5", "--cells", "9999999999x1"),
-    ("bearing", "--load", "5", "--cells", "64x12x1"),
+    ("bearing", "--load", "5", "--cells", "64x12x1"), ("bearing", "--load", "1_0"),
+    ("bearing", "--load", "5", "--cells", "\u0661\u0666x4"),
+    ("bearing", "--load", "5", "--lobes", "3"),
+    ("bearing", "--load", "5", "--conducted", "0.5"), ("bearing", "--load", "5", "--lobes", "1_0"),
+    ("run", "loaded-journal", "--frames", "5"), ("run", "--resume", "file", "--vtk"),
+    ("reduce", "conrod", "-o", "x.h5", "--method", "m4", "--residual-modes", "5"),
+    ("animate", "file", "--scale", "nan"), ("animate", "file", "--frames", "1_0"),
+    ("part", "file", "--held", "3"), ("stress", "file", "--no-damping", "--complete"),
+    ("sweep", "slider-crank", "--set", "order=1_0,2", "-o", "s"),
+    ("sweep", "slider-crank", "--set", "tolerance=1e-5:1e-4:\u0663", "-o", "s"),
 )  # fmt: skip
 
 

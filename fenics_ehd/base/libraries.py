@@ -1,0 +1,88 @@
+"""Libraries that others were compiled for: which ones Python finds, and whether they work.
+
+A NumPy that pip or PYTHONPATH puts before Debian's is not the one that SciPy, h5py and dolfinx were
+compiled for: they fail with words of their own, from anywhere.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from contextlib import redirect_stderr, suppress
+from importlib import import_module, metadata
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+
+#: In the order in which they need each other.
+ARRAYS = ("numpy", "scipy", "scipy.linalg", "h5py")
+
+#: Modules of this package that import a library, or PETSc before it, without foreign options.
+STARTS = {
+    "dolfinx": "fenics_ehd.base.compat",
+    "matplotlib": "fenics_ehd.base.matplotlib_start",
+    "petsc4py": "fenics_ehd.base.petsc_start",
+    "slepc4py": "fenics_ehd.base.petsc_start",
+}
+
+
+def origin(name: str) -> str:
+    """File that Python takes a library from, empty if there is none."""
+    with suppress(ImportError, ValueError):
+        spec = find_spec(name)
+        return "" if spec is None else str(spec.origin)
+    return ""
+
+
+def version_of(name: str) -> str:
+    """Version of a library, "missing" or "broken"; Debian ships some without pip's metadata."""
+    source = origin(name)
+    if not source:
+        return "missing"
+    with suppress(metadata.PackageNotFoundError):
+        found = metadata.distribution(name)
+        # The first metadata on the path may be of another copy.
+        if Path(source).is_relative_to(str(found.locate_file(""))):
+            return found.version
+    try:
+        import_module(STARTS.get(name, name))
+        return str(getattr(import_module(name), "__version__", "unknown"))
+    except Exception:  # whatever a broken library raises
+        return "broken"
+
+
+def library_fault() -> str:
+    """The first library that cannot be imported, from where, and why; empty if all work."""
+    for name in ARRAYS:
+        try:
+            with redirect_stderr(io.StringIO()):  # NumPy 2 prints a page there
+                _tried(import_module(name))
+        except Exception as error:  # whatever a broken library raises
+            return _described(name, error)
+    return ""
+
+
+def _tried(module: ModuleType) -> None:
+    """Use a library as others do when they are imported: a stub has no such names."""
+    if module.__name__ == "numpy":
+        module.zeros(1, dtype=module.dtype(float))
+
+
+def _described(name: str, error: Exception) -> str:
+    version = version_of("numpy").replace("broken", "")
+    used = f"numpy {version} of {origin('numpy')}".replace("  ", " ")
+    library = used if name == "numpy" else f"{name} of {origin(name)} with {used}"
+    reason = " ".join(str(error).split())[:200]
+    path = os.environ.get("PYTHONPATH")
+    remedy = f"see PYTHONPATH = {path}" if path else "see 'pip list' for a second one"
+    return (
+        f"{library} does not work in {sys.executable}: {type(error).__name__}: {reason}: Debian's "
+        f"packages need Debian's numpy, {remedy}"
+    )
+
+
+def foreign_numpy() -> bool:
+    """True of a NumPy from another folder than SciPy, which may work or not."""
+    folders = {Path(source).parents[1] for source in map(origin, ("numpy", "scipy")) if source}
+    return len(folders) > 1
