@@ -145,7 +145,7 @@ class ForeignMesh:
         """
         solids = {name: n for name, n in self.counts.items() if name.startswith(_SOLID) and n}
         if len(solids) != 1 or not set(solids) <= set(CELLS):
-            there = ", ".join(f"{n} {name}" for name, n in (solids or self.counts).items())
+            there = ", ".join(f"{n} {name}" for name, n in solids.items()) or self.left_out()
             raise MeshError(
                 f"{path} has {there or 'no cells'}: it needs one kind of solid cells, of "
                 f"{', '.join(CELLS)}"

@@ -37,9 +37,10 @@ _GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 #: Parameter of a model that can be meshed with hexahedra or tetrahedra.
 SWITCH = "tetrahedra"
 
-#: Gmsh's second-order cells, and the triangle on the faces of the latter.
+#: Gmsh's second-order cells, and what their faces are.
 HEXAHEDRON_27 = 12
 TETRAHEDRON_10 = 11
+QUADRILATERAL_9 = 10
 TRIANGLE_6 = 9
 
 #: Names in meshio of Gmsh's cells.
