@@ -250,8 +250,19 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     with session(), _by_itself(path) as alone:
         gmsh.merge(alone)
         points, row = numbered_nodes()
-        types = gmsh.model.mesh.getElementTypes()
-        return points, [(cell_name(number), row[nodes_of_cells(number)]) for number in types]
+        blocks = []
+        # Entity by entity: getElementsByType of Gmsh 4.8 writes beyond its arrays where an entity
+        # has cells of several types.
+        for entity in gmsh.model.getEntities():
+            types, _, nodes = gmsh.model.mesh.getElements(*entity)
+            blocks += [_block(number, row[own]) for number, own in zip(types, nodes, strict=True)]
+        return points, blocks
+
+
+def _block(number: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
+    """Name in meshio of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`."""
+    cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
+    return cell_name(number), cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
 
 def cell_name(number: int) -> str:

@@ -102,8 +102,9 @@ def _found_cells(path: str | Path, asked: str) -> str:
         raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
     kind = next((name for name in CELLS if found == {CELLS[name]}), None)
     if kind is None:
-        counts = {cell: len(gmsh.model.mesh.getElementsByType(cell)[0]) for cell in sorted(found)}
-        cells = ", ".join(f"{number} {cell_name(cell)}" for cell, number in counts.items())
+        types, numbers, _ = gmsh.model.mesh.getElements(3)
+        counts = zip(types, numbers, strict=True)
+        cells = ", ".join(f"{len(own)} {cell_name(cell)}" for cell, own in counts)
         raise MeshError(
             f"model {path} holds {cells}: it must have 27-node hexahedra or 10-node tetrahedra "
             "alone; 'fenics-ehd part' makes a model of other meshes of one kind"
