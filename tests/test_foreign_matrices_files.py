@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bench_parts import tetrahedron_mass
 from calculix_ring import DENSITY, POISSON, YOUNG, ring_solid, write_deck, write_model
-from foreign_parts import ring_arguments, ring_mesh, to_scipy
+from foreign_parts import ring_arguments, ring_matrices, ring_mesh, to_scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
@@ -111,9 +111,10 @@ def test_recipe_of_the_documentation(quadratic, kind, tmp_path, monkeypatch):
     np.testing.assert_allclose(body.frequencies[:6], direct.frequencies[:6], rtol=1e-9)
 
 
-def test_recipe_of_the_documentation_for_8_nodes(small, tmp_path, monkeypatch):
+def test_recipe_of_the_documentation_for_8_nodes(tmp_path, monkeypatch):
     """A first-order deck keeps its nodes, which are those of its matrices."""
-    nodes, cells, _ = ring_mesh()
+    nodes, cells, faces = ring_mesh(20, 2, 1)
+    matrices = [0.5 * (m + m.T) for m in ring_matrices(nodes, cells)]
     around = cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]
     lines = [
         "*NODE",
@@ -123,15 +124,14 @@ def test_recipe_of_the_documentation_for_8_nodes(small, tmp_path, monkeypatch):
     lines += [", ".join(map(str, [n, *cell])) for n, cell in enumerate((around + 5).tolist(), 1)]
     (tmp_path / "ring.inp").write_text("\n".join(lines) + "\n")
     numbers = 5 + np.arange(len(nodes))
-    write_calculix(tmp_path / "ring", small, numbers, np.arange(3 * len(numbers)))
+    write_calculix(tmp_path / "ring", matrices, numbers, np.arange(3 * len(numbers)))
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(recipe("calculix"), names)
     assert names["part"].size == 3 * len(nodes)
     np.testing.assert_array_equal(names["solid"].points, nodes)
-    direct = ehd.load_dependent(
-        ehd.Structure(*small, nodes, ring_arguments()["bores"], {"pin": names["pin"]}), 6, 31
-    )
+    bore = ehd.bore_from_faces(nodes, faces, "bilinear")
+    direct = ehd.load_dependent(ehd.Structure(*matrices, nodes, bore, {"pin": names["pin"]}), 6, 31)
     body = ehd.load_body(tmp_path / "ring.h5")
     np.testing.assert_allclose(body.frequencies[:6], direct.frequencies[:6], rtol=1e-9)
 
