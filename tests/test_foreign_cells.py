@@ -455,6 +455,23 @@ def test_hexahedra_of_20_nodes_in_a_model_are_sent_to_part(tmp_path):
     assert len(read_mesh(tmp_path / "ring.msh", "m").cells) == len(solid.cells)
 
 
+def test_mesh_of_gmsh_with_a_group_for_some_cells(tmp_path):
+    """As Gmsh writes all cells and a physical group of the volume: meshio fails on it."""
+    write_model(tmp_path / "ring.msh", ring_solid("tet"))
+    with session():
+        gmsh.open(str(tmp_path / "ring.msh"))
+        volumes = [number for _, number in gmsh.model.getEntities(3)]
+        gmsh.model.removePhysicalGroups()
+        gmsh.model.addPhysicalGroup(3, volumes)
+        gmsh.option.setNumber("Mesh.SaveAll", 1)
+        gmsh.write(str(tmp_path / "other.msh"))
+    ours, theirs = (read_mesh(tmp_path / f"{name}.msh", "m") for name in ("other", "ring"))
+    for solid in (ours, theirs):
+        assert solid.cells.shape == (144, 10)
+    middles = [np.sort(s.points[s.cells].mean(axis=1), axis=0) for s in (ours, theirs)]
+    np.testing.assert_allclose(*middles, atol=1e-12)
+
+
 # First order
 
 

@@ -29,6 +29,7 @@ from fenics_ehd.fem.bulk_data import read_bulk_data
 from fenics_ehd.fem.deck import read_deck
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, one_solid_kind
 from fenics_ehd.fem.gmsh_session import read_by_gmsh
+from fenics_ehd.fem.models import MESH_BEGINS
 from fenics_ehd.fem.solid import Solid, require_sound_cells, used
 
 #: Drawings, whose units are in the file.
@@ -181,6 +182,8 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
         lines = [line for line in reason.splitlines() if line.strip()] or ["it says no reason"]
         raise MeshError(f"{path}: meshio cannot read it: {lines[0]}{_hint(path)}") from None
     except Exception:
+        if _is_gmsh(path):  # with groups for some cells alone, say, which meshio cannot read
+            return ForeignMesh(*read_by_gmsh(path))
         # Its inner words tell nothing of the file.
         raise MeshError(
             f"{path}: meshio cannot read it: its contents are not those of a "
@@ -189,6 +192,14 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
     blocks = [(block.type, block.data) for block in mesh.cells]
     sets = Counter({"sets": len(mesh.point_sets) + len(mesh.cell_sets)})
     return ForeignMesh(mesh.points, blocks, sets)
+
+
+def _is_gmsh(path: Path) -> bool:
+    """True of a mesh of Gmsh, which that reads without running it as a model."""
+    if path.suffix != ".msh":
+        return False
+    with open(path, "rb") as file:
+        return file.read(len(MESH_BEGINS)) == MESH_BEGINS
 
 
 def _hint(path: Path) -> str:
