@@ -9,6 +9,7 @@ from fenics_ehd.fem.drawing_unit import unit_ratio
 from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part, write_part
 from fenics_ehd.fem.elements import FAMILIES, quadratic_element
 from fenics_ehd.fem.faces import fit_cylinder
+from fenics_ehd.fem.foreign_mesh import ForeignMesh
 from fenics_ehd.fem.gmsh_session import gmsh, session
 from fenics_ehd.fem.models import store_mesh_error, stored_mesh_error
 from fenics_ehd.fem.solid import (
@@ -19,8 +20,9 @@ from fenics_ehd.fem.solid import (
     inside_out,
     raised,
     refined,
+    second_order,
 )
-from fenics_ehd.fem.solid_file import read_deck, read_mesh
+from fenics_ehd.fem.solid_file import read_deck, read_mesh, read_part
 from fenics_ehd.fem.stress import NodalStress, StressField, largest_half_range, largest_principal
 from fenics_ehd.fem.structure import _elastic_matrices, _place_centre_nodes, part_answers
 from fenics_ehd.reduction import PRESSURE_SETS as PRESSURE_SETS_REDUCTION

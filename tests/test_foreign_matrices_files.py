@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bench_parts import tetrahedron_mass
 from calculix_ring import DENSITY, POISSON, YOUNG, ring_solid, write_deck, write_model
-from foreign_parts import ring_arguments, to_scipy
+from foreign_parts import ring_arguments, ring_matrices, ring_mesh, to_scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
@@ -108,6 +108,31 @@ def test_recipe_of_the_documentation(quadratic, kind, tmp_path, monkeypatch):
         ehd.Structure(*matrices, solid.points, names["bore"], {"pin": names["pin"]}), 6, 31
     )
     assert part.size == 3 * len(numbers)
+    np.testing.assert_allclose(body.frequencies[:6], direct.frequencies[:6], rtol=1e-9)
+
+
+def test_recipe_of_the_documentation_for_8_nodes(tmp_path, monkeypatch):
+    """A first-order deck keeps its nodes, which are those of its matrices."""
+    nodes, cells, faces = ring_mesh(20, 2, 1)
+    matrices = [0.5 * (m + m.T) for m in ring_matrices(nodes, cells)]
+    around = cells[:, [0, 1, 3, 2, 4, 5, 7, 6]]
+    lines = [
+        "*NODE",
+        *(f"{n}, {x!r}, {y!r}, {z!r}" for n, (x, y, z) in enumerate(nodes.tolist(), 5)),
+    ]
+    lines += ["*ELEMENT, TYPE=C3D8"]
+    lines += [", ".join(map(str, [n, *cell])) for n, cell in enumerate((around + 5).tolist(), 1)]
+    (tmp_path / "ring.inp").write_text("\n".join(lines) + "\n")
+    numbers = 5 + np.arange(len(nodes))
+    write_calculix(tmp_path / "ring", matrices, numbers, np.arange(3 * len(numbers)))
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(recipe("calculix"), names)
+    assert names["part"].size == 3 * len(nodes)
+    np.testing.assert_array_equal(names["solid"].points, nodes)
+    bore = ehd.bore_from_faces(nodes, faces, "bilinear")
+    direct = ehd.load_dependent(ehd.Structure(*matrices, nodes, bore, {"pin": names["pin"]}), 6, 31)
+    body = ehd.load_body(tmp_path / "ring.h5")
     np.testing.assert_allclose(body.frequencies[:6], direct.frequencies[:6], rtol=1e-9)
 
 

@@ -105,7 +105,7 @@ def test_deck_of_files_that_it_includes(ring, tmp_path):
         ("*NODE\n1,0,x,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n", "rows are not nodes with coordinates"),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1\n", "as many of these nodes as they have"),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,2\n", "as many of these nodes as they have"),
-        ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D5\n1,1,1,1,1,1\n", "coordinates and C3D5"),
+        ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D5\n1,1,1,1,1,2\n", "coordinates and C3D5"),
         ("*NODE\n1,0,0,0\n*ngen\n1,2,1\n", r"has \*NGEN: write a deck that lists"),
         (
             "*PART\n*ELEMENT,TYPE=C3D4\n*END PART\n*PART\n*ELEMENT,TYPE=C3D4\n",

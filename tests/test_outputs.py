@@ -233,5 +233,8 @@ def test_a_failed_film_replaces_no_other_file(tmp_path):
             assert path.read_bytes() == content
             assert "is another file" in str(caught.value)
             path.unlink()
-    with pytest.raises(ehd.errors.CavitationError, match="is kept in"), keeping_failed_film(tmp_path):
+    with (
+        pytest.raises(ehd.errors.CavitationError, match="is kept in"),
+        keeping_failed_film(tmp_path),
+    ):
         raise error

@@ -72,7 +72,13 @@ def _text(path: Path, opened: list[Path]) -> str:
         text = path.read_text(encoding="utf-8", errors="replace")
     text = re.sub(r"\$.*", "", text)
     pattern = re.compile(r"^\s*INCLUDE\s+(?:'([^']+)'|\"([^\"]+)\"|(\S+))", re.I | re.M)
-    return pattern.sub(lambda m: _text(path.parent / (m[1] or m[2] or m[3]).strip(), opened), text)
+
+    def included(line: re.Match[str]) -> str:
+        # A long name goes on in the next line.
+        name = re.sub(r"\s*\n\s*", "", line[1] or line[2] or line[3])
+        return _text(path.parent / name.strip(), opened)
+
+    return pattern.sub(included, text)
 
 
 def _bulk(text: str, path: Path) -> list[str]:
@@ -174,7 +180,9 @@ def _cells(
             nodes = [text for text in fields[2:22] if text not in ("", "0")]
             if len(nodes) not in kinds:
                 wanted = " or ".join(map(str, kinds))
-                raise MeshError(f"{label} has {len(nodes)} nodes, it must have {wanted}")
+                raise MeshError(
+                    f"{label} has {len(nodes)} nodes, it must have {wanted}: none may be left out"
+                )
             try:
                 found.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
             except (ValueError, KeyError) as error:

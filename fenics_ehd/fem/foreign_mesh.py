@@ -141,16 +141,9 @@ class ForeignMesh:
         Raises
         ------
         MeshError
-            There are none, several kinds, or a block whose cells have another number of nodes.
+            There are none, or several kinds.
         """
-        solids = {name: n for name, n in self.counts.items() if name.startswith(_SOLID) and n}
-        if len(solids) != 1 or not set(solids) <= set(CELLS):
-            there = ", ".join(f"{n} {name}" for name, n in (solids or self.counts).items())
-            raise MeshError(
-                f"{path} has {there or 'no cells'}: it needs one kind of solid cells, of "
-                f"{', '.join(CELLS)}"
-            )
-        (name,) = solids
+        name = one_solid_kind(self.counts, self.left_out(), path)
         kind, kept, _ = CELLS[name]
         blocks = [np.asarray(cells)[:, :kept] for block, cells in self.blocks if block == name]
         return kind, np.concatenate([cells for cells in blocks if len(cells)]).astype(np.int64)
@@ -196,6 +189,33 @@ class ForeignMesh:
                 f"{path} has solid cells of {len(different)} materials, {names}: a part has one, "
                 "export the cells of one material"
             )
+
+
+def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
+    """The one kind of solid cells among numbers of cells by meshio's names.
+
+    Parameters
+    ----------
+    counts
+        Of all cells.
+    others
+        What the file has if it has no solid cells, in words.
+    path
+        Of the file.
+
+    Raises
+    ------
+    MeshError
+        There are none, several kinds, or others than those of `CELLS`.
+    """
+    solids = {name: n for name, n in counts.items() if name.startswith(_SOLID) and n}
+    if len(solids) != 1 or not set(solids) <= set(CELLS):
+        there = ", ".join(f"{n} {name}" for name, n in solids.items()) or others
+        raise MeshError(
+            f"{path} has {there or 'no cells'}: it needs one kind of solid cells, of "
+            f"{', '.join(CELLS)}"
+        )
+    return next(iter(solids))
 
 
 def part_material(

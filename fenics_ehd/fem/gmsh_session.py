@@ -33,9 +33,10 @@ _GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 #: Parameter of a model that can be meshed with hexahedra or tetrahedra.
 SWITCH = "tetrahedra"
 
-#: Gmsh's second-order cells, and the triangle on the faces of the latter.
+#: Gmsh's second-order cells, and what their faces are.
 HEXAHEDRON_27 = 12
 TETRAHEDRON_10 = 11
+QUADRILATERAL_9 = 10
 TRIANGLE_6 = 9
 
 #: Names in meshio of Gmsh's cells.
@@ -239,8 +240,19 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     with session(), by_itself(path) as alone:
         gmsh.merge(alone)
         points, row = numbered_nodes()
-        types = gmsh.model.mesh.getElementTypes()
-        return points, [(cell_name(number), row[nodes_of_cells(number)]) for number in types]
+        blocks = []
+        # Entity by entity: getElementsByType of Gmsh 4.8 writes beyond its arrays where an entity
+        # has cells of several types.
+        for entity in gmsh.model.getEntities():
+            types, _, nodes = gmsh.model.mesh.getElements(*entity)
+            blocks += [_block(number, row[own]) for number, own in zip(types, nodes, strict=True)]
+        return points, blocks
+
+
+def _block(number: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
+    """Name in meshio of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`."""
+    cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
+    return cell_name(number), cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
 
 def cell_name(number: int) -> str:

@@ -25,11 +25,12 @@ from scipy.sparse.csgraph import connected_components
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.fields import in_unit
 from fenics_ehd.base.processes import interrupt_kept, printing_kept
-from fenics_ehd.base.sealed_file import require_own_data
+from fenics_ehd.base.sealed_file import named, require_own_data
 from fenics_ehd.fem.bulk_data import read_bulk_data
 from fenics_ehd.fem.deck import read_deck
-from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, one_solid_kind
 from fenics_ehd.fem.gmsh_session import read_by_gmsh
+from fenics_ehd.fem.models import MESH_BEGINS
 from fenics_ehd.fem.solid import Solid, require_extent, require_sound_cells, used
 
 #: Meshes that Gmsh reads and meshio does not, of I-DEAS.
@@ -112,37 +113,55 @@ def _read(path: Path) -> ForeignMesh:
     if ending in NASTRAN:
         return read_bulk_data(path)
     if ending in READ_BY_GMSH:
-        mesh = ForeignMesh(*read_by_gmsh(path))
-        _require_all(path, sum(mesh.counts.values()))
-        return mesh
+        return _read_ideas(path)
     return _read_by_meshio(path)
 
 
-#: Elements of I-DEAS with a line of their own behind the first, beams.
+#: Elements of I-DEAS by their FE descriptors, by meshio's names.
+_DESCRIPTORS = {
+    **{"111": "tetra", "118": "tetra10", "115": "hexahedron", "116": "hexahedron20"},
+    **{"112": "wedge", "113": "wedge15", "114": "pyramid"},
+}
+
+#: Beams, which have a line of their own behind the first.
 _BEAMS = (11, 21, 22, 23, 24)
 
 
-def _require_all(path: Path, count: int) -> None:
-    """Refuse a file of I-DEAS of whose elements Gmsh has read `count`, and no others.
+def _read_ideas(path: Path) -> ForeignMesh:
+    """Contents of a file of I-DEAS, whose elements are counted before Gmsh reads it.
 
     Raises
     ------
     MeshError
-        Naming the numbers of elements by their descriptors.
+        It has several kinds of solid elements, or Gmsh does not read all of them.
     """
-    kinds: Counter[str] = Counter()
-    for dataset in re.split(r"^ {4}-1\s*$", path.read_text(errors="replace"), flags=re.MULTILINE):
+    with named(MeshError, str(path)):
+        counts = _elements_of_ideas(path)
+    others = ", ".join(f"{n} {name}" for name, n in counts.items())
+    kind = one_solid_kind(counts, others, path)
+    mesh = ForeignMesh(*read_by_gmsh(path))
+    if mesh.counts.get(kind, 0) != counts[kind]:
+        raise MeshError(
+            f"{path}: Gmsh reads {mesh.counts.get(kind, 0)} of its {counts[kind]} {kind} elements: "
+            "write another format"
+        )
+    return mesh
+
+
+def _elements_of_ideas(path: Path) -> Counter[str]:
+    """Number of elements of a file of I-DEAS by name, of datasets 2412 and the older 780."""
+    counts: Counter[str] = Counter()
+    text = path.read_text(errors="replace")
+    for dataset in re.split(r"^ {4}-1\s*$", text, flags=re.MULTILINE):
         number, *lines = dataset.strip("\n").splitlines() or [""]
         at = 0
-        while number.strip() == "2412" and at < len(lines):
+        while number.strip() in ("2412", "780") and at < len(lines):
             record = lines[at].split()
-            kinds[record[1]] += 1
-            at += 1 + (int(record[1]) in _BEAMS) + -(-int(record[5]) // 8)
-    if (there := sum(kinds.values())) > count:
-        listed = ", ".join(f"{n} of FE descriptor {kind}" for kind, n in kinds.items())
-        raise MeshError(
-            f"{path} has {listed}: {there - count} of these cannot be read, export the solid alone"
-        )
+            if len(record) < 6 or not all(word.lstrip("-").isdecimal() for word in record):
+                raise MeshError(f"{path}: a line of its elements is no record of six numbers")
+            counts[_DESCRIPTORS.get(record[1], f"elements of FE descriptor {record[1]}")] += 1
+            at += 1 + (int(record[1]) in _BEAMS) + max(1, -(-int(record[-1]) // 8))
+    return counts
 
 
 def _read_by_meshio(path: Path) -> ForeignMesh:
@@ -151,11 +170,15 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
         with interrupt_kept(), printing_kept() as printed:
             _require_files(path)
             mesh = meshio.read(path)
+    except MeshError:
+        raise
     except (meshio.ReadError, OSError, SystemExit) as error:  # the latter is how it refuses a file
         reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
         lines = [line for line in reason.splitlines() if line.strip()] or ["it says no reason"]
         raise MeshError(f"{path}: meshio cannot read it: {lines[0]}{_hint(path)}") from None
     except Exception:
+        if _is_gmsh(path):  # with groups for some cells alone, say, which meshio cannot read
+            return ForeignMesh(*read_by_gmsh(path))
         # Its inner words tell nothing of the file.
         raise MeshError(
             f"{path}: meshio cannot read it: its contents are not those of a "
@@ -164,6 +187,14 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
     blocks = [(block.type, block.data) for block in mesh.cells]
     sets = Counter({"sets": len(mesh.point_sets) + len(mesh.cell_sets)})
     return ForeignMesh(mesh.points, blocks, sets)
+
+
+def _is_gmsh(path: Path) -> bool:
+    """True of a mesh of Gmsh, which that reads without running it as a model."""
+    if path.suffix != ".msh":
+        return False
+    with open(path, "rb") as file:
+        return file.read(len(MESH_BEGINS)) == MESH_BEGINS
 
 
 def _hint(path: Path) -> str:
@@ -182,6 +213,11 @@ def _require_files(path: Path) -> None:
     """Refuse a mesh whose numbers are in a pipe, which would be waited for, or in a device.
 
     Nor may HDF5 lead to another file, or claim more than it holds.
+
+    Raises
+    ------
+    MeshError
+        Naming the file.
     """
     others = []
     if path.suffix.lower() in (".xdmf", ".xmf"):
@@ -195,10 +231,11 @@ def _require_files(path: Path) -> None:
         others = [path.with_suffix(".node"), path.with_suffix(".ele")]
     for other in others:
         if other.exists() and not other.is_file():
-            raise ValueError(f"{other} is not a regular file")
+            raise MeshError(f"{path}: {other} is not a regular file")
     for file in (path, *others):
         if file.is_file() and h5py.is_hdf5(file):
-            require_own_data(file)
+            with named(MeshError, str(path)):
+                require_own_data(file)
 
 
 def _require_one_piece(path: Path, cells: np.ndarray) -> None:

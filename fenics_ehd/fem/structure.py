@@ -29,9 +29,11 @@ from fenics_ehd.fem.elements import FAMILIES, quadratic_element, solid_element
 from fenics_ehd.fem.faces import cylinder_centre, rounded_middles
 from fenics_ehd.fem.gmsh_session import (
     HEXAHEDRON_27,
+    QUADRILATERAL_9,
     SWITCH,
     TETRAHEDRON_10,
     TRIANGLE_6,
+    cell_name,
     nodes_of_cells,
     numbered_nodes,
     opened_model,
@@ -56,6 +58,13 @@ with interrupt_kept():
 
 #: Cells that can be asked for, by their short names.
 CELLS = {"hex": HEXAHEDRON_27, "tet": TETRAHEDRON_10}
+
+#: Their facets in Gmsh, and the corners of these.
+FACETS = {"hex": (QUADRILATERAL_9, 4), "tet": (TRIANGLE_6, 3)}
+
+#: Distance from its place by which a mid-side node of a bore is one of a straight edge, relative to
+#: the radius: 1e-5 with 700 cells around.
+STRAIGHT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +103,13 @@ def _found_cells(path: str | Path, asked: str) -> str:
         raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
     kind = next((name for name in CELLS if found == {CELLS[name]}), None)
     if kind is None:
-        kinds = ", ".join(gmsh.model.mesh.getElementProperties(cell)[0] for cell in sorted(found))
-        raise MeshError(f"model {path} holds {kinds}: mesh it with hexahedra or tetrahedra alone")
+        types, numbers, _ = gmsh.model.mesh.getElements(3)
+        counts = zip(types, numbers, strict=True)
+        cells = ", ".join(f"{len(own)} {cell_name(cell)}" for cell, own in counts)
+        raise MeshError(
+            f"model {path} holds {cells}: it must have 27-node hexahedra or 10-node tetrahedra "
+            "alone; 'fenics-ehd part' makes a model of other meshes of one kind"
+        )
     if asked == "tet" != kind:
         raise MeshError(
             f"model {path} gives no tetrahedra: it needs a parameter {SWITCH} for cells = 'tet'"
@@ -132,8 +146,8 @@ def build_mesh(
         ``"hex"`` or ``"tet"``, for a model whose parameter ``tetrahedra`` decides; others
         have what they have.
     bores
-        Surfaces on cylinders along z: mid-side nodes of tetrahedra there are put
-        on the cylinder, half way in angle and height.
+        Surfaces on cylinders along z: mid-side nodes there, of a model those of tetrahedra,
+        are put on the cylinder, half way in angle and height.
     size
         Of a model's cells over what it says, where they are not counted.
 
@@ -157,9 +171,9 @@ def build_mesh(
                 opened = opened_model(Path(path), parameters or {}, cells, size)
                 groups = model.enter_context(opened)
                 cells = _found_cells(path, cells)
-                if cells == "tet":
-                    for bore in groups.keys() & set(bores):
-                        _round_bore(groups[bore])
+                for bore in groups.keys() & set(bores):
+                    if cells == "tet" or Path(path).suffix == ".msh":
+                        _round_bore(groups[bore], cells)
                 points, row = numbered_nodes()
                 solid = Solid(points, row[nodes_of_cells(CELLS[cells])], cells)
                 require_sound_cells(solid, path)
@@ -174,16 +188,29 @@ def build_mesh(
     return PartMesh(mesh, facet_tags, groups)
 
 
-def _round_bore(group: int) -> None:
-    """Put mid-side nodes of the bore's triangles on the cylinder, as `rounded_middles`."""
+def _round_bore(group: int, cells: str) -> None:
+    """Put mid-side nodes of a bore's facets on the cylinder, as `rounded_middles`.
+
+    Nodes of hexahedra that are there already stay, to the last bit; of quadrilaterals the centre
+    is put half way, too.
+    """
     x, row = numbered_nodes()
     entities = gmsh.model.getEntitiesForPhysicalGroup(2, group)
-    triangles = np.vstack([nodes_of_cells(TRIANGLE_6, entity) for entity in entities])
-    corners = x[row[triangles[:, :3]]]
+    facet, count = FACETS[cells]
+    facets = np.vstack([nodes_of_cells(facet, entity) for entity in entities])
+    corners = x[row[facets[:, :count]]]
     centre = cylinder_centre(corners.reshape(-1, 3))
     middle = rounded_middles(corners - centre)
-    edge_nodes, first = np.unique(triangles[:, 3:], return_index=True)
-    for node, position in zip(edge_nodes, centre + middle.reshape(-1, 3)[first], strict=True):
+    if cells == "hex":
+        opposite = np.stack([middle[:, 0], middle[:, 2]], axis=1)
+        middle = np.concatenate([middle, rounded_middles(opposite)[:, :1]], axis=1)
+    edge_nodes, first = np.unique(facets[:, count:], return_index=True)
+    positions = centre + middle.reshape(-1, 3)[first]
+    if cells == "hex":
+        radius = np.linalg.norm(corners - centre, axis=2).max()
+        moved = np.linalg.norm(x[row[edge_nodes]] - positions, axis=1) > STRAIGHT * radius
+        edge_nodes, positions = edge_nodes[moved], positions[moved]
+    for node, position in zip(edge_nodes, positions, strict=True):
         gmsh.model.mesh.setNode(node, position, [])
 
 

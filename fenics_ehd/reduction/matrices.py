@@ -224,6 +224,8 @@ def _open(path: str) -> Opened:
     # Newer SciPy says of a missing file that it is no Matrix Market file.
     Path(path).stat()
     npz = path.lower().endswith(".npz")
+    if not npz:
+        _require_matrix_market(path)
     found = sparse.load_npz(path) if npz else io.mmread(path)
     if npz and found.format in ("csr", "csc", "bsr"):
         # SciPy would read and write wherever a wrong number points to.
@@ -247,6 +249,24 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
         },
         foreign=True,
     )
+
+
+def _require_matrix_market(path: str) -> None:
+    """Refuse a file of another format with the same ending; SciPy's message would not name it.
+
+    Raises
+    ------
+    ValueError
+        It does not begin as a file of Matrix Market does.
+    """
+    import gzip
+
+    with gzip.open(path) if path.lower().endswith(".gz") else open(path, "rb") as file:
+        if not file.read(14).lower().startswith(b"%%matrixmarket"):
+            raise ValueError(
+                "it does not begin with %%MatrixMarket: a matrix that Abaqus wrote is read by "
+                "read_abaqus"
+            )
 
 
 def _in_hdf5(path: str, group: str) -> Opened:
