@@ -246,11 +246,11 @@ def made_by(directory: Path) -> str:
 
 def is_part(directory: Path) -> bool:
     """True of a folder that the manifest of the one above lists."""
-    whole = Path(os.path.abspath(directory))
-    if whole == whole.parent:
+    absolute = Path(os.path.abspath(directory))
+    if absolute == absolute.parent:
         return False
     with suppress(InputError):
-        return f"{whole.name}/" in listed(whole.parent)
+        return f"{absolute.name}/" in listed(absolute.parent)
     return False
 
 
@@ -272,10 +272,10 @@ def require_made_by(directory: Path, command: str) -> None:
 def _entries(directory: Path) -> dict[str, str]:
     """Entries of a folder's manifest by key; the first of a key counts."""
     pairs = (line.partition(": ") for line in _lines(directory) if _is_entry(line))
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for key, _, value in pairs:
-        found.setdefault(key, value)
-    return found
+        entries.setdefault(key, value)
+    return entries
 
 
 def _is_entry(line: str) -> bool:
@@ -538,7 +538,7 @@ def require_output(
     for source in inputs:
         with suppress(OSError):  # one of them is not there
             if os.path.samefile(file, source):
-                raise InputError(f"{label}: the command reads {source}: give another name")
+                raise InputError(f"{label}: {source} is the file to read, give another name")
     try:
         other = file.is_file() and file.stat().st_size > 0 and not kind.holds(file)
     except (OSError, ValueError) as error:
@@ -566,13 +566,14 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
     InputError
         Naming the input.
     """
-    own, place = {*listed(directory), *names}, directory.resolve()
+    outputs = {*listed(directory), *names}
+    folder = directory.resolve()
     for source in inputs:
-        whole = Path(source).resolve()
-        if not whole.is_relative_to(place) or whole == place:
+        path = Path(source).resolve()
+        if not path.is_relative_to(folder) or path == folder:
             continue
-        first, *rest = whole.relative_to(place).parts
-        if first + "/" * bool(rest) in own:
+        first, *below = path.relative_to(folder).parts
+        if first + "/" * bool(below) in outputs:
             raise InputError(
                 f"-o {directory}: the command reads {source}, which it would replace: choose "
                 "another folder"
