@@ -30,7 +30,14 @@ from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 from fenics_ehd import __version__
-from fenics_ehd.base.errors import CavitationError, EhdError, InputError, InUseError, OutputError
+from fenics_ehd.base.errors import (
+    CavitationError,
+    EhdError,
+    InputError,
+    InUseError,
+    OutputError,
+    SettingsError,
+)
 
 
 def read_text(path: str | Path) -> str:
@@ -528,8 +535,9 @@ def require_output(
     Raises
     ------
     InputError
-        It cannot be written (`require_writable`), is a folder, one of the inputs, or exists and
-        is not of its kind.
+        It cannot be written (`require_writable`), is a folder, or exists and is not of its kind.
+    SettingsError
+        It is one of the inputs.
     """
     require_writable(path)
     file, label = Path(path), f"{option} {path}"
@@ -538,7 +546,7 @@ def require_output(
     for source in inputs:
         with suppress(OSError):  # one of them is not there
             if os.path.samefile(file, source):
-                raise InputError(f"{label}: {source} is the file to read, give another name")
+                raise SettingsError(f"{label}: {source} is the file to read, give another name")
     try:
         other = file.is_file() and file.stat().st_size > 0 and not kind.holds(file)
     except (OSError, ValueError) as error:

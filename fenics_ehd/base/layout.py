@@ -203,6 +203,8 @@ class Group:
             else:
                 data = isinstance(stored, h5py.Dataset)
                 contents[name] = values(stored) if data else _plain(stored)
+                if entry.kind == "text" and isinstance(contents[name], np.ndarray):
+                    contents[name] = ()
                 entry.require_content(contents[name], label)
         return contents
 
