@@ -20,6 +20,7 @@ from fenics_ehd.base.files import (
     SUMMARY,
     clear,
     complete_result,
+    require_kept,
     require_writable,
     versions,
     write_whole,
@@ -38,6 +39,7 @@ from fenics_ehd.results.recorded_run import (
     estimate_errors,
     load_run_state,
     record_run,
+    written_by_run,
 )
 from fenics_ehd.scenes.accuracy import Search, account, begun, search_of
 from fenics_ehd.scenes.build import Machine, build
@@ -47,6 +49,7 @@ from fenics_ehd.scenes.scene import (
     by_key,
     csv_files,
     flexible,
+    input_files,
     scene_text,
     stored,
 )
@@ -91,6 +94,7 @@ def run(
                 run_accurately(*found, held.path, search_of(held.path), former=former)
         return load_history(directory)
     scene, search = begun(stored(scene))
+    require_kept(directory, input_files("", scene), written_by_run(flexible(scene)))
     with RunFolder(directory, flexible(scene), overwrite=overwrite) as held:
         run_accurately(scene, build(scene), held.path, search)
     return load_history(directory)
