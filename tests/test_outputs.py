@@ -17,7 +17,7 @@ SHORT = ROD_OF_A_FILE | {"time.revolutions": 0.002, "time.tolerance": 1e-3}
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def workplace(tmp_path, monkeypatch):
     """Working directory with a scene and the rod that it names."""
     monkeypatch.chdir(tmp_path)
     ehd.save_body(make_body(Joint()), tmp_path / "rod.h5")
@@ -56,11 +56,11 @@ def fill(folder, maker, *, entry):
 
 @pytest.mark.parametrize("entry", [True, False])
 @pytest.mark.parametrize("maker", LISTS)
-def test_no_command_writes_into_the_folder_of_another(maker, entry, place, capfd):
+def test_no_command_writes_into_the_folder_of_another(maker, entry, workplace, capfd):
     assert exit_of(capfd, *OWNERS["run"], "done")[0] == 0
-    fill(place / "there", maker, entry=entry)
-    assert made_by(place / "there") == maker
-    before = contents(place / "there")
+    fill(workplace / "there", maker, entry=entry)
+    assert made_by(workplace / "there") == maker
+    before = contents(workplace / "there")
     for command, call in OWNERS.items():
         for more in ((), ("--overwrite",)):
             if command == maker or (more and command in ("plot", "paraview")):
@@ -68,40 +68,40 @@ def test_no_command_writes_into_the_folder_of_another(maker, entry, place, capfd
             status, _, errors = exit_of(capfd, *call, "there", *more)
             assert status == 2, (command, more)
             assert f"there: made by fenics-ehd {maker}, not a folder for {command}" in errors
-            assert contents(place / "there") == before
+            assert contents(workplace / "there") == before
 
 
 @pytest.mark.parametrize("maker", ["run", "sweep", "study"])
-def test_parts_of_a_folder_are_no_folder_for_a_run(maker, place, capfd):
-    fill(place / "there", maker, entry=True)
-    before = contents(place / "there")
+def test_parts_of_a_folder_are_no_folder_for_a_run(maker, workplace, capfd):
+    fill(workplace / "there", maker, entry=True)
+    before = contents(workplace / "there")
     for name in (name for name in LISTS[maker] if name[-1] == "/"):
         for more in ((), ("--overwrite",)):
             status, _, errors = exit_of(capfd, *OWNERS["run"], f"there/{name}", *more)
             assert status == 2
             assert "choose another" in errors
-            assert contents(place / "there") == before
+            assert contents(workplace / "there") == before
 
 
-def test_a_manifest_says_which_command_made_its_folder(place, capfd):
+def test_a_manifest_says_which_command_made_its_folder(workplace, capfd):
     assert exit_of(capfd, *OWNERS["run"], "out")[0] == 0
-    lines = (place / "out" / "manifest.txt").read_text().splitlines()
+    lines = (workplace / "out" / "manifest.txt").read_text().splitlines()
     assert lines[:2] == [HEADER, "command: run"]
-    assert not [name for name in listed(place / "out") if ":" in name]
+    assert not [name for name in listed(workplace / "out") if ":" in name]
     # As version 0.3 left it, which takes the entry for the name of a file that is not there.
-    (place / "out" / "manifest.txt").write_text("\n".join([lines[0], *lines[2:], ""]))
+    (workplace / "out" / "manifest.txt").write_text("\n".join([lines[0], *lines[2:], ""]))
     assert exit_of(capfd, *OWNERS["run"], "out", "--overwrite")[0] == 0
-    assert "command: run" in (place / "out" / "manifest.txt").read_text().splitlines()
+    assert "command: run" in (workplace / "out" / "manifest.txt").read_text().splitlines()
     assert exit_of(capfd, *OWNERS["sweep"], "many", "--workers", 1, "--keep")[0] == 0
     for folder in ("many", "many/runs", "many/runs/0001"):
-        assert made_by(place / folder) == "sweep"
+        assert made_by(workplace / folder) == "sweep"
     # Its runs are read like any other, and only read.
     assert exit_of(capfd, "plot", "many/runs/0001", "--quantity", "orbit")[0] == 0
     assert exit_of(capfd, *OWNERS["run"], "many/runs/0001", "--overwrite")[0] == 2
     assert exit_of(capfd, "run", "--resume", "many/runs/0001")[0] == 2
 
 
-def test_pictures_of_one_run_do_not_replace_those_of_another(place, capfd):
+def test_pictures_of_one_run_do_not_replace_those_of_another(workplace, capfd):
     for name in ("one", "two"):
         assert exit_of(capfd, *OWNERS["run"], name)[0] == 0
     assert exit_of(capfd, "plot", "one", "--quantity", "orbit")[0] == 0
@@ -113,18 +113,18 @@ def test_pictures_of_one_run_do_not_replace_those_of_another(place, capfd):
 
 
 @pytest.mark.parametrize("status", [None, "interrupted", "failed: history.h5: No space left"])
-def test_a_stopped_run_is_not_begun_anew_unasked(status, place, capfd):
+def test_a_stopped_run_is_not_begun_anew_unasked(status, workplace, capfd):
     assert exit_of(capfd, *OWNERS["run"], "out")[0] == 0
-    summary = place / "out" / "summary.json"
+    summary = workplace / "out" / "summary.json"
     if status is None:
         summary.unlink()
     else:
         summary.write_text(f'{{"status": "{status}"}}')
-    before = contents(place / "out")
+    before = contents(workplace / "out")
     code, _, errors = exit_of(capfd, *OWNERS["run"], "out")
     assert code == 2
     assert "out: holds a run that was stopped: go on with it by --resume out" in errors
-    assert contents(place / "out") == before
+    assert contents(workplace / "out") == before
     with pytest.raises(ehd.errors.InputError, match="--resume out"):
         ehd.run(ehd.read_scene("s.toml"), "out")
     assert exit_of(capfd, "run", "--resume", "out", "--no-plots")[0] == 0
@@ -166,56 +166,56 @@ OTHERS = {
 
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("writer", WRITERS)
-def test_an_output_replaces_no_file_of_another_kind(writer, other, place, capfd):
+def test_an_output_replaces_no_file_of_another_kind(writer, other, workplace, capfd):
     call, name = WRITERS[writer]
-    OTHERS["mesh"](place / "mesh.msh")
-    (place / "done").mkdir()
+    OTHERS["mesh"](workplace / "mesh.msh")
+    (workplace / "done").mkdir()
     if (name, other) == ("a.png", "PNG"):
         pytest.skip("a picture is replaced by a picture")
-    OTHERS[other](place / name)
-    before = contents(place)
+    OTHERS[other](workplace / name)
+    before = contents(workplace)
     status, output, errors = exit_of(capfd, *call, name)
     assert status == 2
     assert f"{name}: the file there is not " in errors or "cannot read it" in errors
     assert "Traceback" not in errors
     assert output == ""
-    assert contents(place) == before
+    assert contents(workplace) == before
 
 
 @pytest.mark.parametrize("link", [None, os.symlink, os.link])
-def test_an_output_replaces_no_input(link, place, capfd):
+def test_an_output_replaces_no_input(link, workplace, capfd):
     """Nor through links; a file that the scene names is one, too."""
     for name in ("s.toml", "rod.h5"):
         target = name if link is None else f"to-{name}"
         if link is not None:
             link(name, target)
-        before = contents(place)
+        before = contents(workplace)
         for option in ("-o", "--basis"):
             more = () if option == "-o" else ("-o", "new.h5")
             call = ("reduce", "rod", "--scene", "s.toml", *more, option, target)
             status, _, errors = exit_of(capfd, *call)
             assert status == 2
             assert f"{option} {target}" in errors or "has 0 flexible bodies" in errors
-            assert contents(place) == before
+            assert contents(workplace) == before
 
 
 @pytest.mark.parametrize("more", [(), ("--overwrite",)])
-def test_a_folder_of_results_replaces_no_input(more, place, capfd):
+def test_a_folder_of_results_replaces_no_input(more, workplace, capfd):
     """A run of its own scene, of a body of its own, or of a former run's."""
     assert exit_of(capfd, *OWNERS["run"], "out")[0] == 0
-    before = contents(place)
+    before = contents(workplace)
     calls = [
         ("run", "out/scene.toml", "--no-plots", "-o", "out"),
         ("run", "s.toml", "--body", "out/body-rod.h5", "--no-plots", "-o", "out"),
         ("sweep", "many/sweep.csv.toml", "--set", "big_end.clearance=17e-6", "-o", "many"),
     ]
-    (place / "many").mkdir()
-    (place / "many" / "sweep.csv.toml").write_text((place / "s.toml").read_text())
+    (workplace / "many").mkdir()
+    (workplace / "many" / "sweep.csv.toml").write_text((workplace / "s.toml").read_text())
     for call in calls[:2]:
         status, _, errors = exit_of(capfd, *call, *more)
         assert status == 2
         assert "-o out: the command reads" in errors
-        found = contents(place)
+        found = contents(workplace)
         assert {name: found[name] for name in before} == before
 
 

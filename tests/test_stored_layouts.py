@@ -84,8 +84,8 @@ CHANGES = {
     "one more axis": lambda array: np.asarray(array)[None],
     "a row less": shorter,
     "a column less": lambda a: a[..., :-1] if np.ndim(a) > 1 and a.shape[-1] else None,
-    "another type": unlike,
-    "text": as_text,
+    "another type": lambda array: unlike(array) if np.size(array) else None,
+    "text": lambda array: as_text(array) if np.size(array) else None,
     "not a number": with_nan,
 }
 

@@ -29,7 +29,14 @@ from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 from fenics_ehd import __version__
-from fenics_ehd.base.errors import CavitationError, EhdError, InputError, InUseError, OutputError
+from fenics_ehd.base.errors import (
+    CavitationError,
+    EhdError,
+    InputError,
+    InUseError,
+    OutputError,
+    SettingsError,
+)
 from fenics_ehd.base.libraries import version_of
 
 
@@ -254,11 +261,11 @@ def made_by(directory: Path) -> str:
 
 def is_part(directory: Path) -> bool:
     """True of a folder that the manifest of the one above lists."""
-    whole = Path(os.path.abspath(directory))
-    if whole == whole.parent:
+    absolute = Path(os.path.abspath(directory))
+    if absolute == absolute.parent:
         return False
     with suppress(InputError):
-        return f"{whole.name}/" in listed(whole.parent)
+        return f"{absolute.name}/" in listed(absolute.parent)
     return False
 
 
@@ -280,10 +287,10 @@ def require_made_by(directory: Path, command: str) -> None:
 def _entries(directory: Path) -> dict[str, str]:
     """Entries of a folder's manifest by key; the first of a key counts."""
     pairs = (line.partition(": ") for line in _lines(directory) if _is_entry(line))
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for key, _, value in pairs:
-        found.setdefault(key, value)
-    return found
+        entries.setdefault(key, value)
+    return entries
 
 
 def _is_entry(line: str) -> bool:
@@ -536,8 +543,9 @@ def require_output(
     Raises
     ------
     InputError
-        It cannot be written (`require_writable`), is a folder, one of the inputs, or exists and
-        is not of its kind.
+        It cannot be written (`require_writable`), is a folder, or exists and is not of its kind.
+    SettingsError
+        It is one of the inputs.
     """
     require_writable(path)
     file, label = Path(path), f"{option} {path}"
@@ -546,7 +554,7 @@ def require_output(
     for source in inputs:
         with suppress(OSError):  # one of them is not there
             if os.path.samefile(file, source):
-                raise InputError(f"{label}: the command reads {source}: give another name")
+                raise SettingsError(f"{label}: {source} is the file to read, give another name")
     try:
         other = file.is_file() and file.stat().st_size > 0 and not kind.holds(file)
     except (OSError, ValueError) as error:
@@ -574,13 +582,14 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
     InputError
         Naming the input.
     """
-    own, place = {*listed(directory), *names}, directory.resolve()
+    outputs = {*listed(directory), *names}
+    folder = directory.resolve()
     for source in inputs:
-        whole = Path(source).resolve()
-        if not whole.is_relative_to(place) or whole == place:
+        path = Path(source).resolve()
+        if not path.is_relative_to(folder) or path == folder:
             continue
-        first, *rest = whole.relative_to(place).parts
-        if first + "/" * bool(rest) in own:
+        first, *below = path.relative_to(folder).parts
+        if first + "/" * bool(below) in outputs:
             raise InputError(
                 f"-o {directory}: the command reads {source}, which it would replace: choose "
                 "another folder"

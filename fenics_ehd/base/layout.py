@@ -85,7 +85,9 @@ class Value:
             raise ValueError(f"{path} is no array")
         kinds, size, words = KINDS[self.kind]
         fits = item.dtype.kind in kinds and item.dtype.itemsize == (size or item.dtype.itemsize)
-        if not (is_text(item.dtype) if self.kind == "text" else fits):
+        if self.kind == "text":  # an empty array has no type of text
+            fits = is_text(item.dtype) or 0 in item.shape
+        if not fits:
             raise ValueError(f"{path} holds {item.dtype}, not {words}")
         unknown = self.empty and len(item.shape) == len(self.axes) and 0 in item.shape
         if not unknown and not _fit(item.shape, self.axes, sizes):
@@ -102,7 +104,7 @@ class Value:
         ]
         return f"({', '.join(shown)}{',' * (len(shown) == 1)})"
 
-    def require_content(self, found: Any, path: str) -> None:
+    def require_content(self, content: Any, path: str) -> None:
         """Refuse numbers that are not finite or below the smallest one allowed.
 
         Raises
@@ -110,11 +112,11 @@ class Value:
         ValueError
             Naming the value.
         """
-        if self.kind == "text" or np.size(found) == 0:
+        if self.kind == "text" or np.size(content) == 0:
             return
-        if self.finite and not np.isfinite(found).all():
+        if self.finite and not np.isfinite(content).all():
             raise ValueError(f"{path} holds a value that is not finite")
-        smallest = np.min(found) if self.least > -math.inf else self.least
+        smallest = np.min(content) if self.least > -math.inf else self.least
         if smallest < self.least:
             raise ValueError(f"{path} holds {smallest:g}, below {self.least:g}")
 
@@ -192,16 +194,19 @@ class Group:
         layouts = {name: e for name, e in self.entries.items() if name in _holder(item, e)}
         if self.each is not None:
             layouts |= dict.fromkeys(self._others(item), self.each)
-        found = {}
+        contents = {}
         for name, entry in layouts.items():
             label = f"{path}/{name}"
+            stored = _holder(item, entry)[name]
             if isinstance(entry, Group):
-                found[name] = entry.read(item[name], label)
+                contents[name] = entry.read(stored, label)
             else:
-                there = _holder(item, entry)[name]
-                found[name] = values(there) if isinstance(there, h5py.Dataset) else _plain(there)
-                entry.require_content(found[name], label)
-        return found
+                data = isinstance(stored, h5py.Dataset)
+                contents[name] = values(stored) if data else _plain(stored)
+                if entry.kind == "text" and isinstance(contents[name], np.ndarray):
+                    contents[name] = ()
+                entry.require_content(contents[name], label)
+        return contents
 
 
 Entry = Value | Group
@@ -210,8 +215,8 @@ Entry = Value | Group
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
     """Check what has symbols of its own: they are kept with its path before them."""
     owner = f"{path} "
-    own = {name.removeprefix(owner): n for name, n in sizes.items() if name.startswith(owner)}
-    inside = sizes | own
+    known = {name.removeprefix(owner): n for name, n in sizes.items() if name.startswith(owner)}
+    inside = sizes | known
     entry.check(item, path, inside)
     sizes.update({owner + name: n for name, n in inside.items() if name not in sizes})
 
@@ -223,7 +228,7 @@ def _holder(item: Any, entry: Entry) -> Any:
 
 def _plain(value: Any) -> Any:
     """An attribute as `values` returns a dataset."""
-    if isinstance(value, np.ndarray) and value.ndim and is_text(value.dtype):
+    if isinstance(value, np.ndarray) and value.ndim and (is_text(value.dtype) or not value.size):
         return tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value)
     if isinstance(value, bytes):
         return value.decode()
@@ -242,9 +247,9 @@ def attribute(item: Any, name: str, value: Value) -> Any:
     if name not in item.attrs:
         raise ValueError(f"{label} is missing")
     value.check(item.attrs[name], label, {})
-    found = _plain(item.attrs[name])
-    value.require_content(found, label)
-    return found
+    content = _plain(item.attrs[name])
+    value.require_content(content, label)
+    return content
 
 
 def read_declared(group: h5py.Group, layout: Group) -> dict[str, Any]:
@@ -321,11 +326,12 @@ class Stateful:
         ValueError
             Naming what has another kind or shape than here.
         """
-        layout, own = Group(self.carried), self.state
+        layout = Group(self.carried)
+        start = self.state
         for name, entry in self.carried.items():
-            if not entry.required and (own[name] is None) != (state.get(name) is None):
-                raise ValueError(f"/{name} is known of one of stored and new state alone")
-        layout.check(state, "", sizes_of(layout, own) | self.known_sizes())
+            if isinstance(entry, Group) and (start[name] is None) != (state.get(name) is None):
+                raise ValueError(f"/{name} is in one of stored state and start alone")
+        layout.check(state, "", sizes_of(layout, start) | self.known_sizes())
 
     def known_sizes(self) -> Sizes:
         """Sizes, by symbols of `carried`, that the state at the start does not have."""

@@ -293,15 +293,15 @@ def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
     if len(item.shape) != 1:
         raise ValueError(f"{item.name} has shape {item.shape}, texts have one axis")
     most = Path(item.file.filename).stat().st_size
-    found: list[str] = []
+    texts: list[str] = []
     total = 0
     for start in range(0, len(item), _TEXTS):
         some = [str(text) for text in item.asstr()[start : start + _TEXTS]]
         total += sum(map(len, some))
         if total > most:
             raise ValueError(f"{item.name} has more characters than its file has bytes")
-        found += some
-    return tuple(found)
+        texts += some
+    return tuple(texts)
 
 
 def is_text(kind: np.dtype) -> bool:

@@ -681,11 +681,11 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
     if not path.exists():
         raise InputError(f"{folder}: {missing(path, 'not a results folder, it has no')}")
     with opened_history(path, "not a history of a run") as file:
-        found = _read(file, films)
+        arrays = _read(file, films)
         state = file["state/coordinates"]
         each = Value("text", (state.shape[1],))
         names, units = (attribute(state, name, each) for name in ("names", "units"))
-        return History(found, names, units, summary, scene)
+        return History(arrays, names, units, summary, scene)
 
 
 #: Its name in version 0.2.
@@ -702,7 +702,7 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
     absent = [path for path in columns if path not in paths]
     if absent:
         raise ValueError(f"/{absent[0]} is missing")
-    found = {}
+    arrays = {}
     for path in dict.fromkeys([*columns, *paths]):
         if path.startswith(f"{RESUME}/") or not (films or not of_film(path)):
             continue
@@ -712,9 +712,9 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
         units = MIXED if mixed else attribute(data, "units", Value("text"))
         array = np.asarray(values(data))
         LAYOUT.value_at(path).require_content(array, f"/{path}")
-        found[path] = Quantity(array, units)
-    _require_cells(found)
-    return found
+        arrays[path] = Quantity(array, units)
+    _require_cells(arrays)
+    return arrays
 
 
 def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:

@@ -247,7 +247,8 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
         LAYOUT.check(file, "", {})
         nodes = len(file["coordinates"])
         groups = file.get("bores", {})
-        names = _bore_names(groups) if "bores" in file else ()
+        each = Value("text", ("bores",))
+        names = attribute(groups, "names", each) if "bores" in file else ()
         if sorted(names) != sorted(groups):
             raise ValueError(f"names of /bores are {', '.join(names)}, not {', '.join(groups)}")
         return {
@@ -260,18 +261,10 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
         }
 
 
-def _bore_names(groups: h5py.Group) -> tuple[str, ...]:
-    """Names of the bores in their order; no names have no type of text."""
-    if np.shape(groups.attrs.get("names")) == (0,):
-        return ()
-    names: tuple[str, ...] = attribute(groups, "names", Value("text", ("bores",)))
-    return names
-
-
-def _attachment(place: str, group: h5py.Group) -> PointWeights | str:
+def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
     """Nodes with their weights, or where the matrix is."""
     if "nodes" not in group:
-        return place
+        return matrix
     if "weights" not in group:
         raise ValueError(f"{group.name}/weights is missing")
     return PointWeights(values(group["nodes"]), values(group["weights"]))
@@ -286,8 +279,8 @@ def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
 
 def _bore(path: str | Path, name: str, group: h5py.Group) -> Bore:
     layout = Group({name: e for name, e in BORE_LAYOUT.entries.items() if name in _BORE})
-    found = layout.read(group, group.name)
-    return Bore(**found, load=f"{path}:/bores/{name}/load")
+    fields_read = layout.read(group, group.name)
+    return Bore(**fields_read, load=f"{path}:/bores/{name}/load")
 
 
 BASIS_FORMAT = "fenics_ehd part basis"
@@ -510,9 +503,9 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         """All of a table."""
         table = self._table(name)
         with named(BodyFileError, f"basis file {self.path}"):
-            found = values(table)
-            BASIS_LAYOUT.value_at(name).require_content(found, f"/{name}")
-        return np.asarray(found)
+            array = np.asarray(values(table))
+            BASIS_LAYOUT.value_at(name).require_content(array, f"/{name}")
+        return array
 
     def _table(self, name: str) -> h5py.Dataset:
         if self._file and name not in self._file:

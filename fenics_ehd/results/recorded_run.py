@@ -169,6 +169,7 @@ def first_rank_folder(
     """`RunFolder` on the first rank, which writes; the others only refuse what it refuses."""
     if MPI.COMM_WORLD.rank == 0:
         return RunFolder(directory, bodies, overwrite=overwrite)
+    require_made_by(directory, "run")
     if not overwrite:
         require_no_result(directory)
     return nullcontext()

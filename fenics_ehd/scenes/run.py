@@ -21,6 +21,7 @@ from fenics_ehd.base.files import (
     SUMMARY,
     clear,
     complete_result,
+    require_kept,
     require_writable,
     versions,
     write_whole,
@@ -39,6 +40,7 @@ from fenics_ehd.results.recorded_run import (
     estimate_errors,
     load_run_state,
     record_run,
+    written_by_run,
 )
 from fenics_ehd.scenes.accuracy import Search, account, begun, search_of
 from fenics_ehd.scenes.build import Machine, build
@@ -48,6 +50,7 @@ from fenics_ehd.scenes.scene import (
     by_key,
     csv_files,
     flexible,
+    input_files,
     scene_text,
     stored,
 )
@@ -94,6 +97,7 @@ def run(
                 run_accurately(*found, held.path, search_of(held.path), former=former)
         return load_history(directory)
     scene, search = begun(stored(scene))
+    require_kept(directory, input_files("", scene), written_by_run(flexible(scene)))
     with RunFolder(directory, flexible(scene), overwrite=overwrite) as held:
         run_accurately(scene, build(scene), held.path, search)
     return load_history(directory)

@@ -640,11 +640,11 @@ def input_files(source: str | Path, scene: Scene) -> list[Path]:
     """
     texts = [str(value) for _, value in by_key(scene.tables) if isinstance(value, str)]
     paths = [Path(text) for text in texts if "\0" not in text and Path(text).is_absolute()]
-    found = [Path(source)] if Path(source).suffix == ".toml" else []
+    files = [Path(source)] if Path(source).suffix == ".toml" else []
     for path in paths:
         with suppress(OSError):  # a name that is too long, no permission
-            found += sorted(path.iterdir()) if path.is_dir() else [path]
-    return found
+            files += sorted(path.iterdir()) if path.is_dir() else [path]
+    return files
 
 
 def scene_text(scene: Scene) -> str:
