@@ -189,7 +189,7 @@ def test_faces_are_those_of_the_surfaces_exactly(tmp_path):
 
 def test_long_lists_are_grouped_and_no_mesh_is_made(tmp_path, monkeypatch):
     file = drawn(tmp_path / "plate.step", plate(8))
-    monkeypatch.setattr(drawing_module, "_tetrahedra", None)
+    monkeypatch.setattr(drawing_module, "_generate", None)
     done = listed(file)
     rows = [line.split() for line in done.stdout.splitlines()]
     assert rows[2][:5] == ["1-32", "bore", "2.0000", "5.000", "360"]
@@ -274,17 +274,19 @@ def refusing(monkeypatch, count):
 
 def test_cells_inside_out_make_them_finer(monkeypatch):
     ring = read_drawing(RING)
-    cells = refusing(monkeypatch, 2)
+    # Each size is judged again after nodes were moved.
+    cells = refusing(monkeypatch, 4)
     mesh = drawing_module._mesh(RING, ring.shape, ring.scale, SIZES)
     assert mesh.size == TRIED_SIZES[2]
+    assert cells[::2] == [*cells[1::2], len(mesh.solid.cells)]
+    assert 1.4 * cells[0] < len(mesh.solid.cells)
     assert cells == sorted(cells)
-    assert cells[0] < 0.7 * len(mesh.solid.cells)
     cells = refusing(monkeypatch, 10)
     with pytest.raises(
         ehd.errors.MeshError, match=r"1 of \d+ cells are turned inside out, even wi"
     ):
         drawing_module._mesh(RING, ring.shape, ring.scale, SIZES)
-    assert len(cells) == len(TRIED_SIZES)
+    assert len(cells) == 2 * len(TRIED_SIZES)
 
 
 def test_size_that_passed_is_printed(monkeypatch, tmp_path):
@@ -292,7 +294,7 @@ def test_size_that_passed_is_printed(monkeypatch, tmp_path):
         return drawing_module._mesh(drawing.path, drawing.shape, drawing.scale, sizes)
 
     monkeypatch.setattr(drawing_module.Drawing, "mesh", here)
-    refusing(monkeypatch, 1)
+    refusing(monkeypatch, 2)
     call = [RING, "--bore", "1", "--cells-around", "16", "--no-check", "-o", tmp_path / "x.msh"]
     done = listed(*call, "--json")
     figures, warning = done.stdout, done.stderr if done.stderr_bytes is not None else done.output

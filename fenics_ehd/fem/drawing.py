@@ -459,14 +459,17 @@ def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDra
         for size in TRIED_SIZES:
             finer = replace(sizes, coarser=sizes.coarser * size)
             try:
-                solid, surfaces = _tetrahedra(scale, finer)
+                _generate(scale, finer)
+                solid, wrong = _judged(scale)
+                if wrong:  # moves nodes about such cells, which takes as long as meshing
+                    gmsh.model.mesh.optimize("HighOrder")
+                    solid, wrong = _judged(scale)
             except Exception:  # Gmsh raises plain Exception: facets intersect
                 failure = "Gmsh cannot fill its surface with tetrahedra"
                 gmsh.option.setNumber("Mesh.Algorithm", DELAUNAY)
                 continue
-            wrong = int(inside_out(solid).sum())
             if not wrong:
-                return MeshedDrawing(solid, surfaces, size)
+                return MeshedDrawing(used(solid), _surfaces(solid), size)
             failure = f"{wrong} of {len(solid.cells)} cells are turned inside out"
         raise MeshError(
             f"{path}: {failure}, even with cells {size:g} times as large as asked for: give more "
@@ -474,8 +477,8 @@ def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDra
         )
 
 
-def _tetrahedra(scale: float, sizes: CellSizes) -> tuple[Solid, np.ndarray]:
-    """The current model's tetrahedra [m], and the surface of each facet."""
+def _generate(scale: float, sizes: CellSizes) -> None:
+    """Second-order tetrahedra in the current model."""
 
     def size_at(_d: int, _t: int, x: float, y: float, z: float, *_: float) -> float:
         return sizes(scale * np.array([x, y, z])) / scale
@@ -486,13 +489,23 @@ def _tetrahedra(scale: float, sizes: CellSizes) -> tuple[Solid, np.ndarray]:
     gmsh.model.mesh.setOrder(2)
     # Straight cells beside curved ones where a facet bulges through them.
     gmsh.model.mesh.optimize("HighOrderFastCurving")
+
+
+def _judged(scale: float) -> tuple[Solid, int]:
+    """The current model's tetrahedra [m], and how many of them are turned inside out."""
     points, row = numbered_nodes()
     solid = Solid(scale * points, row[nodes_of_cells(TETRAHEDRON_10)], "tet")
     if not len(solid.cells):
         raise MeshError("Gmsh makes no tetrahedra")
+    return solid, int(inside_out(solid).sum())
+
+
+def _surfaces(solid: Solid) -> np.ndarray:
+    """Number of the current model's surface that each facet of its tetrahedra is on."""
+    _, row = numbered_nodes()
     owner: dict[tuple, int] = {}
     for _, entity in gmsh.model.getEntities(2):
         corners = np.sort(row[nodes_of_cells(TRIANGLE_6, entity)[:, :3]], axis=1)
         owner |= dict.fromkeys(map(tuple, corners.tolist()), entity)
     facets = np.sort(solid.facets()[:, :3], axis=1).tolist()
-    return used(solid), np.array([owner[tuple(corners)] for corners in facets])
+    return np.array([owner[tuple(corners)] for corners in facets])
