@@ -22,7 +22,7 @@ from dolfinx import cpp, fem, jit, mesh
 from mpi4py import MPI
 
 from fenics_ehd.base.compile_lock import LIMIT, compiling, forms_folder, is_compiled
-from fenics_ehd.base.processes import in_empty_folder
+from fenics_ehd.base.processes import in_neutral_folder
 
 try:
     import basix.ufl as _basix_ufl
@@ -203,7 +203,7 @@ def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
         except _NotCompiledError:
             pass
         folder = Path(options["cache_dir"]).absolute()
-        with compiling(folder, limit=options.get("timeout", LIMIT)), in_empty_folder():
+        with compiling(folder, limit=options.get("timeout", LIMIT)), in_neutral_folder():
             return compile_objects(*arguments, **options | {"cache_dir": folder})
 
     return compiled
