@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench_film import Gap, compiled
-from bench_scenes import compat
 from differences import slope
 from film_cases import ETA, FAMILIES, OMEGA, C, R, make_film
 from nested_film import GapChange, residual_change
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
+from fenics_ehd.base.compile_lock import orphans
 
 
 def place(angle, height):
@@ -169,10 +169,10 @@ def test_the_first_film_model_says_nothing_of_its_compiler(tmp_path):
 COMPILE = """
 import sys
 from film_cases import ETA, make_film
-from fenics_ehd.base import compat
+from fenics_ehd.base import compat, compile_lock
 from fenics_ehd.film.lubricant import Barus, Lubricant
 if sys.argv[1] == "naive":
-    compat.orphans = lambda folder: []
+    compile_lock.orphans = lambda folder: []
     compat._JIT["timeout"] = 3
 make_film((12, 3), oil=Lubricant(ETA, Barus(2e-8))).equation.forms
 """
@@ -196,7 +196,7 @@ def test_a_compilation_that_was_killed_does_not_stop_later_ones(tmp_path):
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
-    assert len(compat.orphans(kept)) == 1
+    assert len(orphans(kept)) == 1
     error = start("naive").communicate()[1]
     assert "Timeout" in error
     process = start("cured")

@@ -25,7 +25,7 @@ from dolfinx import cpp, fem, jit, mesh
 from mpi4py import MPI
 
 from fenics_ehd.base.compile_lock import LIMIT, compiling, forms_folder, is_compiled
-from fenics_ehd.base.processes import in_empty_folder
+from fenics_ehd.base.processes import in_neutral_folder
 
 try:
     import basix.ufl as _basix_ufl
@@ -207,7 +207,7 @@ def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
             pass
         folder = Path(options["cache_dir"]).absolute()
         limit = options.get("timeout", LIMIT)
-        with compiling(folder, limit=limit), in_empty_folder(), quiet_compiler():
+        with compiling(folder, limit=limit), in_neutral_folder(), quiet_compiler():
             return compile_objects(*arguments, **options | {"cache_dir": folder})
 
     return compiled

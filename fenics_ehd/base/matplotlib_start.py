@@ -9,10 +9,10 @@ from __future__ import annotations
 import os
 
 from fenics_ehd.base.command_start import MATPLOTLIB_OPTIONS
-from fenics_ehd.base.processes import in_empty_folder
+from fenics_ehd.base.processes import in_neutral_folder
 
 if os.environ.get(MATPLOTLIB_OPTIONS) == os.devnull:
-    with in_empty_folder():
+    with in_neutral_folder():
         import matplotlib
 else:
     import matplotlib  # noqa: F401

@@ -15,9 +15,9 @@ import os
 import petsc4py
 from mpi4py import MPI
 
-from fenics_ehd.base.processes import in_empty_folder
+from fenics_ehd.base.processes import in_neutral_folder
 
 # Before those given on purpose, which have the last word.
 os.environ["PETSC_OPTIONS"] = f"-no_signal_handler {os.environ.get('PETSC_OPTIONS', '')}"
-with in_empty_folder():
+with in_neutral_folder():
     petsc4py.init(["fenics-ehd", "-skip_petscrc"], comm=MPI.COMM_WORLD)

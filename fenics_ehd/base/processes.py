@@ -117,21 +117,22 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
+#: A folder that exists without a disk, and into which nobody can put a file.
+NEUTRAL = "/proc"
+
+
 @contextmanager
-def in_empty_folder() -> Iterator[None]:
-    """Have an empty current folder: what a library looks for there, by a relative name, is absent.
+def in_neutral_folder() -> Iterator[None]:
+    """Have a current folder in which no library finds a file by a relative name.
 
     The former folder may have been removed, or be unreadable.
     """
     former = os.open(".", os.O_PATH)
+    os.chdir(NEUTRAL if os.path.isdir(NEUTRAL) else os.sep)
     try:
-        with TemporaryDirectory() as folder:
-            os.chdir(folder)
-            try:
-                yield
-            finally:
-                os.fchdir(former)
+        yield
     finally:
+        os.fchdir(former)
         os.close(former)
 
 

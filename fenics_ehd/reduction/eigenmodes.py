@@ -18,12 +18,12 @@ from petsc4py import PETSc
 
 from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configure
-from fenics_ehd.base.processes import in_empty_folder
+from fenics_ehd.base.processes import in_neutral_folder
 from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine, inner, multiply
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 
-with in_empty_folder():  # slepc4py looks for petsc.cfg, as petsc4py does
+with in_neutral_folder():  # slepc4py looks for petsc.cfg, as petsc4py does
     from slepc4py import SLEPc
 
 #: Tolerance of SLEPc's residual, and of our own check of it, relative to the eigenvalue.

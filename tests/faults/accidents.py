@@ -16,6 +16,8 @@ from scene_cases import write_scene
 from test_ranks import COMMAND, TOO_LONG, two_ranks
 from world import COARSE, RESUME, World, command
 
+from fenics_ehd.base.compile_lock import orphans
+
 Found = Iterator[tuple[str, str, Verdict]]
 
 NEEDED = ("long.toml", "large.toml", "rod.h5")
@@ -103,7 +105,7 @@ def compilations(world: World, options: argparse.Namespace) -> Found:
         time.sleep(moment)
         os.kill(process, signal.SIGKILL)
         finish(process, folder, began)
-        left = len(compat.orphans(cache))
+        left = len(orphans(cache))
         call = _compiling_into(cache, (*_run("long.toml"), "--overwrite"))
         name = f"SIGKILL {moment:.3f} s after a first file, {left} not compiled to its end"
         yield "compilations", name, judge(attempt(call, folder, LIMIT), folder, intact)
@@ -156,6 +158,7 @@ ONE_RANK: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "output in no folder": ((), {"-o": "/dev/null/x.h5"}),
     "basis in no folder": ((), {"--basis": "/dev/null/basis.h5"}),
     "no such option": ((), {"--nonsense": "1"}),
+    "help": ((), {"--help": ""}),
     "unusable cache": (("XDG_CACHE_HOME=/dev/null/cache", "HOME=/dev/null"), {}),
 }
 
