@@ -273,8 +273,11 @@ def test_no_figure_that_is_not_finite_is_printed(capsys):
     found = {"joint": {"peak_Pa": float("nan"), "film_m": 1e-6, "flows": [float("inf")]}}
     with pytest.raises(ehd.errors.VerificationError, match="flows, peak_Pa: no finite number, in"):
         answer(found, "  peak        nan MPa\n  film 1 um", as_json=False)
-    answer(found, "  film 1 um\n  results in nano/information", as_json=False)
-    answer({"film_m": 1e-6}, "  results in nan", as_json=False)
+    with pytest.raises(ehd.errors.VerificationError, match="in: at 3 ms, -inf % of it"):
+        answer(found, "film 1 um\n  at 3 ms, -inf % of it", as_json=False)
+    # Names of joints, bodies and folders.
+    answer(found, "  nan\n  inf: m4 with 3 modes\n  results in nan", as_json=False)
+    answer({"film_m": 1e-6}, "  of inf", as_json=False)
     answer(found, "", as_json=True)
     out = capsys.readouterr().out
     assert "peak " not in out

@@ -19,6 +19,7 @@ from nested_film import GapChange, residual_change
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
+from fenics_ehd.base import compat
 from fenics_ehd.base.compile_lock import orphans
 
 

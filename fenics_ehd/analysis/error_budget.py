@@ -474,7 +474,8 @@ class Estimator:
             again = self._follow(self._long, stride=self._stride)
         except FAILURES as error:
             notes, ways = dict.fromkeys(ways, _one_line(error)), {}
-        left_out, of_all = {}, self._left_out
+        left_out: dict[str, float] = {}
+        of_all = self._left_out
         for name, change in ways.items():
             self._left_out = of_all
             try:

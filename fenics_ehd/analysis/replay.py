@@ -450,7 +450,7 @@ class Replay(Run):
         point = np.concatenate([x, *volumes])
         rate = np.zeros_like(point)
         rate[: course.rates.shape[1]] = course.rates[row]
-        state = IntegratorState.begin(base.norm, time, point, rate, self.control)
+        state: RunState = IntegratorState.begin(base.norm, time, point, rate, self.control)
         self.state = taken_over(state, base, self)
         if self._guess:
             self._guess.forget()

@@ -207,8 +207,8 @@ json_option = click.option(
 )
 
 
-#: A printed number that is not finite.
-NOT_FINITE = re.compile(r"(?<!\S)[-+]?(nan|inf)(?=[\s,;:%)]|$)")
+#: A printed number that is not finite: no name at the start of a line, and no "results in nan".
+NOT_FINITE = re.compile(r"(?<=\S)(?<! in) +[-+]?(nan|inf)(?=[\s,;%)]|$)")
 
 
 def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
