@@ -141,6 +141,15 @@ def test_a_change_takes_along_what_depended_on_it():
     assert again.bodies["rod"].reduction.residual_modes == 20
 
 
+def test_a_run_of_a_version_that_accepted_more_can_be_read(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(toml(tables_of(CRANK, M4 | {f"{ROD}.reduction.residual_modes": 20})))
+    with pytest.raises(ehd.errors.SettingsError, match="residual_modes = 20 has no effect"):
+        ehd.read_scene(path)
+    (tmp_path / "manifest.txt").write_text("")
+    assert ehd.read_scene(path).bodies["rod"].reduction.residual_modes == 31
+
+
 def test_snapshots_of_no_run_are_refused_before_anything_is_meshed(tmp_path):
     changes = {f"{ROD}.reduction.snapshots": str(tmp_path)}
     scene = scene_of(tables_of(CRANK, changes), "case")

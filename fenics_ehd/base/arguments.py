@@ -36,11 +36,11 @@ def require_number(name: str, value: Any, **bounds: Any) -> float:
     SettingsError
         Naming the bound.
     """
-    number: float = as_float(value)
+    number: Any = as_float(value)
     if isinstance(number, str):
         raise SettingsError(f"{name} = {shown(value)} must be a finite number")
     limits(**bounds, sized=False)(name, number)
-    return number
+    return float(number)
 
 
 def require_count(name: str, value: Any, least: int = 0) -> int:

@@ -82,8 +82,10 @@ def _parameter(command: click.Command, given: Mapping[str, Any], name: str) -> S
     """Another parameter of the command, as far as it is parsed."""
     for parameter in command.params:
         if parameter.name == name:
-            default = parameter.default
-            return Setting(_written(parameter, True), given.get(name, default))
+            value = given.get(name, parameter.default)
+            # Some versions of click have a mark in place of None.
+            plain = isinstance(value, (bool, int, float, str, tuple, list))
+            return Setting(_written(parameter, True), value if plain else None)
     return None
 
 

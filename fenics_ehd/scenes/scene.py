@@ -22,6 +22,7 @@ import numpy as np
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE, entries, section
+from fenics_ehd.base.files import MANIFEST, SCENE_NAME
 from fenics_ehd.base.needs import no_effect
 from fenics_ehd.base.settings import (
     UnknownKeyError,
@@ -468,8 +469,16 @@ def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
     elif Path(source).suffix != ".toml":
         scene = scene_of(read_toml(shipped_scene(str(source))), str(source))
     else:
-        scene = scene_of(beside(read_toml(source), Path(source).parent), str(source))
+        tables = beside(read_toml(source), Path(source).parent)
+        if _of_run(Path(source)):
+            tables = _without_idle(renamed(tables)[0], ())
+        scene = scene_of(tables, str(source))
     return changed(scene, changes) if changes else scene
+
+
+def _of_run(path: Path) -> bool:
+    """True of the scene in a run's folder: version 0.3 wrote keys without effect there."""
+    return path.name == SCENE_NAME and (path.parent / MANIFEST).is_file()
 
 
 def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
