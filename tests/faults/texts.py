@@ -285,6 +285,8 @@ REFUSED = (
     ("bearing", "--load", "1e300"), ("bearing", "--load", "5", "--cells", "64x0"),
     ("bearing", "--load", "5", "--cells", "9999999999x1"),
     ("bearing", "--load", "5", "--cells", "64x12x1"),
+    ("bearing", "--load", "2000", "--bore-speed", "-500"),
+    ("bearing", "--eccentricity", "0.5", "--speed", "-300", "--bore-speed", "300.001"),
 )  # fmt: skip
 
 
