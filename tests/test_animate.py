@@ -308,6 +308,22 @@ def test_the_figure_of_several_joints_shows_the_chosen_one(bearings):
     assert f"left, t = {1e3 * columns['time_s'][-1]:.2f} ms" in written
 
 
+def test_the_angle_in_the_title_is_that_of_the_run(four_bar):
+    """In the second turn of a later cycle of two turns."""
+    run = four_bar.run
+    turned = np.asarray(run.motion.run.crank_angle)
+    motion = run.motion.changed(
+        {
+            "run/crank_angle": turned + 370.0 - turned[0],
+            "bodies/crank/angle": np.radians(turned + 3 * 720.0 + 370.0 - turned[0]),
+        }
+    )
+    frames = RecordedMotion(run.system.mechanism, motion)
+    figure, show = draw(frames, frames, {}, "rocker_end", None)
+    show(0)
+    assert "crank 370°" in " ".join(text.get_text() for text in figure.texts)
+
+
 def test_ideal_joints_are_drawn_where_they_are(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text(IDEAL)

@@ -210,7 +210,7 @@ json_option = click.option(
 
 
 #: A printed number that is not finite: no name at the start of a line, and no "results in nan".
-NOT_FINITE = re.compile(r"(?<=\S)(?<! in) +[-+]?(nan|inf)(?=[\s,;%)]|$)")
+UNPRINTABLE = re.compile(r"(?<=\S)(?<! in) +[-+]?(nan|inf)(?=[\s,;%)]|$)")
 
 
 def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
@@ -229,7 +229,7 @@ def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
 
 
 def _unknown(line: str) -> bool:
-    return NOT_FINITE.search(line) is not None
+    return UNPRINTABLE.search(line) is not None
 
 
 def _not_finite(found: Any, key: str = "") -> Iterator[str]:

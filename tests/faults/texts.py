@@ -295,6 +295,8 @@ REFUSED = (
     ("part", "file", "--held", "3"), ("stress", "file", "--no-damping", "--complete"),
     ("sweep", "slider-crank", "--set", "order=1_0,2", "-o", "s"),
     ("sweep", "slider-crank", "--set", "tolerance=1e-5:1e-4:\u0663", "-o", "s"),
+    ("bearing", "--load", "2000", "--bore-speed", "-500"),
+    ("bearing", "--eccentricity", "0.5", "--speed", "-300", "--bore-speed", "300.001"),
 )  # fmt: skip
 
 
