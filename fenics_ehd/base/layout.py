@@ -130,7 +130,7 @@ class Group:
     entries
         Declared ones.
     each
-        Layout of every other one, whose sizes are its own; None: there is no other.
+        Layout of every other one, whose symbols are its own; None: no other is allowed.
     required
         Whether the group must be there.
     foreign
@@ -213,7 +213,10 @@ Entry = Value | Group
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
-    """Check what has symbols of its own: they are kept with its path before them."""
+    """Check what has symbols of its own: those of a state are kept, its path before them."""
+    if isinstance(item, h5py.Group | h5py.Dataset):
+        entry.check(item, path, dict(sizes))
+        return
     owner = f"{path} "
     known = {name.removeprefix(owner): n for name, n in sizes.items() if name.startswith(owner)}
     inside = sizes | known
