@@ -340,4 +340,3 @@ def test_a_part_with_an_indefinite_stiffness_is_refused(tmp_path):
         check_structure(replace(part, stiffness=(matrix + pair).tocsr()))
     assert "stiffness is not positive semidefinite: the entry" in str(caught.value)
     assert "of node 1, component x and node 33, component y is 1.1 times" in str(caught.value)
-

@@ -194,7 +194,7 @@ class Group:
         layouts = {name: e for name, e in self.entries.items() if name in _holder(item, e)}
         if self.each is not None:
             layouts |= dict.fromkeys(self._others(item), self.each)
-        contents = {}
+        contents: dict[str, Any] = {}
         for name, entry in layouts.items():
             label = f"{path}/{name}"
             stored = _holder(item, entry)[name]
