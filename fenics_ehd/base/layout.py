@@ -130,7 +130,7 @@ class Group:
     entries
         Declared ones.
     each
-        Layout of every other one, whose sizes are its own; None: there is no other.
+        Layout of every other one, whose symbols are its own; None: no other is allowed.
     required
         Whether the group must be there.
     foreign
@@ -194,7 +194,7 @@ class Group:
         layouts = {name: e for name, e in self.entries.items() if name in _holder(item, e)}
         if self.each is not None:
             layouts |= dict.fromkeys(self._others(item), self.each)
-        contents = {}
+        contents: dict[str, Any] = {}
         for name, entry in layouts.items():
             label = f"{path}/{name}"
             stored = _holder(item, entry)[name]
@@ -213,7 +213,10 @@ Entry = Value | Group
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
-    """Check what has symbols of its own: they are kept with its path before them."""
+    """Check what has symbols of its own: those of a state are kept, its path before them."""
+    if isinstance(item, h5py.Group | h5py.Dataset):
+        entry.check(item, path, dict(sizes))
+        return
     owner = f"{path} "
     known = {name.removeprefix(owner): n for name, n in sizes.items() if name.startswith(owner)}
     inside = sizes | known
