@@ -79,11 +79,11 @@ class Dependent(click.Option):
         return value, rest
 
 
-def _parameter(command: click.Command, given: Mapping[str, Any], name: str) -> Setting | None:
+def _parameter(command: click.Command, parsed: Mapping[str, Any], name: str) -> Setting | None:
     """Another parameter of the command, as far as it is parsed."""
     for parameter in command.params:
         if parameter.name == name:
-            value = given.get(name, parameter.default)
+            value = parsed.get(name, parameter.default)
             # Some versions of click have a mark in place of None.
             plain = isinstance(value, (bool, int, float, str, tuple, list))
             return Setting(_written(parameter, True), value if plain else None)

@@ -38,11 +38,11 @@ def unusual_totals(bodies: Mapping[str, Body]) -> list[str]:
 
 
 def _of_part(key: str, body: FlexibleBody) -> list[str]:
-    own = body.reduced.inertia
-    gyration = float(np.sqrt(max(own.polar_inertia, 0.0) / own.total_mass))
+    measured = body.reduced.inertia
+    gyration = float(np.sqrt(max(measured.polar_inertia, 0.0) / measured.total_mass))
     lines = []
     if body.centre is not None:
-        distance = float(np.hypot(*(np.array(body.centre) - own.centre_of_mass)))
+        distance = float(np.hypot(*(np.array(body.centre) - measured.centre_of_mass)))
         if distance > OUTSIDE * gyration:
             lines.append(
                 f"{key}.centre = {list(body.centre)} m is {distance:.3g} m from the centre of mass "
@@ -50,7 +50,7 @@ def _of_part(key: str, body: FlexibleBody) -> list[str]:
                 "outside the part, is the unit another?"
             )
     if body.inertia is not None:
-        radius = float(np.sqrt(body.inertia / (body.mass or own.total_mass)))
+        radius = float(np.sqrt(body.inertia / (body.mass or measured.total_mass)))
         if not gyration / LIKE <= radius <= LIKE * gyration:
             lines.append(
                 f"{key}.inertia = {body.inertia:g} kg m2 is a radius of gyration of {radius:.3g} "
