@@ -141,6 +141,10 @@ class Real(click.FloatRange):
         return super().convert(value, param, ctx)
 
 
+#: Words that Python reads as numbers.
+NOT_FINITE = ("nan", "inf", "-inf")
+
+
 class Measured(click.ParamType):
     """A number, or one with its unit, ``5 kN``, in that which a help text has in brackets."""
 
@@ -153,6 +157,8 @@ class Measured(click.ParamType):
         """Number in the unit of the option, as click asks for it."""
         if not isinstance(value, str):
             return float(value)
+        if value.strip().lower() in NOT_FINITE:
+            return float(value)  # refused by what takes it, which knows the name
         try:
             return parse_number(value)
         except ValueError:

@@ -39,7 +39,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
@@ -237,6 +237,18 @@ class Shape(Deviations):
         if self.measured is not None:
             total += self.measured.radial(angle, height, order)
         return total
+
+
+def require_shape(name: str, value: Any) -> None:
+    """Refuse what is neither a `Shape`, None, nor a class of the caller with its `radial`.
+
+    Raises
+    ------
+    SettingsError
+        Naming the argument and its class.
+    """
+    if not hasattr(value, "radial"):
+        require_class(name, value, Shape, optional=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,9 +89,9 @@ def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
 
 def stepped_shape(key: str, shape: Shape | None) -> list[str]:
     """A line for a measured shape whose spline would overshoot its rows, else none."""
-    if shape is None or shape.measured is None or not shape.measured.stepped.any():
+    table = getattr(shape, "measured", None)
+    if table is None or not table.stepped.any():
         return []
-    table = shape.measured
     beyond, span = 1e6 * table.overshoot.max(), 1e6 * np.ptp(table.deviations)
     return [
         f"{key}.table: a spline would overshoot its rows by {beyond:.3g} um, more than "
