@@ -45,7 +45,6 @@ MODELS = {
             "journal_roughness": 0.8e-6, "bore_roughness": 0.8e-6, "asperity_product": 0.04,
             "asperity_slenderness": 1e-3, "bore_modulus": 210e9,
         },
-        "joints.bearing.smallest_film": None,
     },
     "starved": {
         "joints.bearing.element": "bilinear",
