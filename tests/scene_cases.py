@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -68,7 +69,7 @@ def tables_of(scene: str, changes: Mapping[str, Any]) -> dict[str, Any]:
         if value is None:
             table.pop(key, None)
         else:
-            table[key] = value
+            table[key] = deepcopy(value)
     return tables
 
 

@@ -153,7 +153,7 @@ WRITTEN = [
     ("bearing --load \u0663", "must be a finite number in N"),
     ("bearing --load 1 --cells \u0661\u0666x4", "must be two whole numbers, around x along"),
     ("bearing --load 1 --lobes 1_0", "'1_0' is not a whole number"),
-    ("bearing --load 1 --groove nan 10 1e5", "'nan' must be a finite number in degrees"),
+    ("bearing --load 1 --groove nan 10 1e5", "the angle of a groove = nan must be a finite"),
     ("animate out --scale nan", "'nan' is no number"),
     ("animate out --frames 1_0", "'1_0' is not a whole number"),
     ("run four-bar --checkpoint-every inf", "'inf' is no number"),

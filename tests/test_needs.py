@@ -29,7 +29,6 @@ ALONE = [
     (CRANK, {f"{FILM}.ambient": "oil"}, f"without {FILM}.cavitation = 'mass-conserving'"),
     (CRANK, {f"{FILM}.contact.flow_factors": False}, "without journal_roughness or bore_rough"),
     (CRANK, {f"{FILM}.contact.journal_modulus": 1e11}, "without journal_roughness or bore_rou"),
-    (CRANK, ROUGH | {f"{FILM}.smallest_film": 0.1}, "with contact.journal_roughness or"),
     (CRANK, ROUGH | {f"{FILM}.contact.boundary_friction": 0.2}, f"without {FILM}.friction"),
     (CRANK, ROUGH | {f"{FILM}.contact.bore_poissons_ratio": 0.2}, "without .*bore_modulus"),
     (CRANK, ROUGH | {f"{FILM}.contact.asperity_radius": 1e-5}, "without .*asperity_density"),
@@ -116,6 +115,13 @@ def test_every_need_is_a_setting():
     ]
     assert len(keys) > 50
     assert {word for key in keys for word in key.split(".")} <= names
+
+
+def test_a_least_film_between_rough_surfaces_is_a_notice():
+    scene = scene_of(tables_of(CRANK, ROUGH | {f"{FILM}.smallest_film": 0.1}), "case")
+    (line,) = scene.warnings
+    assert f"{FILM}.smallest_film = 0.1 has no effect between rough surfaces" in line
+    assert scene_of(tables_of(CRANK, ROUGH), "case").warnings == ()
 
 
 def test_a_table_without_keys_is_refused():

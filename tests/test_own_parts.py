@@ -292,7 +292,7 @@ WRITTEN = ("rod.step", "--bore", "1", "-o", "x.msh")
         (["rod.step", "--bore", "1", "-o", "none/x.msh"], "there is no folder none"),
         (["turned.msh", "--unit", "mm", "--bore", "1", "-o", "turned.msh"], "the file to read"),
         ([*WRITTEN, "--density", "-5"], "density = -5.0 must be at least 100"),
-        ([*WRITTEN, "--youngs-modulus", "nan"], "'nan' must be a finite number in Pa"),
+        ([*WRITTEN, "--youngs-modulus", "nan"], "youngs_modulus = nan must be a finite number"),
         ([*WRITTEN, "--poissons-ratio", "0.5"], "poissons_ratio = 0.5 must be below 0.49"),
         (["nan.vtu"], "no finite numbers"),
         (["two.msh", "--unit", "mm"], "has 2 solids, it must have one"),

@@ -652,10 +652,12 @@ def solve_bearing(
     require_class("settings", settings, BearingSettings)
     if (eccentricity is None) == (load is None):
         raise SettingsError("exactly one of eccentricity and load must be given")
-    if eccentricity is not None:
-        require_number("eccentricity", eccentricity, least=0, below=1)
-    if load is not None:
-        require_number("load", load, above=0)
+    if eccentricity is not None and not 0 <= require_number("eccentricity", eccentricity) < 1:
+        raise SettingsError(
+            f"eccentricity = {eccentricity:g} must be at least 0 and below 1 (of the clearance)"
+        )
+    if load is not None and not 0 < require_number("load", load):
+        raise SettingsError(f"load = {load:g} N must be a finite number above 0")
 
     def find(at: BearingSettings) -> _Found:
         if load is not None:

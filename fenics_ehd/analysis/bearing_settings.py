@@ -189,9 +189,9 @@ class BearingSettings(OilSettings, Roughness):
             for i, groove in enumerate(self.grooves):
                 require_class(f"grooves[{i}]", groove, AxialGroove)
         if self.bore_shape is not None:
-            from fenics_ehd.film.kinematics import Shape
+            from fenics_ehd.film.kinematics import require_shape
 
-            require_class("bore_shape", self.bore_shape, Shape)
+            require_shape("bore_shape", self.bore_shape)
 
     def _check_shape(self) -> None:
         """A bore that is not round stands still, and its thickest film is not where one thinks."""

@@ -1,7 +1,8 @@
 """Arguments of public functions and classes, checked as keys of scenes are.
 
 Settings classes check their fields (`fenics_ehd.base.fields`). These functions refuse in the same
-words what a function, or a class that is none of settings, is called with.
+words what a function, or a class that is none of settings, is called with. Fields are imported
+where they are used: reductions do without attrs.
 """
 
 from __future__ import annotations
@@ -10,8 +11,6 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import as_float, as_tuple, limits, one_of
-from fenics_ehd.base.settings import key_hint
 
 #: Characters of a value in a message.
 SHOWN = 60
@@ -25,6 +24,8 @@ def require_word(name: str, value: Any, words: tuple[str, ...]) -> None:
     SettingsError
         Naming all of them.
     """
+    from fenics_ehd.base.fields import one_of
+
     one_of(words)(name, value)
 
 
@@ -36,6 +37,8 @@ def require_number(name: str, value: Any, **bounds: Any) -> float:
     SettingsError
         Naming the bound.
     """
+    from fenics_ehd.base.fields import as_float, limits
+
     number: Any = as_float(value)
     if isinstance(number, str):
         raise SettingsError(f"{name} = {shown(value)} must be a finite number")
@@ -65,6 +68,8 @@ def require_pair(name: str, value: Any, *, zero: bool = True) -> tuple[float, fl
     SettingsError
         Naming the argument.
     """
+    from fenics_ehd.base.fields import as_tuple
+
     pair = as_tuple(value)
     finite = isinstance(pair, tuple) and all(
         isinstance(number, float) and abs(number) < float("inf") for number in pair
@@ -133,6 +138,8 @@ def require_names(function: str, given: Iterable[str], known: Iterable[str]) -> 
     SettingsError
         Naming the one that is perhaps meant.
     """
+    from fenics_ehd.base.settings import key_hint
+
     known = list(known)
     for name in given:
         if name not in known:

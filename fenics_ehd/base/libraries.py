@@ -41,10 +41,10 @@ def version_of(name: str) -> str:
     if not source:
         return "missing"
     with suppress(metadata.PackageNotFoundError):
-        found = metadata.distribution(name)
+        distribution = metadata.distribution(name)
         # The first metadata on the path may be of another copy.
-        if Path(source).is_relative_to(str(found.locate_file(""))):
-            return found.version
+        if Path(source).is_relative_to(str(distribution.locate_file(""))):
+            return distribution.version
     try:
         import_module(STARTS.get(name, name))
         return str(getattr(import_module(name), "__version__", "unknown"))

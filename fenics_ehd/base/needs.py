@@ -17,10 +17,10 @@ NONE = "none"
 NO_TEMPERATURE = -273.15
 
 
-def given(value: Any) -> bool:
+def is_given(value: Any) -> bool:
     """True of a value that is neither zero, false, empty nor one that stands for none."""
     if isinstance(value, (list, tuple)):
-        return any(map(given, value))
+        return any(map(is_given, value))
     return bool(value) and value not in (NONE, NO_TEMPERATURE)
 
 
@@ -70,7 +70,7 @@ class Needs:
         return f"without {self.words or wanted}"
 
     def _holds(self, value: Any) -> bool:
-        return value in self.among if self.among else given(value)
+        return value in self.among if self.among else is_given(value)
 
     def _wanted(self, key: str) -> str:
         return f"{key} = {' or '.join(map(shown, self.among))}" if self.among else key

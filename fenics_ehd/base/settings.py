@@ -117,7 +117,7 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
             named = f"tables: [{name}.NAME]" if "kinds" in about else "a table"
             raise SettingsError(f"{name} = {value!r} must be {named}")
         values[key] = value
-        if "section" in about and value == {} and path:
+        if "section" in about and value == {} and path and not _required(about["section"]):
             raise SettingsError(f"[{name}] is empty: give one of its keys, or drop it")
         if "section" in about:
             values[key] = build(about["section"], value, f"{name}.")
@@ -130,6 +130,11 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
         return cls(**values)
     except SettingsError as error:
         raise SettingsError(f"{path}{error}") from None
+
+
+def _required(cls: type) -> list[str]:
+    """Keys of a settings class that have no default."""
+    return [field.name for field in declared(cls) if field.default is attrs.NOTHING]
 
 
 def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any:

@@ -78,11 +78,11 @@ class Dependent(click.Option):
         return value, rest
 
 
-def _parameter(command: click.Command, given: Mapping[str, Any], name: str) -> Setting | None:
+def _parameter(command: click.Command, parsed: Mapping[str, Any], name: str) -> Setting | None:
     """Another parameter of the command, as far as it is parsed."""
     for parameter in command.params:
         if parameter.name == name:
-            value = given.get(name, parameter.default)
+            value = parsed.get(name, parameter.default)
             # Some versions of click have a mark in place of None.
             plain = isinstance(value, (bool, int, float, str, tuple, list))
             return Setting(_written(parameter, True), value if plain else None)
@@ -140,6 +140,10 @@ class Real(click.FloatRange):
         return super().convert(value, param, ctx)
 
 
+#: Words that Python reads as numbers.
+NOT_FINITE = ("nan", "inf", "-inf")
+
+
 class Measured(click.ParamType):
     """A number, or one with its unit, ``5 kN``, in that which a help text has in brackets."""
 
@@ -152,6 +156,8 @@ class Measured(click.ParamType):
         """Number in the unit of the option, as click asks for it."""
         if not isinstance(value, str):
             return float(value)
+        if value.strip().lower() in NOT_FINITE:
+            return float(value)  # refused by what takes it, which knows the name
         try:
             return parse_number(value)
         except ValueError:

@@ -21,6 +21,7 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.base.needs import no_effect
 from fenics_ehd.cli.options import say_reducing
+from fenics_ehd.fem.models import is_shipped
 from fenics_ehd.multibody.body import FlexibleBody, MasslessBody
 from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.plotting.shown import recorded
@@ -135,10 +136,13 @@ def _bodies(
 
 
 def _require_models(scene: Scene, bodies: Sequence[str], programs: Sequence[str]) -> None:
-    """Refuse a model that is of none of the bodies."""
-    models = (
-        [model_file(scene.bodies[name], f"bodies.{name}") for name in bodies] if programs else []
-    )
+    """Refuse a model that is of none of the bodies, unless one of them needs another first."""
+    if not programs:
+        return
+    models = [model_file(scene.bodies[name], f"bodies.{name}") for name in bodies]
+    unnamed = [m for m in models if not any(m.samefile(program) for program in programs)]
+    if any(model.suffix == ".geo" and not is_shipped(model) for model in unnamed):
+        return  # refused by its name
     for program in programs:
         if not any(model.samefile(program) for model in models):
             raise no_effect("--model", program, "without a body of that model in the run")

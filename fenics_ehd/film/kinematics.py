@@ -39,7 +39,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
@@ -126,17 +126,17 @@ class ShapeTable:
         """Largest overshoot of the spline that is not an extreme of its own, shape (k,) [m]."""
         spline, rows = self._spline, self.deviations
         following = np.roll(rows, -1, axis=0)
-        inner = spline.derivative().roots(extrapolate=False)
-        found = np.zeros(len(self.heights))
-        for column, places in enumerate(inner):
-            places = places[np.isfinite(places)]
-            interval = np.clip(np.searchsorted(spline.x, places) - 1, 0, len(rows) - 1)
+        extremes = spline.derivative().roots(extrapolate=False)
+        largest = np.zeros(len(self.heights))
+        for column, angles in enumerate(extremes):
+            angles = angles[np.isfinite(angles)]
+            interval = np.clip(np.searchsorted(spline.x, angles) - 1, 0, len(rows) - 1)
             ends = np.stack([rows[interval, column], following[interval, column]])
-            value = spline(places)[:, column]
+            value = spline(angles)[:, column]
             beyond = np.maximum(value - ends.max(axis=0), ends.min(axis=0) - value)
             beyond[beyond <= ROUNDED * _outer_steps(rows[:, column])[interval]] = 0.0
-            found[column] = beyond.max(initial=0.0)
-        return found
+            largest[column] = beyond.max(initial=0.0)
+        return largest
 
     @cached_property
     def stepped(self) -> np.ndarray:
@@ -237,6 +237,18 @@ class Shape(Deviations):
         if self.measured is not None:
             total += self.measured.radial(angle, height, order)
         return total
+
+
+def require_shape(name: str, value: Any) -> None:
+    """Refuse what is neither a `Shape`, None, nor a class of the caller with its `radial`.
+
+    Raises
+    ------
+    SettingsError
+        Naming the argument and its class.
+    """
+    if not hasattr(value, "radial"):
+        require_class(name, value, Shape, optional=True)
 
 
 @dataclass(frozen=True, eq=False)

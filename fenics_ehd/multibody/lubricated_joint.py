@@ -59,7 +59,7 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
 from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.kinematics import Gap, Shape
+from fenics_ehd.film.kinematics import Gap, Shape, require_shape
 from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
@@ -403,7 +403,7 @@ class LubricatedJoint:
         require_number("smallest_film", self.smallest_film, least=0, below=1)
         require_number("initial_filling", self.initial_filling, least=0, most=1)
         for name in ("bore_shape", "journal_shape"):
-            require_class(name, getattr(self, name), Shape, optional=True)
+            require_shape(name, getattr(self, name))
         require_class("heat", self.heat, Heat, optional=True)
 
     @property

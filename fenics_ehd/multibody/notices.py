@@ -38,11 +38,11 @@ def unusual_totals(bodies: Mapping[str, Body]) -> list[str]:
 
 
 def _of_part(key: str, body: FlexibleBody) -> list[str]:
-    own = body.reduced.inertia
-    gyration = float(np.sqrt(max(own.polar_inertia, 0.0) / own.total_mass))
+    measured = body.reduced.inertia
+    gyration = float(np.sqrt(max(measured.polar_inertia, 0.0) / measured.total_mass))
     lines = []
     if body.centre is not None:
-        distance = float(np.hypot(*(np.array(body.centre) - own.centre_of_mass)))
+        distance = float(np.hypot(*(np.array(body.centre) - measured.centre_of_mass)))
         if distance > OUTSIDE * gyration:
             lines.append(
                 f"{key}.centre = {list(body.centre)} m is {distance:.3g} m from the centre of mass "
@@ -50,7 +50,7 @@ def _of_part(key: str, body: FlexibleBody) -> list[str]:
                 "outside the part, is the unit another?"
             )
     if body.inertia is not None:
-        radius = float(np.sqrt(body.inertia / (body.mass or own.total_mass)))
+        radius = float(np.sqrt(body.inertia / (body.mass or measured.total_mass)))
         if not gyration / LIKE <= radius <= LIKE * gyration:
             lines.append(
                 f"{key}.inertia = {body.inertia:g} kg m2 is a radius of gyration of {radius:.3g} "
@@ -89,9 +89,9 @@ def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
 
 def stepped_shape(key: str, shape: Shape | None) -> list[str]:
     """A line for a measured shape whose spline would overshoot its rows, else none."""
-    if shape is None or shape.measured is None or not shape.measured.stepped.any():
+    table = getattr(shape, "measured", None)
+    if table is None or not table.stepped.any():
         return []
-    table = shape.measured
     beyond, span = 1e6 * table.overshoot.max(), 1e6 * np.ptp(table.deviations)
     return [
         f"{key}.table: a spline would overshoot its rows by {beyond:.3g} um, more than "

@@ -756,8 +756,8 @@ def simulate(
     require_names("simulate", steps, attrs.fields_dict(IntegratorOptions))
     if (end is None) == (period is None):
         raise SettingsError("simulate takes either end, a time, or period, of what repeats itself")
-    given = ("end", end) if period is None else ("period", period)
-    span = require_number(*given, above=0)
+    duration = ("end", end) if period is None else ("period", period)
+    span = require_number(*duration, above=0)
     require_number("periodicity", periodicity, above=0)
     require_count("cycles", cycles, least=1)
     run = Run(mechanism, IntegratorOptions(**steps), span)

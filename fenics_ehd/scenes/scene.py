@@ -182,6 +182,9 @@ def check_heat(scene: Scene, name: str) -> None:
         )
 
 
+#: Share of the clearance at which a film is too thin, unless a joint has another.
+SMALLEST_FILM = attrs.fields(schema.LubricatedSettings).smallest_film.default
+
 #: Bodies that have a mass whatever is written.
 ELASTIC = (schema.FlexibleSettings, ShaftBody)
 
@@ -353,6 +356,12 @@ def notices(scene: Scene) -> list[str]:
         found.append("bodies: none has a mass, so that gravity and inertia do nothing")
     for name, joint in scene.films.items():
         found += _turbulent(scene, name, joint)
+        # Every shipped scene lists it: adding rough surfaces to one is no mistake.
+        if joint.contact.roughness and joint.smallest_film != SMALLEST_FILM:
+            found.append(
+                f"joints.{name}.smallest_film = {joint.smallest_film:g} has no effect between "
+                "rough surfaces, which may touch"
+            )
     return found
 
 

@@ -295,16 +295,12 @@ class LubricatedSettings:
         "friction",
         "heat",
     )
-    smallest_film: float = not_with(
-        number(
-            0.01,
-            "film thickness at which the run ends, share of the clearance; up to 0.01 at most 0.2 "
-            "um; none with contact",
-            least=0,
-            below=1,
-        ),
-        "contact.roughness",
-        words=f"contact.{ROUGH}",
+    smallest_film: float = number(
+        0.01,
+        "film thickness at which the run ends, share of the clearance; up to 0.01 at most 0.2 um; "
+        "none with contact",
+        least=0,
+        below=1,
     )
     eccentricity: tuple[float, float] = pair(
         "of the journal in the bore's frame at the start, share of the clearance", below=1.0
