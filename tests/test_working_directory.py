@@ -126,24 +126,33 @@ def test_a_run_its_pictures_and_files_are_the_same_in_every_folder(folders):
 
 
 @pytest.mark.slow
-def test_forms_are_compiled_and_parts_reduced_the_same_in_every_folder(folders, monkeypatch):
-    """The cache is empty in both: what is compiled there obeys no file either."""
-    digests = []
+def test_a_part_is_reduced_the_same_in_every_folder(folders):
+    coarse = {"bore_cells_around": 10, "bore_cells_along": 2, "shank_cells": 2}
+    changes = {"bodies.rod.model": "own.geo", "bodies.rod.geometry": coarse}
     for folder in folders:
-        monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         (folder / "own.geo").write_text(ehd.model_path("conrod").read_text())
-        coarse = {"bore_cells_around": 10, "bore_cells_along": 2, "shank_cells": 2}
-        changes = {"bodies.rod.model": "own.geo", "bodies.rod.geometry": coarse}
         write_shipped(folder / "own.toml", "slider-crank-paper", changes)
-        done = program("reduce", "rod", "--scene", "own.toml", "-o", "rod.h5", cwd=folder)
-        assert done.returncode == 0, done.stderr
-        digests.append(body_digest(ehd.load_body(folder / "rod.h5")))
-    assert digests[0] == digests[1]
-    assert not (folders[1] / "ran").exists()
+    both(folders, "reduce", "rod", "--scene", "own.toml", "-o", "rod.h5")
+    one, other = (body_digest(ehd.load_body(folder / "rod.h5")) for folder in folders)
+    assert one == other
 
 
 @pytest.mark.slow
-def test_an_installation_is_checked_the_same_in_every_folder(folders):
+def test_forms_that_are_compiled_in_a_folder_obey_none_of_its_files(folders, monkeypatch):
+    clean, hostile = folders
+    bearing = ("bearing", "--eccentricity", "0.5", "--cells", "16x4", "--json")
+    expected = program(*bearing, cwd=clean).stdout
+    monkeypatch.setenv("XDG_CACHE_HOME", str(clean / "cache"))
+    done = program(*bearing, cwd=hostile)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == expected
+    assert list((clean / "cache").rglob("*.so"))
+    assert not (hostile / "ran").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folders", ["pipes"], indirect=True)
+def test_an_installation_is_checked_in_every_folder(folders):
     one, other = both(folders, "info")
     assert one == other
     done = program("check", cwd=folders[1])
