@@ -1,6 +1,7 @@
 """The command line as tests use it: in this process, or in one of its own that may be stopped."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -25,9 +26,14 @@ OF_THE_MACHINE = {
 
 
 def call(*arguments):
-    """Exit status of the command, in this process."""
-    with pytest.raises(SystemExit) as caught:
-        main([str(a) for a in arguments])
+    """Exit status of the command, in this process, which keeps its environment."""
+    environment = dict(os.environ)
+    try:
+        with pytest.raises(SystemExit) as caught:
+            main([str(a) for a in arguments])
+    finally:
+        os.environ.clear()
+        os.environ.update(environment)
     return caught.value.code
 
 

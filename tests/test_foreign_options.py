@@ -13,7 +13,8 @@ import fenics_ehd as ehd
 
 #: Where PETSc may be started from.
 MODULES = (
-    "reduction", "film.film", "base.compat", "fem.structure", "multibody.simulation", "study.pool",
+    "reduction.matrices", "film.film", "base.compat", "fem.structure", "multibody.simulation",
+    "study.pool",
 )  # fmt: skip
 
 

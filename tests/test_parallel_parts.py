@@ -17,7 +17,10 @@ from scipy import sparse
 import fenics_ehd as ehd
 from fenics_ehd.base.processes import without_launcher
 
-pytestmark = pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),
+]
 
 #: Cells of the shipped rod's model, few of them.
 COARSE = {
@@ -133,7 +136,7 @@ def launch(folder, target, *launcher):
     allowed = ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM")
     command = [*launcher, sys.executable, "-c", REDUCE, target, *lines_of(folder, target)]
     done = subprocess.run(
-        ["timeout", "200", *command], cwd=folder, capture_output=True, text=True,
+        ["timeout", "400", *command], cwd=folder, capture_output=True, text=True,
         env=environment | dict.fromkeys(allowed, "1"),
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]

@@ -7,6 +7,7 @@ import sys
 import pytest
 from scene_cases import write_scene
 
+import fenics_ehd as ehd
 from fenics_ehd.base.processes import without_launcher
 
 #: A rod without elasticity, over the first degrees.
@@ -97,6 +98,20 @@ def test_a_rank_with_another_command_ends_all_with_one_line(other, folder):
     assert status == 2, errors
     assert said == [ALIKE.format(ARGUMENTS)], errors
     assert not (folder / "x.h5").exists()
+
+
+@pytest.mark.parametrize("ranks", ["1", "2"])
+def test_an_own_model_is_meshed_in_a_process_that_is_no_rank(ranks, folder):
+    (folder / "own.geo").write_text(ehd.model_path("conrod").read_text())
+    geometry = {"bore_cells_around": 10, "bore_cells_along": 2, "shank_cells": 2}
+    reduction = {"method": "m1", "modes": 4, "estimate_error": False}
+    own = {"model": "own.geo", "geometry": geometry, "reduction": reduction}
+    changes = {f"bodies.rod.{key}": value for key, value in own.items()}
+    write_scene(folder / "own.toml", "slider-crank-paper", changes)
+    line = f"{COMMAND} reduce rod --scene own.toml -o rod.h5"
+    status, _, errors = on_ranks("-n", ranks, "sh", "-c", line, folder=folder)
+    assert status == 0, errors
+    assert ehd.load_body(folder / "rod.h5").frequencies[0] > 0.0
 
 
 RUN = f"{COMMAND} run scene0.toml --no-plots -o out"

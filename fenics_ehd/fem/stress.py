@@ -32,6 +32,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import basix
 import numpy as np
 import ufl
