@@ -177,10 +177,14 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
         with interrupt_kept(), printing_kept() as printed:
             _require_files(path)
             mesh = meshio.read(path)
+    except MeshError:
+        raise
     except (meshio.ReadError, OSError, SystemExit) as error:  # the latter is how it refuses a file
         reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
         lines = [line for line in reason.splitlines() if line.strip()] or ["it says no reason"]
-        raise MeshError(f"{path}: meshio cannot read it: {lines[0]}{_hint(path)}") from None
+        raise MeshError(
+            f"{path}: meshio cannot read it: {lines[0].rstrip('.')}{_hint(path)}"
+        ) from None
     except Exception:
         if _is_gmsh(path):  # with groups for some cells alone, say, which meshio cannot read
             return ForeignMesh(*read_by_gmsh(path))
@@ -226,7 +230,7 @@ def _require_files(path: Path) -> None:
         others = [path.with_suffix(".node"), path.with_suffix(".ele")]
     for other in others:
         if other.exists() and not other.is_file():
-            raise ValueError(f"{other} is not a regular file")
+            raise MeshError(f"{path}: {other} is not a regular file")
 
 
 def _require_one_piece(path: Path, cells: np.ndarray) -> None:
