@@ -252,6 +252,7 @@ def test_one_material_of_a_deck_is_taken(more, tmp_path, monkeypatch, capfd):
             [],
             "has solid cells of 2 materials, ALU, BRONZE",
         ),
+        (ALUMINIUM + BRONZE, [], "no *SOLID SECTION that names one of 2 materials: give --young"),
         (ALUMINIUM.replace("2.7e-9", "2700"), [], "density 2700, in mm, N and s that is 2.7e+15"),
         (ALUMINIUM.replace("70000.", "70e9"), [], "youngs_modulus 7e+10, in mm, N and s that is"),
         (ALUMINIUM.replace("0.33", "0.5"), [], "poissons_ratio 0.5, it must be above -1 and below"),
