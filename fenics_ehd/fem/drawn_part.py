@@ -499,5 +499,5 @@ def place_part(
     place = placement(first, towards[0] if towards else None)
     solid = replace(solid, points=place(solid.points))
     round_ones = {n: face.cylinder for n, face in enumerate(faces, 1) if face.cylinder is not None}
-    edges = straight(part.solid)
+    edges = straight(solid)
     return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, edges))
