@@ -2,7 +2,10 @@
 
 # ruff: noqa: F401
 
+from fenics_ehd.fem import drawing as drawing_module
 from fenics_ehd.fem import stress, structure
+from fenics_ehd.fem.drawing import TRIED_SIZES, CellSizes, read_drawing
+from fenics_ehd.fem.drawing_unit import unit_ratio
 from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part, write_part
 from fenics_ehd.fem.elements import FAMILIES, quadratic_element
 from fenics_ehd.fem.faces import fit_cylinder

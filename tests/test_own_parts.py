@@ -294,7 +294,7 @@ def test_first_order_cells_get_straight_edges(kind):
         (["rod.inp", "--unit", "mm", "--angle", "nan"], "--angle nan degrees must be 1 to 90"),
         (["rod.inp"], "above 5: give its --unit"),
         (["text.inp", "--unit", "mm"], "it needs one kind of solid cells"),
-        (["text.step"], r"Gmsh cannot mesh text\.step: .*'text\.step'"),
+        (["text.step"], r"Gmsh cannot read text\.step: .*'text\.step'"),
         (["text.vtu"], "meshio cannot read it"),
     ],
 )

@@ -27,6 +27,12 @@ if TYPE_CHECKING:  # slow to import, and --help does without
 
 UNITS = ("m", "cm", "mm", "um", "in")
 
+#: Most faces that are listed in a row each.
+MOST_LISTED = 60
+
+#: Most runs of numbers in a row of several faces.
+MOST_RUNS = 6
+
 
 @click.command()
 @click.argument("file", type=click.Path())
@@ -49,9 +55,7 @@ UNITS = ("m", "cm", "mm", "um", "in")
 @click.option(
     "--unit",
     type=click.Choice(UNITS),
-    default="m",
-    show_default=True,
-    help="Of a mesh's lengths; drawings say theirs.",
+    help="Of the file's lengths. [default: m for meshes, what a drawing declares]",
 )
 @click.option(
     "--angle",
@@ -77,7 +81,7 @@ def part(
     bores: tuple[str, ...],
     points: tuple[str, ...],
     held: str | None,
-    unit: str,
+    unit: str | None,
     angle: float,
     around: int,
     check: bool,
@@ -110,12 +114,13 @@ def part(
     if target is not None and Path(target).suffix != ".msh":
         raise SettingsError(f"-o {target}: a model's name must end with .msh")
     opened = open_part(Path(file), unit, angle)
+    warn_of(opened.notices)
     if target is None:
         listed = faces_listed(opened)
         table = "\n".join([face_table(listed), *_left_out(opened)])
         answer({"file": file, "faces": listed, "left_out": opened.left_out}, table, as_json)
         return
-    made_of, replaced = part_material(opened.materials, unit, given, file)
+    made_of, replaced = part_material(opened.materials, unit or "m", given, file)
     warn_of(replaced)
     require_writable(target)
     if Path(target).exists() and Path(target).samefile(file):
@@ -129,6 +134,7 @@ def part(
         "cells": placed.solid.kind,
         "number_of_cells": len(placed.solid.cells),
         "worst_cell": float(corner_volumes(placed.solid).min()),
+        **({"cells_around": around / placed.size} if opened.drawn else {}),
         "bores": {
             name: {"radius_m": opened.radius(number), "moved_m": placed.moved[name]}
             for name, number in named.bores.items()
@@ -144,9 +150,16 @@ def part(
             write_part(aside, placed.solid, placed.surfaces())
             store_material(aside, made_of)
             if check:
-                figures |= _checked(opened, placed, aside, around, made_of)
+                figures |= _checked(opened, placed, aside, around / placed.size, made_of)
     except MeshError as error:
         raise MeshError(str(error).replace(str(aside), target)) from None
+    if placed.size < 1:
+        warn_of(
+            [
+                f"{target} has {around / placed.size:.0f} cells around its bores: with {around}, "
+                "cells were turned inside out"
+            ]
+        )
     answer(figures, "\n".join([made_table(figures), *_left_out(opened)]), as_json)
 
 
@@ -195,7 +208,7 @@ def _named(
 
 
 def _checked(
-    opened: OpenedPart, placed: PlacedPart, path: Path, around: int, material: Material
+    opened: OpenedPart, placed: PlacedPart, path: Path, around: float, material: Material
 ) -> dict[str, Any]:
     """Mass, unknowns, and how far the bores' flexibility is from the exact one, left in the file.
 
@@ -256,21 +269,53 @@ def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
 
 
 def face_table(faces: Sequence[dict[str, Any]]) -> str:
-    """The list in millimetres."""
+    """The list in millimetres, equal faces of long lists in one row."""
     rows = [
         ["face", "kind", "radius", "width", "around", "area", "axis or normal", "centre"],
         ["", "", "[mm]", "[mm]", "[deg]", "[mm2]", "", "[mm]"],
     ]
+    grouped = len(faces) > MOST_LISTED
+    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for face in faces:
-        size = ["", "", ""]
-        if "radius_m" in face:
-            radius, width = face["radius_m"] * 1e3, face["width_m"] * 1e3
-            size = [f"{radius:.4f}", f"{width:.3f}", f"{face['arc_degrees']:.0f}"]
-        axis = " ".join(f"{value + 0.0:6.3f}" for value in face["axis"])
-        centre = " ".join(f"{value * 1e3 + 0.0:.3f}" for value in face["centre_m"])
-        area = f"{face['area_m2'] * 1e6:.2f}"
-        rows.append([str(face["number"]), face["kind"], *size, area, axis, centre])
-    return "\n".join(aligned(rows, words=(1, 6, 7)))
+        alike = _size_columns(face) if grouped else (str(face["number"]),)
+        groups.setdefault(alike, []).append(face)
+    rows += [_face_row(group) for group in groups.values()]
+    lines = aligned(rows, words=(0, 1, 6, 7) if grouped else (1, 6, 7))
+    if grouped:
+        lines.append(f"{len(faces)} faces, those of equal size in one row: --json lists each")
+    return "\n".join(lines)
+
+
+def _size_columns(face: dict[str, Any]) -> tuple[str, ...]:
+    """Kind, radius, width, angle and area of a face as they are printed."""
+    area = f"{face['area_m2'] * 1e6:.2f}"
+    if "radius_m" not in face:
+        return face["kind"], "", "", "", area
+    radius, width = face["radius_m"] * 1e3, face["width_m"] * 1e3
+    return face["kind"], f"{radius:.4f}", f"{width:.3f}", f"{face['arc_degrees']:.0f}", area
+
+
+def _face_row(group: Sequence[dict[str, Any]]) -> list[str]:
+    """Row of a face or of several of equal size."""
+    first = group[0]
+    if len(group) > 1:
+        numbers = _ranges([face["number"] for face in group])
+        return [numbers, *_size_columns(first), "", f"{len(group)} faces"]
+    axis = " ".join(f"{round(value, 3) + 0.0:6.3f}" for value in first["axis"])
+    centre = " ".join(f"{round(value * 1e3, 3) + 0.0:.3f}" for value in first["centre_m"])
+    return [str(first["number"]), *_size_columns(first), axis, centre]
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Rising numbers, ``3-7, 9``."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    shown = [f"{low}-{high}" if high > low else str(low) for low, high in runs[:MOST_RUNS]]
+    return ", ".join(shown + ["..."] * (len(runs) > MOST_RUNS))
 
 
 def made_table(figures: dict[str, Any]) -> str:

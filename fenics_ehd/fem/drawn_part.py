@@ -15,9 +15,19 @@ import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
 from fenics_ehd.base.fields import in_unit
-from fenics_ehd.fem.faces import SHARP, Cylinder, Face, find_faces, fit_cylinder, rounded_middles
+from fenics_ehd.fem.drawing import CellSizes, Drawing, read_drawing
+from fenics_ehd.fem.drawing_unit import IGES, STEP
+from fenics_ehd.fem.faces import (
+    COARSE_CELLS,
+    SHARP,
+    Cylinder,
+    Face,
+    find_faces,
+    fit_cylinder,
+    rounded_middles,
+    split_cylinders,
+)
 from fenics_ehd.fem.foreign_mesh import FileMaterial
-from fenics_ehd.fem.gmsh_session import COARSE, CellSizes, mesh_drawing
 from fenics_ehd.fem.solid import (
     FACES,
     Solid,
@@ -28,7 +38,7 @@ from fenics_ehd.fem.solid import (
     second_order,
     straight,
 )
-from fenics_ehd.fem.solid_file import DRAWINGS, read_part
+from fenics_ehd.fem.solid_file import read_part
 
 #: Largest distance that a bore's node is moved onto the cylinder, relative to the radius: of
 #: second-order cells or of the corners of first-order ones.
@@ -216,6 +226,9 @@ AROUND = 40
 #: Cells around cylinders without a name: the rim of an oil hole needs 6.
 AROUND_OTHERS = 12
 
+#: Size of cells where nothing asks for smaller ones, relative to the part's longest side.
+COARSE = 1 / 20
+
 #: Largest difference between a radius asked for and a face's, relative.
 RADIUS_MATCH = 1e-3
 
@@ -231,28 +244,33 @@ class OpenedPart:
     ----------
     path
         Of the file.
-    solid, facets, faces
-        Coarsely meshed, if it is a drawing; of the file's order, if it is a mesh.
-    labels
-        The drawing's face of each facet, or None.
+    faces
+        Bores first.
+    solid, facets
+        Of a mesh, of the file's order; None of a drawing, whose mesh depends on which faces matter.
+    drawing
+        None of a mesh.
     left_out
         What the file has besides, in words; empty if nothing.
     materials
         Of the file's cells, see `ForeignPart`.
+    notices
+        What the user should know about the file, a line each.
     """
 
     path: Path
-    solid: Solid
-    facets: np.ndarray
     faces: Sequence[Face]
-    labels: np.ndarray | None
+    solid: Solid | None = None
+    facets: np.ndarray | None = None
+    drawing: Drawing | None = None
     left_out: str = ""
     materials: Sequence[FileMaterial] = ()
+    notices: Sequence[str] = ()
 
     @property
     def drawn(self) -> bool:
         """True of a drawing, which can be meshed more finely."""
-        return self.labels is not None
+        return self.drawing is not None
 
     def radius(self, number: int) -> float:
         """Radius of a cylindrical face [m]."""
@@ -303,7 +321,11 @@ def _length(text: str) -> float:
 
 
 def open_part(
-    path: Path, unit: str = "m", sharp: float = SHARP, *, several_materials: bool = False
+    path: Path,
+    unit: str | None = None,
+    sharp: float = SHARP,
+    *,
+    several_materials: bool = False,
 ) -> OpenedPart:
     """Read a drawing or a mesh and find its faces.
 
@@ -312,7 +334,7 @@ def open_part(
     path
         STEP or IGES, or any mesh that meshio reads.
     unit
-        Of a mesh.
+        Of its lengths; None: metres of a mesh, what a drawing declares.
     sharp
         Angle at which a face of a mesh ends [degrees].
     several_materials
@@ -321,22 +343,42 @@ def open_part(
     Raises
     ------
     MeshError
-        See `read_mesh` and `mesh_drawing`.
+        See `read_mesh` and `read_drawing`.
     """
     if not 1.0 <= sharp <= 90.0:
         raise MeshError(f"--angle {sharp:g} degrees must be 1 to 90")
     if not path.is_file():
         raise MeshError(f"part {str(path)!r}: there is no such file")
-    if path.suffix.lower() in DRAWINGS:
-        solid, labels = mesh_drawing(path)
-        facets = solid.facets()
-        return OpenedPart(path, solid, facets, find_faces(solid, facets, labels), labels)
-    part = read_part(path, unit, several_materials=several_materials)
+    if path.suffix.lower() in STEP + IGES:
+        drawing = read_drawing(path, unit)
+        return OpenedPart(path, drawing.faces, drawing=drawing, notices=drawing.notices)
+    part = read_part(path, unit or "m", several_materials=several_materials)
     # Middles of straight edges tell nothing of a curved face.
     fitted = first_order(part.solid) if straight(part.solid) else part.solid
     faces = find_faces(fitted, fitted.facets(), sharp=sharp)
+    split = split_cylinders(fitted, fitted.facets(), faces, sharp)
     facets = part.solid.facets()
-    return OpenedPart(path, part.solid, facets, faces, None, part.left_out, part.materials)
+    return OpenedPart(
+        path,
+        faces,
+        part.solid,
+        facets,
+        None,
+        part.left_out,
+        part.materials,
+        _angle_hint(path, split),
+    )
+
+
+def _angle_hint(path: Path, split: Sequence[Face]) -> list[str]:
+    """A line on cylinders that a larger angle of edges would find."""
+    radii = sorted({f"{f.cylinder.radius * 1e3:.4g}" for f in split if f.cylinder is not None})
+    if not radii:
+        return []
+    return [
+        f"{path}: cylinders of radius {', '.join(radii)} mm are in pieces, whose cells turn by up "
+        f"to {COARSE_CELLS:g} degrees: give --angle {COARSE_CELLS:g}"
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,17 +404,21 @@ class NamedFaces:
 
 
 def bore_sizes(
-    part: OpenedPart, named: NamedFaces, around: float, coarser: float = 1.0
+    drawing: Drawing, named: NamedFaces, around: float, coarser: float = 1.0
 ) -> CellSizes:
     """Size of the cells of a drawing: so many around each bore, larger ones away from it.
 
     All of them are larger by a factor of `coarser`.
     """
-    cells = dict.fromkeys(range(1, len(part.faces) + 1), float(AROUND_OTHERS))
+    cells = dict.fromkeys(range(1, len(drawing.faces) + 1), float(AROUND_OTHERS))
     cells |= dict.fromkeys(named.points.values(), around / 2)
     cells |= dict.fromkeys(named.bores.values(), around)
-    sized = [(f.cylinder, cells[n]) for n, f in enumerate(part.faces, 1) if f.cylinder is not None]
-    return CellSizes(sized, COARSE * float(np.ptp(part.solid.points, axis=0).max()), coarser)
+    sized = [
+        (face.cylinder, cells[number])
+        for number, face in enumerate(drawing.faces, 1)
+        if face.cylinder is not None
+    ]
+    return CellSizes(sized, COARSE * float(drawing.extent.max()), coarser)
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,6 +441,8 @@ class PlacedPart:
         Those of the file's faces by number, where the file has them.
     straight
         Whether all edges of the file's cells are straight.
+    size
+        Size of the cells of a drawing relative to that asked for, see `MeshedDrawing`.
     """
 
     solid: Solid
@@ -405,6 +453,7 @@ class PlacedPart:
     place: Placement
     cylinders: Mapping[int, Cylinder]
     straight: bool
+    size: float = 1.0
 
     def surfaces(self) -> dict[str, np.ndarray]:
         """Facets of every surface."""
@@ -480,15 +529,8 @@ def place_part(
     MeshError
         It cannot be meshed, or a bore is not round enough or not along the first one.
     """
-    solid, facets, faces = part.solid, part.facets, part.faces
-    numbers = np.zeros(len(facets), dtype=np.int64)
-    for number, face in enumerate(faces, 1):
-        numbers[face.facets] = number
-    if part.labels is not None:
-        owner = dict(zip(part.labels.tolist(), numbers.tolist(), strict=True))
-        solid, labels = mesh_drawing(part.path, bore_sizes(part, named, around, coarser))
-        facets = solid.facets()
-        numbers = np.array([owner[label] for label in labels.tolist()])
+    faces = part.faces
+    solid, facets, numbers, size = _meshed(part, named, around, coarser)
     first, *others = (faces[number - 1].cylinder for number in named.bores.values())
     assert first is not None
     for name, other in zip(list(named.bores)[1:], others, strict=True):
@@ -500,4 +542,22 @@ def place_part(
     solid = replace(solid, points=place(solid.points))
     round_ones = {n: face.cylinder for n, face in enumerate(faces, 1) if face.cylinder is not None}
     edges = straight(solid)
-    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, edges))
+    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, edges, size))
+
+
+def _meshed(
+    part: OpenedPart, named: NamedFaces, around: float, coarser: float
+) -> tuple[Solid, np.ndarray, np.ndarray, float]:
+    """Solid of a part, its facets, the face of each, and `PlacedPart.size`."""
+    if part.drawing is not None:
+        drawing = part.drawing
+        mesh = drawing.mesh(bore_sizes(drawing, named, around, coarser))
+        owner = {s: n for n, face in enumerate(drawing.faces, 1) for s in face.surfaces}
+        numbers = np.array([owner[surface] for surface in mesh.surfaces.tolist()])
+        return mesh.solid, mesh.solid.facets(), numbers, mesh.size
+    assert part.solid is not None
+    assert part.facets is not None
+    numbers = np.zeros(len(part.facets), dtype=np.int64)
+    for number, face in enumerate(part.faces, 1):
+        numbers[face.facets] = number
+    return part.solid, part.facets, numbers, 1.0

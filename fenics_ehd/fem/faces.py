@@ -6,7 +6,9 @@ Cylinders are fitted to the nodes by least squares of their distances; a circle 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -136,6 +138,9 @@ SAME = 1e-4
 #: around turns by 30, chamfers by 45.
 SHARP = 35.0
 
+#: Angle at which edges of a cylinder of 8 first-order cells around are no edges of the part.
+COARSE_CELLS = 50.0
+
 
 @dataclass(frozen=True, eq=False)
 class Face:
@@ -171,26 +176,50 @@ class Face:
         return self.area / (2 * np.pi * self.cylinder.radius * self.cylinder.width)
 
 
-def find_faces(
-    solid: Solid, facets: np.ndarray, labels: np.ndarray | None = None, *, sharp: float = SHARP
-) -> list[Face]:
-    """Faces of a solid: bores by falling radius, shafts, planes by falling area, others.
+F = TypeVar("F", bound=Face)
+
+
+def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> list[Face]:
+    """Faces of a solid, which end where its surface has an edge, `in_order`.
 
     Parameters
     ----------
     facets
         As `Solid.facets` gives them. Cylinders and planes are fitted to all their nodes, so those
         of a first-order solid to its corners.
-    labels
-        Number of the face that a drawing has for each facet, (f,); None: a face ends where the
-        surface has an edge.
     sharp
         Angle of such an edge [degrees].
     """
-    if labels is None:
-        labels = _smooth_pieces(solid, facets, sharp)
+    labels = _smooth_pieces(solid, facets, sharp)
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
-    faces = _whole([_shaped(solid, facets, group) for group in groups], solid, facets)
+    return in_order(_whole([_shaped(solid, facets, group) for group in groups], solid, facets))
+
+
+def split_cylinders(
+    solid: Solid, facets: np.ndarray, faces: Sequence[Face], sharp: float
+) -> list[Face]:
+    """Cylinders that are in pieces, as their cells turn by more than an angle of sharp edges.
+
+    Parameters
+    ----------
+    faces
+        As `find_faces` gives them for the angle.
+    sharp
+        The angle [degrees]. The result is empty unless it is below `COARSE_CELLS`.
+    """
+    if sharp >= COARSE_CELLS:
+        return []
+    number = np.empty(len(facets), dtype=np.int64)
+    for n, face in enumerate(faces):
+        number[face.facets] = n
+    labels = _smooth_pieces(solid, facets, COARSE_CELLS)
+    groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    shaped = [_shaped(solid, facets, g) for g in groups if len(np.unique(number[g])) > 1]
+    return [face for face in shaped if face.cylinder is not None]
+
+
+def in_order(faces: Sequence[F]) -> list[F]:
+    """Bores by falling radius, shafts, planes by falling area, others."""
     order = {"bore": 0, "shaft": 1, "plane": 2, "other": 3}
 
     def place(face: Face) -> tuple[float, ...]:
@@ -256,10 +285,10 @@ def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
 
 
 def _whole(faces: list[Face], solid: Solid, facets: np.ndarray) -> list[Face]:
-    """Pieces of one cylinder side by side, as drawings have them, in one."""
+    """Pieces of one cylinder side by side in one."""
     found: list[Face] = []
     for face in faces:
-        twin = next((i for i, other in enumerate(found) if _same_cylinder(face, other)), None)
+        twin = next((i for i, other in enumerate(found) if same_cylinder(face, other)), None)
         if twin is None:
             found.append(face)
             continue
@@ -267,7 +296,8 @@ def _whole(faces: list[Face], solid: Solid, facets: np.ndarray) -> list[Face]:
     return found
 
 
-def _same_cylinder(one: Face, other: Face) -> bool:
+def same_cylinder(one: Face, other: Face) -> bool:
+    """Whether two faces are pieces of one cylinder, side by side."""
     a, b = one.cylinder, other.cylinder
     if a is None or b is None or one.kind != other.kind:
         return False

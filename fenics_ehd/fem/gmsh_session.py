@@ -9,25 +9,21 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.processes import in_child, interrupt_kept
 from fenics_ehd.fem.models import check_model, is_shipped
-from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid, used
+from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET
 
 with interrupt_kept():
     import gmsh
-
-if TYPE_CHECKING:  # slow to import
-    from fenics_ehd.fem.faces import Cylinder
 
 T = TypeVar("T")
 
@@ -58,12 +54,6 @@ _ORDERS = {
     HEXAHEDRON_27: np.argsort(GMSH_HEX).tolist(),
 }
 
-#: Size of cells where nothing asks for smaller ones, relative to the part's longest side.
-COARSE = 1 / 20
-
-#: Growth of the cells with the distance from a cylinder.
-GROWTH = 0.35
-
 
 @contextmanager
 def session() -> Iterator[None]:
@@ -78,7 +68,7 @@ def session() -> Iterator[None]:
             gmsh.finalize()
 
 
-def _called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -> T:
+def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -> T:
     """Result of a function of a file, in a process of its own unless the file is the package's.
 
     Raises
@@ -98,7 +88,7 @@ def _called(what: str, function: Callable[..., T], path: Path, *arguments: Any) 
 
 
 @contextmanager
-def _by_itself(path: Path) -> Iterator[str]:
+def by_itself(path: Path) -> Iterator[str]:
     """Name of a file beside which no file of options lies, which Gmsh would obey.
 
     It ends as Gmsh spells it: a file that ends otherwise, with a capital say, is run as a model.
@@ -148,12 +138,12 @@ def model_parameters(path: Path) -> dict[str, float]:
     MeshError
         Gmsh cannot read it.
     """
-    return {} if path.suffix == ".msh" else _called("read", _values, path)
+    return {} if path.suffix == ".msh" else called("read", _values, path)
 
 
 def _values(path: Path) -> dict[str, float]:
     check_model(path)
-    with session(), _by_itself(path) as model:
+    with session(), by_itself(path) as model:
         return {name: entry["values"][0] for name, entry in _parameters(model).items()}
 
 
@@ -199,7 +189,7 @@ def opened_model(
     """
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "mesh.msh")
-        groups = _called("mesh", _write_mesh, path, dict(parameters), cells, size, mesh)
+        groups = called("mesh", _write_mesh, path, dict(parameters), cells, size, mesh)
         with session():
             gmsh.open(str(mesh))
             yield groups
@@ -211,7 +201,7 @@ def _write_mesh(
     """Numbers of a model's groups by name, its mesh in a file."""
     check_model(path)
     with session():
-        with _by_itself(path) as model:
+        with by_itself(path) as model:
             known = {} if path.suffix == ".msh" else _parameters(model)
             for name, value in parameters.items():
                 _set_parameter(path, known, name, value)
@@ -232,7 +222,7 @@ def _write_mesh(
         }
 
 
-# Drawings and meshes
+# Meshes
 
 
 def read_by_gmsh(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
@@ -243,11 +233,11 @@ def read_by_gmsh(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
     MeshError
         Gmsh cannot read it.
     """
-    return _called("read", _read, path)
+    return called("read", _read, path)
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
-    with session(), _by_itself(path) as alone:
+    with session(), by_itself(path) as alone:
         gmsh.merge(alone)
         points, row = numbered_nodes()
         blocks = []
@@ -268,90 +258,3 @@ def _block(number: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
 def cell_name(number: int) -> str:
     """Name in meshio of Gmsh's cells of a type, or Gmsh's own where it is no other's."""
     return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0])
-
-
-@dataclass(frozen=True, eq=False)
-class CellSizes:
-    """Size of the cells of a drawing at a point: so many around each cylinder, larger beyond.
-
-    Attributes
-    ----------
-    around
-        Cylinders, and cells around each.
-    largest
-        Of the cells [m].
-    coarser
-        All of them are larger by this factor.
-    """
-
-    around: Sequence[tuple[Cylinder, float]]
-    largest: float
-    coarser: float = 1.0
-
-    def __call__(self, _d: int, _t: int, x: float, y: float, z: float, *_: float) -> float:
-        """Size at a place, which Gmsh gives behind the number of an entity [m]."""
-        place = np.array([[x, y, z]])
-        sizes = [
-            2 * np.pi * cylinder.radius / count + GROWTH * float(cylinder.distance(place)[0])
-            for cylinder, count in self.around
-        ]
-        return self.coarser * min([self.largest, *sizes])
-
-
-def mesh_drawing(path: Path, sizes: CellSizes | None = None) -> tuple[Solid, np.ndarray]:
-    """Second-order tetrahedra of a drawing in metres, and the drawing's face of each facet.
-
-    Parameters
-    ----------
-    path
-        STEP or IGES; lengths in its own unit.
-    sizes
-        Of the cells; None: coarse ones.
-
-    Returns
-    -------
-    tuple
-        The solid, and a number for each of its `facets`.
-
-    Raises
-    ------
-    MeshError
-        Gmsh cannot read or mesh it, or it is not one solid.
-    """
-    return _called("mesh", _mesh_drawing, path, sizes)
-
-
-def _mesh_drawing(path: Path, sizes: CellSizes | None) -> tuple[Solid, np.ndarray]:
-    with session(), _by_itself(path) as alone:
-        gmsh.option.setString("Geometry.OCCTargetUnit", "M")
-        gmsh.model.occ.importShapes(alone)
-        gmsh.model.occ.synchronize()
-        volumes = gmsh.model.getEntities(3)
-        if len(volumes) != 1:
-            raise MeshError(f"{path} has {len(volumes)} solids, it must have one: export the part")
-        for name in ("FromPoints", "ExtendFromBoundary"):
-            gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
-        if sizes is None:
-            box = np.array(gmsh.model.getBoundingBox(-1, -1)).reshape(2, 3)
-            gmsh.option.setNumber("Mesh.MeshSizeMax", COARSE * np.ptp(box, axis=0).max())
-        else:
-            gmsh.model.mesh.setSizeCallback(sizes)
-        gmsh.model.mesh.generate(3)
-        gmsh.model.mesh.setOrder(2)
-        # Straight cells beside curved ones where a facet bulges through them.
-        gmsh.model.mesh.optimize("HighOrderFastCurving")
-        return _tetrahedra()
-
-
-def _tetrahedra() -> tuple[Solid, np.ndarray]:
-    """The current model's tetrahedra and the entity of each facet."""
-    points, row = numbered_nodes()
-    solid = Solid(points, row[nodes_of_cells(TETRAHEDRON_10)], "tet")
-    if not len(solid.cells):
-        raise MeshError("it gives no tetrahedra")
-    owner: dict[tuple, int] = {}
-    for _, entity in gmsh.model.getEntities(2):
-        corners = np.sort(row[nodes_of_cells(TRIANGLE_6, entity)[:, :3]], axis=1)
-        owner |= dict.fromkeys(map(tuple, corners.tolist()), entity)
-    found = np.sort(solid.facets()[:, :3], axis=1).tolist()
-    return used(solid), np.array([owner[tuple(corners)] for corners in found])

@@ -201,6 +201,32 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
         )
 
 
+#: Limits of a part's longest side [m]: outside of them its lengths are in another unit.
+SHORTEST, LONGEST = 1e-3, 5.0
+
+
+def require_extent(extent: np.ndarray, path: str | Path) -> None:
+    """Refuse a part whose lengths are in another unit than the one it was read in.
+
+    Parameters
+    ----------
+    extent
+        Sides of the box around it, shape (3,) [m].
+    path
+        Of its file.
+
+    Raises
+    ------
+    MeshError
+        The longest side is below `SHORTEST` or above `LONGEST`.
+    """
+    longest = float(np.max(extent))
+    if longest < SHORTEST:
+        raise MeshError(f"{path} is {longest:g} m long, below {SHORTEST:g}: give its --unit, m say")
+    if longest > LONGEST:
+        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
+
+
 #: Distance of nodes that are one, relative to the size of the part.
 SAME = 1e-9
 

@@ -30,13 +30,7 @@ from fenics_ehd.fem.deck import read_deck
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, one_solid_kind
 from fenics_ehd.fem.gmsh_session import read_by_gmsh
 from fenics_ehd.fem.models import MESH_BEGINS
-from fenics_ehd.fem.solid import Solid, require_sound_cells, used
-
-#: Drawings, whose units are in the file.
-DRAWINGS = (".step", ".stp", ".iges", ".igs")
-
-#: A part longer than this in metres is in millimetres [m].
-LONGEST = 5.0
+from fenics_ehd.fem.solid import Solid, require_extent, require_sound_cells, used
 
 #: Meshes that Gmsh reads and meshio does not, of I-DEAS.
 READ_BY_GMSH = (".unv",)
@@ -106,9 +100,7 @@ def read_part(path: Path, unit: str, *, several_materials: bool = False) -> Fore
         raise MeshError(f"{path}: a node has coordinates that are no finite numbers")
     require_sound_cells(solid, path)
     _require_one_piece(path, cells)
-    longest = np.ptp(solid.points, axis=0).max()
-    if longest > LONGEST:
-        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
+    require_extent(np.ptp(solid.points, axis=0), path)
     return ForeignPart(solid, mesh.left_out(), mesh.materials)
 
 

@@ -154,9 +154,12 @@ def part_files(world: World, random: Random) -> Iterator[Case]:
         part = next(iter(files))
         yield Case("part files", name, _written(files), _listing(part))
     step, model = _drawing(world.folder / "plate.step"), ehd.model_path("conrod").read_text()
+    iges = (Path(__file__).parents[1] / "parts" / "ring.igs").read_text()
     while True:
         seed = random.randrange(2**32)
         cut = _written({"part.step": _without(step, Random(seed))})
         yield Case("part files", f"drawing ({seed})", cut, _listing("part.step"), slow=True)
+        cut = _written({"part.igs": _without(iges, Random(seed))})
+        yield Case("part files", f"IGES ({seed})", cut, _listing("part.igs"), slow=True)
         cut = _written({"rod.geo": _without(model, Random(seed))})
         yield Case("part files", f"model ({seed})", cut, _meshing, slow=True)

@@ -1,0 +1,511 @@
+"""Drawings: one solid of a STEP or IGES file, its faces exactly, and meshes of it.
+
+OpenCASCADE converts every file to millimetres. The solid is kept as text of its own format, so that
+the faces listed and those meshed are numbered alike. Faces are found in the surfaces themselves,
+whose points and normals are exact, without a mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from fenics_ehd.base.errors import MeshError
+from fenics_ehd.fem.drawing_unit import unit_ratio
+from fenics_ehd.fem.faces import SHAPE_TOLERANCE, Cylinder, Face, in_order, same_cylinder
+from fenics_ehd.fem.gmsh_session import (
+    TETRAHEDRON_10,
+    TRIANGLE_6,
+    by_itself,
+    called,
+    gmsh,
+    nodes_of_cells,
+    numbered_nodes,
+    session,
+)
+from fenics_ehd.fem.solid import Solid, inside_out, require_extent, used
+
+#: Length of OpenCASCADE's unit [m].
+MILLIMETRE = 1e-3
+
+#: Growth of the cells with the distance from a cylinder.
+GROWTH = 0.35
+
+#: Sizes of the cells relative to those asked for, tried in turn until no cell is turned inside out:
+#: the last mesh has about eight times as many cells.
+TRIED_SIZES = (1.0, 0.8, 0.64, 0.512)
+
+#: Gmsh's number of the triangulation of surfaces that is tried if the usual one fails.
+DELAUNAY = 5
+
+#: Tolerances of sewing, tried in turn [mm]: files written to 7 digits need the second, those of
+#: programs that model to 1 um the last.
+SEWING = (1e-6, 1e-4, 1e-3)
+
+#: Largest relative change of the volume when surfaces are merged: that of a solid of tori is only
+#: integrated to 1e-5.
+SAME_VOLUME = 1e-4
+
+#: Points in each direction at which a surface is sampled: less than half a turn apart.
+SAMPLES = 9
+
+#: Largest cosine between normals of a cylinder and its axis.
+ACROSS = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnFace(Face):
+    """A face of a drawing.
+
+    Attributes
+    ----------
+    surfaces
+        Numbers of the surfaces that it is made of.
+    angle
+        Part of a turn that it covers, of cylinders [rad].
+    """
+
+    surfaces: Sequence[int] = ()
+    angle: float = 0.0
+
+    @property
+    def arc(self) -> float:
+        """Share of the circumference that the face covers; holes in it do not count."""
+        return self.angle / (2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class CellSizes:
+    """Size of the cells of a drawing at a point: so many around each cylinder, larger beyond.
+
+    Attributes
+    ----------
+    around
+        Cylinders, and cells around each.
+    largest
+        Of the cells [m].
+    coarser
+        All of them are larger by this factor.
+    """
+
+    around: Sequence[tuple[Cylinder, float]]
+    largest: float
+    coarser: float = 1.0
+
+    def __post_init__(self) -> None:
+        cylinders = [cylinder for cylinder, _ in self.around]
+        columns = {
+            "centre": np.array([c.centre for c in cylinders]).reshape(-1, 3),
+            "axis": np.array([c.axis for c in cylinders]).reshape(-1, 3),
+            "radius": np.array([c.radius for c in cylinders]),
+            "half_width": np.array([0.5 * c.width for c in cylinders]),
+            "size": np.array([2 * np.pi * c.radius / count for c, count in self.around]),
+        }
+        # Gmsh asks some hundred thousand times: all cylinders at once.
+        object.__setattr__(self, "_columns", columns)
+
+    def __call__(self, point: np.ndarray) -> float:
+        """Size at a point, shape (3,) [m]."""
+        columns: dict[str, np.ndarray] = self._columns  # type: ignore[attr-defined]
+        from_centre = point - columns["centre"]
+        height = np.einsum("ij,ij->i", from_centre, columns["axis"])
+        square = np.einsum("ij,ij->i", from_centre, from_centre) - height**2
+        radial = np.sqrt(np.maximum(square, 0.0)) - columns["radius"]
+        beyond = np.maximum(np.abs(height) - columns["half_width"], 0.0)
+        sizes = columns["size"] + GROWTH * np.hypot(radial, beyond)
+        return self.coarser * min(self.largest, float(sizes.min(initial=np.inf)))
+
+
+@dataclass(frozen=True, eq=False)
+class MeshedDrawing:
+    """A mesh of a drawing.
+
+    Attributes
+    ----------
+    solid
+        Second-order tetrahedra [m].
+    surfaces
+        Number of the drawing's surface for each of the solid's `facets`.
+    size
+        Size of the cells relative to that asked for: below 1 if larger ones were inside out.
+    """
+
+    solid: Solid
+    surfaces: np.ndarray
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """One solid of a STEP or IGES file.
+
+    Attributes
+    ----------
+    path
+        Of the file.
+    shape
+        The solid in OpenCASCADE's own format.
+    scale
+        Length of its unit [m].
+    extent
+        Sides of the box around it, shape (3,) [m].
+    faces
+        In the order in which they are numbered.
+    notices
+        What was done to the file's geometry, a line each.
+    """
+
+    path: Path
+    shape: bytes
+    scale: float
+    extent: np.ndarray
+    faces: Sequence[DrawnFace]
+    notices: Sequence[str] = ()
+
+    def mesh(self, sizes: CellSizes) -> MeshedDrawing:
+        """Second-order tetrahedra, finer than asked for if cells would be turned inside out.
+
+        Raises
+        ------
+        MeshError
+            Gmsh cannot mesh it, or cells are turned inside out at every size of `TRIED_SIZES`.
+        """
+        return called("mesh", _mesh, self.path, self.shape, self.scale, sizes)
+
+
+def read_drawing(path: Path, unit: str | None = None) -> Drawing:
+    """The one solid of a drawing, coplanar and coaxial surfaces merged.
+
+    Parameters
+    ----------
+    path
+        STEP or IGES.
+    unit
+        Of its lengths; None: the one that it declares.
+
+    Raises
+    ------
+    MeshError
+        Gmsh cannot read it, it is not one solid, or of another unit.
+    """
+    scale = MILLIMETRE * (1.0 if unit is None else unit_ratio(path, unit))
+    try:
+        drawing = called("read", _read, path, scale, True)
+    except MeshError:  # of the file, or as OpenCASCADE crashes when it merges faces
+        drawing = called("read", _read, path, scale, False)
+    require_extent(drawing.extent, path)
+    return drawing
+
+
+# In another process
+
+
+def _opened(path: Path, shape: bytes) -> int:
+    """Number of the solid of a text of OpenCASCADE's format, which is the current model then."""
+    gmsh.clear()
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "shape.brep")
+        file.write_bytes(shape)
+        gmsh.model.occ.importShapes(str(file))
+    gmsh.model.occ.synchronize()
+    volumes = gmsh.model.getEntities(3)
+    if len(volumes) != 1:
+        raise MeshError(f"{path}: Gmsh makes {len(volumes)} solids of one: export the part again")
+    return volumes[0][1]
+
+
+def _text() -> bytes:
+    """The current model in OpenCASCADE's format."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "shape.brep")
+        gmsh.write(str(file))
+        return file.read_bytes()
+
+
+def _read(path: Path, scale: float, merge: bool) -> Drawing:
+    """A drawing, whose faces are merged if asked for and possible."""
+    notices = []
+    with session(), by_itself(path) as alone:
+        # Colours and names: Gmsh 4.8 fails on those of some files.
+        gmsh.option.setNumber("Geometry.OCCImportLabels", 0)
+        gmsh.model.occ.importShapes(alone)
+        gmsh.model.occ.synchronize()
+        surfaces = len(gmsh.model.getEntities(2))
+        if surfaces and not gmsh.model.getEntities(3):
+            _sew(path)
+            notices.append(f"{path}: {surfaces} surfaces, which enclose a solid, are sewn into it")
+        volumes = gmsh.model.getEntities(3)
+        if len(volumes) != 1:
+            raise MeshError(f"{path} has {len(volumes)} solids, it must have one: export the part")
+        _keep(volumes[0][1])
+        shape = _text()
+        if merge:
+            shape = _merged(path, shape) or shape
+        extent, faces = _listed(path, shape, scale)
+    return Drawing(path, shape, scale, extent, in_order(_joined(faces)), notices)
+
+
+def _sew(path: Path) -> None:
+    """Make a solid of the current model's surfaces.
+
+    Raises
+    ------
+    MeshError
+        They do not enclose one.
+    """
+    surfaces = gmsh.model.getEntities(2)
+    area = sum(gmsh.model.occ.getMass(*surface) for surface in surfaces)
+    for tolerance in SEWING:
+        gmsh.model.occ.healShapes([], tolerance, False, False, False, True, True)
+        gmsh.model.occ.synchronize()
+        if _encloses(area):
+            return
+    raise MeshError(
+        f"{path} has surfaces without a solid ({len(surfaces)} of them, which do not enclose one): "
+        "export the part as a solid"
+    )
+
+
+def _encloses(area: float) -> bool:
+    """Whether the current model is a solid bounded by surfaces of a total area, no edge free."""
+    volumes = gmsh.model.getEntities(3)
+    if len(volumes) != 1 or gmsh.model.occ.getMass(*volumes[0]) <= 0:
+        return False
+    boundary = gmsh.model.getBoundary(volumes, combined=False, oriented=False)
+    total = sum(gmsh.model.occ.getMass(*surface) for surface in boundary)
+    free = gmsh.model.getBoundary(boundary, combined=True, oriented=False)
+    return not free and abs(total - area) < SAME_VOLUME * area
+
+
+def _keep(volume: int) -> None:
+    """Remove what is no part of a solid: lines of construction, loose surfaces, other solids."""
+    parts = [(3, volume)]
+    kept = set(parts)
+    for _ in range(3):
+        parts = gmsh.model.getBoundary(parts, combined=False, oriented=False)
+        kept |= set(parts)
+    for dimension in (3, 2, 1, 0):
+        loose = [e for e in gmsh.model.occ.getEntities(dimension) if e not in kept]
+        gmsh.model.occ.remove(loose)
+    gmsh.model.occ.synchronize()
+
+
+def _merged(path: Path, shape: bytes) -> bytes | None:
+    """The solid with surfaces of one plane or cylinder merged, if it has any and it can be done."""
+    volume = _opened(path, shape)
+    before = gmsh.model.occ.getMass(3, volume)
+    count = len(gmsh.model.getBoundary([(3, volume)]))
+    try:
+        merged = _fused(volume)
+    except Exception:  # Gmsh raises plain Exception: OpenCASCADE cannot do it
+        return None
+    change = abs(gmsh.model.occ.getMass(3, merged) - before)
+    fewer = len(gmsh.model.getBoundary([(3, merged)])) < count
+    if not fewer or change > SAME_VOLUME * abs(before):
+        return None
+    _keep(merged)
+    return _text()
+
+
+def _fused(volume: int) -> int:
+    """The solid of the current model after a union, which OpenCASCADE merges surfaces after.
+
+    A union with a box far away is the solid itself.
+    """
+    box = np.array(gmsh.model.getBoundingBox(3, volume)).reshape(2, 3)
+    side = np.ptp(box, axis=0).max()
+    tool = gmsh.model.occ.addBox(*(box[1] + side), *np.full(3, 0.1 * side))
+    solids, _ = gmsh.model.occ.fuse([(3, volume)], [(3, tool)])
+    gmsh.model.occ.synchronize()
+    # Gmsh 4.8 returns both solids of before, too, which have more surfaces.
+    return min(
+        (len(gmsh.model.getBoundary([solid])), solid[1])
+        for solid in solids
+        if gmsh.model.occ.getCenterOfMass(*solid)[0] < box[1, 0] + 0.5 * side
+    )[1]
+
+
+def _listed(path: Path, shape: bytes, scale: float) -> tuple[np.ndarray, list[DrawnFace]]:
+    """Sides of the box around a solid [m], and its surfaces as faces."""
+    volume = _opened(path, shape)
+    box = np.array(gmsh.model.getBoundingBox(3, volume)).reshape(2, 3)
+    outward = np.sign(gmsh.model.occ.getMass(3, volume))
+    surfaces = gmsh.model.getBoundary([(3, volume)], combined=False, oriented=False)
+    tags = sorted({surface for _, surface in surfaces})
+    return scale * np.ptp(box, axis=0), [_face(tag, outward, scale) for tag in tags]
+
+
+def _face(tag: int, outward: float, scale: float) -> DrawnFace:
+    """A surface as the plane or the cylinder that it is, or as neither."""
+    low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, tag))
+    sides = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).ravel()
+    points = scale * np.array(gmsh.model.getValue(2, tag, places)).reshape(-1, 3)
+    normals = outward * np.array(gmsh.model.getNormal(tag, places)).reshape(-1, 3)
+    area = scale**2 * gmsh.model.occ.getMass(2, tag)
+    centre = scale * np.array(gmsh.model.occ.getCenterOfMass(2, tag))
+    length = np.linalg.norm(normals, axis=1)
+    regular = np.isfinite(length) & (length > 0.5)  # not at the poles of a sphere
+    mean = normals[regular].sum(axis=0)
+    axis = mean / max(np.linalg.norm(mean), 1e-300)
+    face = DrawnFace("other", np.empty(0, dtype=int), area, centre, axis, surfaces=(tag,))
+    if not regular.all() or not np.isfinite(points).all():
+        return face
+    size = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    if np.abs(normals - axis).max() < SHAPE_TOLERANCE:
+        return replace(face, kind="plane")
+    return _cylindrical(face, points, normals, _edge_points(tag, scale), size)
+
+
+def _edge_points(tag: int, scale: float) -> np.ndarray:
+    """Points on the edges of a surface, shape (n, 3) [m]."""
+    edges = gmsh.model.getBoundary([(2, tag)], combined=False, oriented=False)
+    points = [np.empty((0, 3))]
+    for edge in {number for _, number in edges}:
+        low, high = gmsh.model.getParametrizationBounds(1, edge)
+        values = gmsh.model.getValue(1, edge, np.linspace(low[0], high[0], 4 * SAMPLES))
+        points.append(scale * np.array(values).reshape(-1, 3))
+    return np.concatenate(points)
+
+
+def _cylindrical(
+    face: DrawnFace, points: np.ndarray, normals: np.ndarray, edges: np.ndarray, size: float
+) -> DrawnFace:
+    """The face with the cylinder that its points and normals are of, if they are.
+
+    Points are ``x = c + r n + h a`` of an axis a across all normals n, r negative of a bore.
+    """
+    axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    if np.abs(normals @ axis).max() > ACROSS:
+        return face
+    across = np.linalg.svd(axis[None, :])[2][1:]
+    middle = points.mean(axis=0)
+    plane, directions = (points - middle) @ across.T, normals @ across.T
+    ones, zeros = np.ones(len(points)), np.zeros(len(points))
+    rows = np.vstack(
+        [
+            np.column_stack([ones, zeros, directions[:, 0]]),
+            np.column_stack([zeros, ones, directions[:, 1]]),
+        ]
+    )
+    *centre, radius = np.linalg.lstsq(rows, plane.T.ravel(), rcond=None)[0]
+    rays = plane - centre
+    deviation = float(np.abs(np.linalg.norm(rays, axis=1) - abs(radius)).max())
+    if deviation > SHAPE_TOLERANCE * min(size, abs(radius)) or abs(radius) > 10 * size:
+        return face
+    height = ((edges if len(edges) else points) - middle) @ axis
+    on_axis = middle + centre @ across + 0.5 * (height.min() + height.max()) * axis
+    cylinder = Cylinder(on_axis, axis, abs(float(radius)), float(np.ptp(height)), deviation)
+    return replace(
+        face,
+        kind="bore" if radius < 0 else "shaft",
+        centre=on_axis,
+        axis=axis,
+        cylinder=cylinder,
+        angle=_turn(rays),
+    )
+
+
+def _turn(rays: np.ndarray) -> float:
+    """Angle that rays to a grid of `SAMPLES` points each way cover, at most a turn [rad]."""
+    grid = np.arctan2(rays[:, 1], rays[:, 0]).reshape(SAMPLES, SAMPLES)
+    unwrapped = np.unwrap(np.unwrap(grid, axis=0), axis=1)
+    return min(float(np.ptp(unwrapped)), 2 * np.pi)
+
+
+def _joined(faces: Sequence[DrawnFace]) -> list[DrawnFace]:
+    """Pieces of one cylinder side by side, which OpenCASCADE does not merge, in one."""
+    joined: list[DrawnFace] = []
+    for face in faces:
+        twin = next((i for i, other in enumerate(joined) if same_cylinder(face, other)), None)
+        if twin is None:
+            joined.append(face)
+        else:
+            joined[twin] = _both(joined[twin], face)
+    return joined
+
+
+def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
+    """Two pieces of a cylinder as one face."""
+    a, b = one.cylinder, other.cylinder
+    assert a is not None
+    assert b is not None
+    height = float((b.centre - a.centre) @ a.axis)
+    low = min(-0.5 * a.width, height - 0.5 * b.width)
+    high = max(0.5 * a.width, height + 0.5 * b.width)
+    centre = a.centre + 0.5 * (low + high) * a.axis
+    deviation = max(a.deviation, b.deviation)
+    return replace(
+        one,
+        area=one.area + other.area,
+        centre=centre,
+        cylinder=replace(a, centre=centre, width=high - low, deviation=deviation),
+        surfaces=(*one.surfaces, *other.surfaces),
+        angle=min(one.angle + other.angle, 2 * np.pi),
+    )
+
+
+def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDrawing:
+    """The first mesh of those of `TRIED_SIZES` without cells that are turned inside out."""
+    with session():
+        _opened(path, shape)
+        for name in ("FromPoints", "ExtendFromBoundary"):
+            gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
+        for size in TRIED_SIZES:
+            finer = replace(sizes, coarser=sizes.coarser * size)
+            try:
+                _generate(scale, finer)
+                solid, wrong = _judged(scale)
+                if wrong:  # moves nodes about such cells, which takes as long as meshing
+                    gmsh.model.mesh.optimize("HighOrder")
+                    solid, wrong = _judged(scale)
+            except Exception:  # Gmsh raises plain Exception: facets intersect
+                failure = "Gmsh cannot fill its surface with tetrahedra"
+                gmsh.option.setNumber("Mesh.Algorithm", DELAUNAY)
+                continue
+            if not wrong:
+                return MeshedDrawing(used(solid), _surfaces(solid), size)
+            failure = f"{wrong} of {len(solid.cells)} cells are turned inside out"
+        raise MeshError(
+            f"{path}: {failure}, even with cells {size:g} times as large as asked for: give more "
+            "--cells-around, or export the part without its smallest faces"
+        )
+
+
+def _generate(scale: float, sizes: CellSizes) -> None:
+    """Second-order tetrahedra in the current model."""
+
+    def size_at(_d: int, _t: int, x: float, y: float, z: float, *_: float) -> float:
+        return sizes(scale * np.array([x, y, z])) / scale
+
+    gmsh.model.mesh.clear()
+    gmsh.model.mesh.setSizeCallback(size_at)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+    # Straight cells beside curved ones where a facet bulges through them.
+    gmsh.model.mesh.optimize("HighOrderFastCurving")
+
+
+def _judged(scale: float) -> tuple[Solid, int]:
+    """The current model's tetrahedra [m], and how many of them are turned inside out."""
+    points, row = numbered_nodes()
+    solid = Solid(scale * points, row[nodes_of_cells(TETRAHEDRON_10)], "tet")
+    if not len(solid.cells):
+        raise MeshError("Gmsh makes no tetrahedra")
+    return solid, int(inside_out(solid).sum())
+
+
+def _surfaces(solid: Solid) -> np.ndarray:
+    """Number of the current model's surface that each facet of its tetrahedra is on."""
+    _, row = numbered_nodes()
+    owner: dict[tuple, int] = {}
+    for _, entity in gmsh.model.getEntities(2):
+        corners = np.sort(row[nodes_of_cells(TRIANGLE_6, entity)[:, :3]], axis=1)
+        owner |= dict.fromkeys(map(tuple, corners.tolist()), entity)
+    facets = np.sort(solid.facets()[:, :3], axis=1).tolist()
+    return np.array([owner[tuple(corners)] for corners in facets])
