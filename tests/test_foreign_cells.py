@@ -296,7 +296,7 @@ def test_given_values_take_the_place_of_a_deck_s_and_a_line_reports_it(
 def test_units_of_a_material_follow_that_of_length(unit, young, density, tmp_path):
     points, cells = corners_of_ring("hex")
     material = f"*MATERIAL, NAME=A\n*ELASTIC\n{young}, 0.33\n*DENSITY\n{density}\n"
-    (tmp_path / "ring.inp").write_text(deck_of(points, [("hexahedron", cells)], material))
+    (tmp_path / "ring.inp").write_text(deck_of(50 * points, [("hexahedron", cells)], material))
     (own,) = read_part(tmp_path / "ring.inp", unit).materials
     assert own.in_si("youngs_modulus", unit, "ring") == pytest.approx(70e9, rel=1e-6)
     assert own.in_si("density", unit, "ring") == pytest.approx(2700.0, rel=1e-5)
@@ -312,7 +312,7 @@ def test_units_of_a_material_follow_that_of_length(unit, young, density, tmp_pat
 )
 def test_material_of_bulk_data(more, density, tmp_path):
     points, cells = corners_of_ring("hex")
-    (tmp_path / "ring.bdf").write_text(bulk_of(points, [("hexahedron", cells)], more))
+    (tmp_path / "ring.bdf").write_text(bulk_of(1e3 * points, [("hexahedron", cells)], more))
     (own,) = read_part(tmp_path / "ring.bdf", "mm").materials
     expected = {"youngs_modulus": 70000.0, "poissons_ratio": 0.33, "density": density}
     assert own.values == pytest.approx(expected, rel=1e-6)
@@ -321,7 +321,9 @@ def test_material_of_bulk_data(more, density, tmp_path):
 def test_several_materials_of_bulk_data(tmp_path):
     points, cells = corners_of_ring("hex")
     text = bulk_of(
-        points, [("hexahedron", cells)], "PSOLID,1,7\nPSOLID,2,8\nMAT1,7,7.+4,,.33\nMAT1,8,2.+5,,.3"
+        1e3 * points,
+        [("hexahedron", cells)],
+        "PSOLID,1,7\nPSOLID,2,8\nMAT1,7,7.+4,,.33\nMAT1,8,2.+5,,.3",
     )
     (tmp_path / "ring.bdf").write_text(text.replace("CHEXA,1,1,", "CHEXA,1,2,"))
     with pytest.raises(ehd.errors.MeshError, match="of 2 materials, MAT1 7, MAT1 8"):
