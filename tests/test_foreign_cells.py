@@ -453,10 +453,15 @@ def test_hexahedra_of_20_nodes_in_a_model_are_sent_to_part(tmp_path):
             3, entity, np.arange(1, len(solid.points) + 1), solid.points.ravel()
         )
         gmsh.model.mesh.addElementsByType(entity, 17, [], (solid.cells[:, order] + 1).ravel())
+        gmsh.model.addPhysicalGroup(3, [entity])
         gmsh.option.setNumber("Mesh.SaveAll", 1)
         gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
         gmsh.write(str(tmp_path / "ring.msh"))
     assert len(read_mesh(tmp_path / "ring.msh", "m").cells) == len(solid.cells)
+    with pytest.raises(
+        ehd.errors.MeshError, match=r"24 hexahedron20: .*27-node.*'fenics-ehd part'"
+    ):
+        ehd.build_mesh(tmp_path / "ring.msh", comm=MPI.COMM_SELF)
 
 
 def test_mesh_of_gmsh_with_a_group_for_some_cells(tmp_path):
