@@ -103,6 +103,7 @@ def part(
     FILE is a drawing (STEP, IGES) or a mesh of tetrahedra or hexahedra (Gmsh, Abaqus,
     CalculiX, Nastran and what else meshio reads). Without -o its faces are listed with their
     numbers; with it and a --bore a .msh file is written, in metres, the bore's axis along z.
+    A deck's material is taken unless another is given.
     """
     from mpi4py import MPI
 

@@ -185,7 +185,9 @@ def _cells(
                 )
             try:
                 found.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
-            except (ValueError, KeyError) as error:
+            except ValueError as error:
+                raise MeshError(f"{label}: {error}") from None
+            except KeyError as error:
                 raise MeshError(f"{label}: node {error} is not among the GRIDs") from None
     blocks = [(name, np.array(cells, dtype=np.int64)) for name, cells in found.items()]
     return [(n, cells[:, _ORDERS[n]] if n in _ORDERS else cells) for n, cells in blocks], properties

@@ -47,7 +47,7 @@ _JOINING = {
 MOST_FILES = 100
 
 
-@dataclass
+@dataclass(eq=False)
 class _Section:
     """A keyword with its options in capitals, and its rows."""
 
@@ -56,7 +56,7 @@ class _Section:
     rows: list[str]
 
 
-@dataclass
+@dataclass(eq=False)
 class _Scope:
     """Sections of one part or instance, or of a flat deck.
 
@@ -229,7 +229,10 @@ def _materials(
         for section in solid.of("SOLIDSECTION")
         if _holds(solid, section.options.get("ELSET", ""), elements)
     ]
-    if not names:  # no section is there, or none that says so
+    if not names and len(known) > 1:
+        problem = f"no *SOLID SECTION that names one of {len(known)} materials"
+        return [FileMaterial("of the solid cells", {}, dict.fromkeys(_EVERY, problem))]
+    if not names:
         return list(known.values())
     return [known.get(name, FileMaterial(name)) for name in dict.fromkeys(names)]
 
@@ -284,6 +287,7 @@ def _all_materials(sections: Iterable[_Section]) -> dict[str, FileMaterial]:
 
 #: Keywords of a material, and the names of their first numbers in `Material`.
 _QUANTITIES = {"ELASTIC": ("youngs_modulus", "poissons_ratio"), "DENSITY": ("density",)}
+_EVERY = [name for names in _QUANTITIES.values() for name in names]
 
 
 def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:

@@ -32,9 +32,11 @@ from fenics_ehd.fem.solid import (
     FACES,
     Solid,
     facet_corners,
+    first_order,
     inside_out,
     refined,
     second_order,
+    straight,
 )
 from fenics_ehd.fem.solid_file import read_part
 
@@ -351,9 +353,11 @@ def open_part(
         drawing = read_drawing(path, unit)
         return OpenedPart(path, drawing.faces, drawing=drawing, notices=drawing.notices)
     part = read_part(path, unit or "m", several_materials=several_materials)
+    # Middles of straight edges tell nothing of a curved face.
+    fitted = first_order(part.solid) if straight(part.solid) else part.solid
+    faces = find_faces(fitted, fitted.facets(), sharp=sharp)
+    split = split_cylinders(fitted, fitted.facets(), faces, sharp)
     facets = part.solid.facets()
-    faces = find_faces(part.solid, facets, sharp=sharp)
-    split = split_cylinders(part.solid, facets, faces, sharp)
     return OpenedPart(
         path,
         faces,
@@ -435,6 +439,8 @@ class PlacedPart:
         Where the file's points come to lie: matrices of the same nodes are turned likewise.
     cylinders
         Those of the file's faces by number, where the file has them.
+    straight
+        Whether all edges of the file's cells are straight.
     size
         Size of the cells of a drawing relative to that asked for, see `MeshedDrawing`.
     """
@@ -446,6 +452,7 @@ class PlacedPart:
     moved: Mapping[str, float]
     place: Placement
     cylinders: Mapping[int, Cylinder]
+    straight: bool
     size: float = 1.0
 
     def surfaces(self) -> dict[str, np.ndarray]:
@@ -458,14 +465,15 @@ class PlacedPart:
     def quadratic(self) -> PlacedPart:
         """Part of second-order cells; middles of edges of cylindrical faces are on the cylinders.
 
-        Where this would turn cells inside out, on the bores alone.
+        Curved edges of a file stay, those of its bores apart. Where cells would be turned inside
+        out, middles are on the cylinders of the bores alone.
 
         Raises
         ------
         MeshError
             A curved edge of a bore turns a cell inside out.
         """
-        if self.solid.quadratic:
+        if not self.straight:
             return self
         solid = second_order(self.solid)
         part = replace(self, solid=solid, facets=solid.facets())
@@ -533,7 +541,8 @@ def place_part(
     place = placement(first, towards[0] if towards else None)
     solid = replace(solid, points=place(solid.points))
     round_ones = {n: face.cylinder for n, face in enumerate(faces, 1) if face.cylinder is not None}
-    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, size))
+    edges = straight(solid)
+    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, edges, size))
 
 
 def _meshed(

@@ -115,6 +115,29 @@ def second_order(solid: Solid) -> Solid:
     return solid if solid.quadratic else raised(solid.points, solid.cells, solid.kind)
 
 
+#: Distance of an edge's middle from half way that is taken for rounding, relative to its length:
+#: that of an arc of a circle of 1000 cells is 8e-4.
+STRAIGHT = 1e-4
+
+
+def straight(solid: Solid) -> bool:
+    """True of a solid all of whose edges are straight, as of every one of first order."""
+    if not solid.quadratic:
+        return True
+    for place, edge in enumerate(solid.element.edges.tolist(), solid.element.corners):
+        ends = solid.points[solid.cells[:, edge]]
+        off = solid.points[solid.cells[:, place]] - ends.mean(axis=1)
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        if (np.linalg.norm(off, axis=1) > STRAIGHT * length).any():
+            return False
+    return True
+
+
+def first_order(solid: Solid) -> Solid:
+    """The solid of the corners alone; facets come in the same order, nodes keep their numbers."""
+    return Solid(solid.points, solid.corners, solid.kind)
+
+
 def facet_corners(facets: np.ndarray) -> np.ndarray:
     """Corners of facets of first or second order, shape (f, 3) or (f, 4)."""
     return facets[:, : 3 if facets.shape[1] in (3, 6) else 4]

@@ -175,7 +175,9 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
     except (meshio.ReadError, OSError, SystemExit) as error:  # the latter is how it refuses a file
         reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
         lines = [line for line in reason.splitlines() if line.strip()] or ["it says no reason"]
-        raise MeshError(f"{path}: meshio cannot read it: {lines[0]}{_hint(path)}") from None
+        raise MeshError(
+            f"{path}: meshio cannot read it: {lines[0].rstrip('.')}{_hint(path)}"
+        ) from None
     except Exception:
         if _is_gmsh(path):  # with groups for some cells alone, say, which meshio cannot read
             return ForeignMesh(*read_by_gmsh(path))

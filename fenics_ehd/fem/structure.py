@@ -42,6 +42,7 @@ from fenics_ehd.fem.solid import Solid, require_sound_cells
 from fenics_ehd.fem.stress import StressField, hooke
 from fenics_ehd.reduction.bore import (
     BORE,
+    CYLINDER_TOLERANCE,
     Bore,
     in_order,
     mean_motion,
@@ -61,10 +62,6 @@ CELLS = {"hex": HEXAHEDRON_27, "tet": TETRAHEDRON_10}
 
 #: Their facets in Gmsh, and the corners of these.
 FACETS = {"hex": (QUADRILATERAL_9, 4), "tet": (TRIANGLE_6, 3)}
-
-#: Distance from its place by which a mid-side node of a bore is one of a straight edge, relative to
-#: the radius: 1e-5 with 700 cells around.
-STRAIGHT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,8 +188,8 @@ def build_mesh(
 def _round_bore(group: int, cells: str) -> None:
     """Put mid-side nodes of a bore's facets on the cylinder, as `rounded_middles`.
 
-    Nodes of hexahedra that are there already stay, to the last bit; of quadrilaterals the centre
-    is put half way, too.
+    Nodes of hexahedra that are on the cylinder already stay, to the last bit: those of straight
+    edges and the centres between them are put half way.
     """
     x, row = numbered_nodes()
     entities = gmsh.model.getEntitiesForPhysicalGroup(2, group)
@@ -207,8 +204,11 @@ def _round_bore(group: int, cells: str) -> None:
     edge_nodes, first = np.unique(facets[:, count:], return_index=True)
     positions = centre + middle.reshape(-1, 3)[first]
     if cells == "hex":
-        radius = np.linalg.norm(corners - centre, axis=2).max()
-        moved = np.linalg.norm(x[row[edge_nodes]] - positions, axis=1) > STRAIGHT * radius
+        found, round_ones = (
+            np.linalg.norm((nodes - centre)[:, :2], axis=1)
+            for nodes in (x[row[edge_nodes]], positions)
+        )
+        moved = np.abs(found - round_ones) > CYLINDER_TOLERANCE * round_ones
         edge_nodes, positions = edge_nodes[moved], positions[moved]
     for node, position in zip(edge_nodes, positions, strict=True):
         gmsh.model.mesh.setNode(node, position, [])

@@ -20,6 +20,15 @@ XDMF = f'<Xdmf Version="3.0"><Domain><Grid>{POINTS}</Geometry></Grid></Domain></
 SCRIPT = 'SystemCall "touch ran";\n'
 
 
+BULK = (
+    "BEGIN BULK\nGRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nGRID,4,,0.,0.,1.\n"
+    "CTETRA,1,1,1,2,3,4\nPSOLID,1,1\nMAT1,1,2.1+11,,.3,7850.\nENDDATA\n"
+)
+MATERIAL = (
+    "*MATERIAL,NAME=A\n*ELASTIC\n210e9,0.3\n*DENSITY\n7850\n*SOLID SECTION,ELSET=E,MATERIAL=A\n"
+)
+
+
 def _including(*names: str) -> str:
     return "".join(f"*INCLUDE, INPUT={name}\n" for name in names)
 
@@ -41,6 +50,36 @@ FILES: Mapping[str, Mapping[str, str]] = {
         for form in ("HDF", "Binary", "XML")
         for name in ("pipe", "pipe:/x", "/dev/zero", "/dev/zero:/x", ".:/x", "none:/x", "")
     },
+    **{
+        f"second block of {kind}": {"part.inp": DECK + f"*ELEMENT,TYPE={kind}\n2,{nodes}\n"}
+        for kind, nodes in (
+            *(("C3D6", "1,2,3,4,1,2"), ("C3D10", "1,2,3,4"), ("S3", "1,2,3"), ("C3D8", "1,2,3,4")),
+            *(("C3D4", "1,2,3,9"), ("C3D4", "1,2,3,x"), ("SC8R", "1,2,3,4,1,2,3,4"), ("", "1")),
+        )
+    },
+    **{
+        f"material {number}": {"part.inp": DECK + text}
+        for number, text in enumerate(
+            (
+                *(MATERIAL, MATERIAL.replace("E,", "NONE,"), "*ELASTIC\n*DENSITY\n"),
+                *("*MATERIAL\n*ELASTIC,TYPE=ORTHO\n1,2\n", "*ELSET,ELSET=E\nE\n" + MATERIAL),
+                "*ELSET,ELSET=E,GENERATE\n1,999999999999,1\n" + MATERIAL,
+            )
+        )
+    },
+    **{
+        f"bulk data with {new!r} for {old!r}": {"part.bdf": BULK.replace(old, new)}
+        for old, new in (
+            *(("1,2,3,4\n", "1,2,3\n"), ("1,2,3,4\n", "1,2,3,4,,\n,9\n"), ("1.,0.,0.", "1.,x,0.")),
+            *(("GRID,2,,", "GRID,2,7,"), ("ENDDATA", "INCLUDE 'part.bdf'"), ("2.1+11", "2.1+1+1")),
+            *(("ENDDATA", "INCLUDE 'pipe'"), ("BEGIN", "BEGIN SUPER=1\nBEGIN")),
+            ("CTETRA", "CHEXA"),
+            *(("GRID,3", "GRID,2"), ("MAT1,1", "MAT9,1"), ("CTETRA", ",,,,\nCTETRA")),
+        )
+    },
+    "elements of I-DEAS cut short": {"part.unv": "    -1\n  2412\n 1 111 1 1 7 4\n    -1\n"},
+    "elements of I-DEAS with words": {"part.unv": "    -1\n  2412\n 1 a 1 1 7 4\n    -1\n"},
+    "a matrix of Abaqus": {"part.mtx": "1,1, 1,1, 2.0\n"},
     "elements in a pipe": {"part.node": "1 3 0 0\n1 0 0 0\n"},
     "entities": {
         "part.xdmf": '<!DOCTYPE Xdmf [<!ENTITY a "aaaaaaaaaa">'
