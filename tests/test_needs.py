@@ -42,8 +42,6 @@ ALONE = [
     (CRANK, {"drives.crank.kind": "torque", "drives.crank.table": None,
              "bodies.crank.speed": 500.0}, "without drives.crank.damping"),
     (CRANK, {"bodies.crank.speed": 400.0}, "with drives.crank.kind = 'speed'"),
-    (CRANK, {"time.periodicity": 1e-3}, "without time.periodic = true"),
-    (CRANK, {"time.cycles": 5}, "without time.periodic = true"),
     (CRANK, {"time.period": 0.01}, "without time.periodic = true"),
     (CRANK, {"output.frames": 5}, "without output.paraview = true"),
     (CRANK, {"output.error_budget": False, "output.error_limit": 0.1}, "without output.error_b"),
@@ -117,11 +115,19 @@ def test_every_need_is_a_setting():
     assert {word for key in keys for word in key.split(".")} <= names
 
 
-def test_a_least_film_between_rough_surfaces_is_a_notice():
-    scene = scene_of(tables_of(CRANK, ROUGH | {f"{FILM}.smallest_film": 0.1}), "case")
-    (line,) = scene.warnings
-    assert f"{FILM}.smallest_film = 0.1 has no effect between rough surfaces" in line
-    assert scene_of(tables_of(CRANK, ROUGH), "case").warnings == ()
+#: What every shipped scene lists, without effect once another key of theirs is switched.
+SWITCHED = [
+    (CRANK, ROUGH | {f"{FILM}.smallest_film": 0.1}, f"{FILM}.smallest_film = 0.1 has no effect"),
+    (CRANK, {"time.periodicity": 1e-3}, "time.periodicity = 0.001 has no effect without"),
+    (CRANK, {"time.cycles": 5}, "time.cycles = 5 has no effect without time.periodic = true"),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "message"), SWITCHED)
+def test_what_a_switch_leaves_without_effect_is_a_notice(name, changes, message):
+    (line,) = scene_of(tables_of(name, changes), "case").warnings
+    assert message in line
+    assert scene_of(tables_of(name, ROUGH), "case").warnings == ()
 
 
 def test_a_table_without_keys_is_refused():

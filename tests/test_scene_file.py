@@ -275,7 +275,6 @@ def test_a_speed_may_be_given_over_time(tmp_path):
     path = tmp_path / "speed.csv"
     path.write_text("time_s,speed_rad_per_s\n0,0\n0.1,50\n0.2,100\n")
     once = {"time.periodic": False, "time.revolutions": None, "time.end": 0.05}
-    once |= {"time.periodicity": None}
     drive = {"drives.crank.speed": 0.0, "drives.crank.table": str(path)}
     built = made(FOUR_BAR, once | drive | {"bodies.crank.angle": 45.0})
     drive = built.mechanism.drives["crank"]

@@ -120,7 +120,6 @@ def test_a_peak_that_is_hardly_meant_is_noticed(values, damping, periodic, notic
 
 def test_a_mechanism_at_rest_is_complete(tmp_path, capfd):
     rest = {"time.periodic": False, "time.end": 0.01, "time.revolutions": 0.0}
-    rest |= {"time.periodicity": None}
     path = write_scene(tmp_path / "s.toml", "four-bar", rest | {"drives.crank.speed": 0.0})
     assert call("run", path, "-o", tmp_path / "out", "--no-plots", "--no-error-budget") == 0
     assert "rocker_end: nothing moves or loads its film" in capfd.readouterr().err

@@ -51,12 +51,16 @@ class Needs:
         Whether none of the keys may be given, in place of that.
     words
         Behind "without" or "with" in messages, where keys are properties of several settings.
+    notice
+        Whether the setting is named in a notice and not refused: shipped scenes list it, and the
+        other setting is a switch of theirs.
     """
 
     keys: tuple[str, ...]
     among: tuple[Any, ...] = ()
     absent: bool = False
     words: str = ""
+    notice: bool = False
 
     def failure(self, look_up: LookUp) -> str:
         """What is missing, or in the way, in words; empty if the condition holds."""
@@ -76,14 +80,14 @@ class Needs:
         return f"{key} = {' or '.join(map(shown, self.among))}" if self.among else key
 
 
-def only_with(field: Any, *keys: str, among: tuple[Any, ...] = (), words: str = "") -> Any:
+def only_with(field: Any, *keys: str, **condition: Any) -> Any:
     """A field of a settings class that has an effect only with one of the keys, see `Needs`."""
-    return _with(field, Needs(keys, among, words=words))
+    return _with(field, Needs(keys, **condition))
 
 
-def not_with(field: Any, *keys: str, words: str = "") -> Any:
-    """A field of a settings class that has no effect with any of the keys."""
-    return _with(field, Needs(keys, absent=True, words=words))
+def not_with(field: Any, *keys: str, **condition: Any) -> Any:
+    """A field of a settings class that has no effect with any of the keys, see `Needs`."""
+    return _with(field, Needs(keys, absent=True, **condition))
 
 
 def _with(field: Any, condition: Needs) -> Any:

@@ -18,7 +18,7 @@ import attrs
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import read_text
-from fenics_ehd.base.needs import Setting, missing_need, no_effect
+from fenics_ehd.base.needs import Setting, no_effect
 
 
 def declared(cls: type) -> list[attrs.Attribute]:
@@ -169,8 +169,8 @@ def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, 
 
 def idle_settings(
     settings: Any, path: str = "", around: tuple[tuple[str, Any], ...] = ()
-) -> Iterator[tuple[str, Any, str]]:
-    """Full key and value of every setting that has no effect, and why: see `base.needs`.
+) -> Iterator[tuple[str, Any, str, bool]]:
+    """Full key and value of every setting that has no effect, why, and whether it is a notice.
 
     Parameters
     ----------
@@ -187,9 +187,10 @@ def idle_settings(
         name, value = f"{path}{attribute.name}", getattr(settings, attribute.name)
         about = attribute.metadata
         changed = value != _default(attribute)
-        why = missing_need(about.get("needs", ()), look_up) if changed else ""
-        if why:
-            yield name, value, why
+        needs = about.get("needs", ()) if changed else ()
+        failed = next((need for need in needs if need.failure(look_up)), None)
+        if failed is not None:
+            yield name, value, failed.failure(look_up), failed.notice
         elif "kinds" in about:
             for key, entry in value.items():
                 yield from idle_settings(entry, f"{name}.{key}.", tables)
@@ -224,15 +225,22 @@ def keys_excluded_by(cls: type, key: str) -> tuple[str, ...]:
 
 
 def require_effects(settings: Any, path: str = "") -> None:
-    """Refuse settings that have no effect; defaults are accepted.
+    """Refuse settings that have no effect but those of a notice; defaults are accepted.
 
     Raises
     ------
     SettingsError
         Naming the first one, its value and what it needs.
     """
-    for name, value, why in idle_settings(settings, path):
-        raise no_effect(name, value, why)
+    for name, value, why, notice in idle_settings(settings, path):
+        if not notice:
+            raise no_effect(name, value, why)
+
+
+def without_effect(settings: Any) -> list[str]:
+    """One line for every setting that has no effect and is not refused."""
+    idle = idle_settings(settings)
+    return [str(no_effect(name, value, why)) for name, value, why, notice in idle if notice]
 
 
 def unusual(settings: Any, path: str = "") -> list[str]:

@@ -34,6 +34,7 @@ from fenics_ehd.base.settings import (
     setting_names,
     to_toml,
     unusual,
+    without_effect,
 )
 from fenics_ehd.film.lubricant import Lubricant, make_lubricant
 from fenics_ehd.multibody.body import MasslessBody, RigidBody
@@ -181,9 +182,6 @@ def check_heat(scene: Scene, name: str) -> None:
             "with a grade, or viscosity_40 and viscosity_100"
         )
 
-
-#: Share of the clearance at which a film is too thin, unless a joint has another.
-SMALLEST_FILM = attrs.fields(schema.LubricatedSettings).smallest_film.default
 
 #: Bodies that have a mass whatever is written.
 ELASTIC = (schema.FlexibleSettings, ShaftBody)
@@ -356,12 +354,6 @@ def notices(scene: Scene) -> list[str]:
         found.append("bodies: none has a mass, so that gravity and inertia do nothing")
     for name, joint in scene.films.items():
         found += _turbulent(scene, name, joint)
-        # Every shipped scene lists it: adding rough surfaces to one is no mistake.
-        if joint.contact.roughness and joint.smallest_film != SMALLEST_FILM:
-            found.append(
-                f"joints.{name}.smallest_film = {joint.smallest_film:g} has no effect between "
-                "rough surfaces, which may touch"
-            )
     return found
 
 
@@ -562,7 +554,7 @@ def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> 
     check_names(scene)
     require_effects(scene)
     check_time(scene)
-    warnings = (*lines, *replaced, *unusual(scene), *notices(scene))
+    warnings = (*lines, *replaced, *unusual(scene), *without_effect(scene), *notices(scene))
     return attrs.evolve(scene, renamed=tuple(lines), warnings=warnings)
 
 

@@ -295,12 +295,17 @@ class LubricatedSettings:
         "friction",
         "heat",
     )
-    smallest_film: float = number(
-        0.01,
-        "film thickness at which the run ends, share of the clearance; up to 0.01 at most 0.2 um; "
-        "none with contact",
-        least=0,
-        below=1,
+    smallest_film: float = not_with(
+        number(
+            0.01,
+            "film thickness at which the run ends, share of the clearance; up to 0.01 at most 0.2 "
+            "um; none with contact",
+            least=0,
+            below=1,
+        ),
+        "contact.roughness",
+        words=f"contact.{ROUGH}",
+        notice=True,
     )
     eccentricity: tuple[float, float] = pair(
         "of the journal in the bore's frame at the start, share of the clearance", below=1.0
@@ -373,8 +378,11 @@ class TimeSettings:
         number(1e-4, "largest change of a film from cycle to cycle, relative", above=0, below=1),
         "periodic",
         among=(True,),
+        notice=True,
     )
-    cycles: int = only_with(count(20, "to give up after", least=1), "periodic", among=(True,))
+    cycles: int = only_with(
+        count(20, "to give up after", least=1), "periodic", among=(True,), notice=True
+    )
     tolerance: float = number(
         1e-5, "local error of a step, relative change of the gap", above=1e-12, below=1
     )
