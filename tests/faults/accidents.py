@@ -150,16 +150,16 @@ def _small_file_system(world: World, size: int, intact: dict[str, object]) -> Fo
         subprocess.run(["umount", str(out)], check=False)
 
 
-#: What is wrong on one rank: environment and arguments instead of the right ones.
-ONE_RANK: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
-    "no such scene": ((), {"--scene": "nothing.toml"}),
-    "unknown key": ((), {"--scene": "wrong.toml"}),
-    "scene is a folder": ((), {"--scene": "."}),
-    "output in no folder": ((), {"-o": "/dev/null/x.h5"}),
-    "basis in no folder": ((), {"--basis": "/dev/null/basis.h5"}),
-    "no such option": ((), {"--nonsense": "1"}),
-    "help": ((), {"--help": ""}),
-    "unusable cache": (("XDG_CACHE_HOME=/dev/null/cache", "HOME=/dev/null"), {}),
+#: What is wrong on one rank: what a shell does in its folder before the command, and arguments.
+ONE_RANK: dict[str, tuple[str, str]] = {
+    "no such scene": ("rm s.toml", ""),
+    "unknown key": ("cp ../wrong.toml s.toml", ""),
+    "scene is a folder": ("rm s.toml; mkdir s.toml", ""),
+    "output is a folder": ("mkdir out.h5", ""),
+    "basis is a folder": ("mkdir basis.h5", ""),
+    "no such option": (":", "--nonsense 1"),
+    "help": (":", "--help"),
+    "unusable cache": ("export XDG_CACHE_HOME=/dev/null/cache HOME=/dev/null", ""),
 }
 
 
@@ -177,14 +177,11 @@ def ranks(world: World, options: argparse.Namespace) -> Found:
 
 
 def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
-    variables, other = ONE_RANK[name]
-    calls = []
-    for more in ({}, other):
-        options = {"--scene": "right.toml", "-o": "out.h5", "--basis": "basis.h5", **more}
-        calls.append(" ".join([COMMAND, "reduce conrod", *map(" ".join, options.items())]))
-    right, odd = calls
-    export = " ".join(["export", *variables, "RANK"])
-    line = f"if test $RANK = {wrong}; then {export}; {odd}; else {right}; fi"
+    preparation, arguments = ONE_RANK[name]
+    call = f"{COMMAND} reduce conrod --scene s.toml -o out.h5 --basis basis.h5"
+    own = "rm -rf $RANK; mkdir $RANK; cd $RANK; cp ../right.toml s.toml"
+    odd = f"{preparation}; {call} {arguments}"
+    line = f"{own}; if test $RANK = {wrong}; then {odd}; else {call}; fi"
     status, told, text = two_ranks(line, folder)
     if status == TOO_LONG:
         return Verdict("hangs")
@@ -192,7 +189,7 @@ def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
         return Verdict("traceback", text[-300:])
     if status == 0:
         # Only the first rank writes.
-        return Verdict("harmless" if wrong and (folder / "out.h5").is_file() else "believed")
+        return Verdict("harmless" if wrong and (folder / "0" / "out.h5").is_file() else "believed")
     if status not in (1, 2):
         return Verdict("strange status", f"{status} {text[-300:]}")
     return Verdict("refused", told[0]) if told else Verdict("says nothing", text[-300:])
