@@ -237,8 +237,12 @@ def interrupt_between_steps() -> Iterator[Callable[[], None]]:
     """Hold back the first signal until the function yielded here is called.
 
     It then raises `KeyboardInterrupt`. A second signal acts at once. Only signals that would
-    raise something are held back, see `ending_signals_raise`.
+    raise something are held back, see `ending_signals_raise`; in a thread of its own a run has
+    none.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
     former = {n: handler for n in ENDING if callable(handler := signal.getsignal(n))}
     asked = False
 
