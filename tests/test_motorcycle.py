@@ -43,8 +43,8 @@ def test_motorcycle_runs_from_an_empty_folder(folder, capfd):
     quick = "--no-plots", "--no-error-budget"
     status, told, errors = exit_of(capfd, "run", "motorcycle.toml", *quick, "-o", "answer")
     assert status == 0, errors
-    assert "the cycle: whole run: no full cycle, from 0.000 to 0.667 ms" in told
-    assert re.search(r"thinnest of the cycle .* um  at .* deg of the bore, .* mm, crank", told)
+    assert "whole run: no full cycle, from 0.000 to 0.667 ms" in told
+    assert re.search(r"thinnest of the run .* um  at .* deg of the bore, .* mm, crank", told)
     history = read_history(folder / "answer")
     assert list(history)[:2] == ["time_s", "crank_angle_deg"]
     assert history["crank_angle_deg"][-1] == pytest.approx(36.0)

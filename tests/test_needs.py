@@ -181,7 +181,7 @@ COMMANDS = [
     ("part a.step --point 3", "--point has no effect without --output"),
     ("part a.step --cells-around 20", "--cells-around has no effect without --output"),
     ("part a.step --no-check", "--no-check has no effect without --output"),
-    ("part a.step -o a.msh --bore 1 --no-check --density 7000", "--density has no effect without"),
+    ("part a.step --density 7000", "--density has no effect without --output"),
     ("stress run --no-damping --complete", "--complete has no effect without --damping"),
     ("bearing --load 1000 --lobes 3", "lobes = 3 has no effect without ovality"),
     ("bearing --load 1000 --conducted 0.5", "conducted = 0.5 has no effect without supply_temp"),

@@ -134,7 +134,6 @@ def test_cases_are_the_product_in_order(scene):
         ("big_end.element=lagrange,serendipity,bilinear", 2, 2),
         ("method=rigid,m3", 2, 1),
         ("estimate_error=true,false", 2, 1),
-        ("residual_modes=10,20", 1, 1),  # of M3 only, and the scene's method is another
         ("big_end.cells=[20,5];[40,10]", 1, 1),
         ("damping_time=0,1e-3", 1, 1),
     ],
@@ -143,6 +142,13 @@ def test_one_body_for_equal_bodies_of_one_part(scene, assignment, bodies, parts)
     found = [case.bodies["rod"] for case in make_sweep(scene, [assignment]).cases]
     assert len({body.name for body in found}) == bodies
     assert len({body.part for body in found}) == parts
+
+
+def test_keys_without_effect_are_refused(scene):
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"2 of 2 .*residual_modes = 10 has no effect without"
+    ):
+        make_sweep(scene, ["residual_modes=10,20"])  # of M3 only, and the scene's method is another
 
 
 def test_files_given_as_values_are_those_of_the_working_directory(tmp_path, monkeypatch):

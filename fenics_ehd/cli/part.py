@@ -81,7 +81,7 @@ WRITTEN = (Needs(("target",)),)
     help="Cells around the bores of a drawing.",
     needs=WRITTEN,
 )
-@setting_options(Material, needs=(*WRITTEN, Needs(("check",), (True,))))
+@setting_options(Material, needs=WRITTEN)
 @option("--check/--no-check", default=True, help="Also find mass and mesh error.", needs=WRITTEN)
 @output_option("target", "Model to write, rod.msh.", folder=False)
 @json_option
