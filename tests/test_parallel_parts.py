@@ -68,6 +68,11 @@ def write_step(folder):
         gmsh.write(str(folder / "drawing.step"))
 
 
+def write_iges(folder):
+    """The stored drawing of a ring, whose bore is that of the shipped housing."""
+    shutil.copy(Path(__file__).parent / "parts" / "ring.igs", folder)
+
+
 def write_matrices(folder):
     """Files of `foreign_parts`, to be read by every rank."""
     arguments = ring_arguments()
@@ -76,12 +81,12 @@ def write_matrices(folder):
 
 
 #: Files of each kind of part: what makes them, and the arguments of `part`, of those that need it.
-#: Another kind of drawing is one entry more.
 KINDS = {
     "own": (write_own_model, None),
     "mesh": (write_mesh, None),
     "deck": (write_abaqus, "deck.inp --unit mm --bore 20mm --point 8mm --no-check"),
     "step": (write_step, "drawing.step --bore 20mm --point 8mm --no-check --cells-around 8"),
+    "iges": (write_iges, "ring.igs --bore 22.5mm --held 2 --no-check --cells-around 8"),
     "matrices": (write_matrices, None),
 }
 
@@ -110,12 +115,15 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-def scene_of_part(folder, name, model, geometry):
-    rod = {"model": model, "bores": ["bore"], "points": ["pin"], "geometry": geometry}
-    rod |= {"reduction.method": "m4", "reduction.vibration_modes": 4}
-    rod["reduction.estimate_error"] = False
-    keys = {f"bodies.rod.{key}": value for key, value in rod.items()}
-    write_scene(folder / f"{name}.toml", "slider-crank-paper", keys)
+def scene_of_part(folder, name, model, geometry, *, held):
+    """A scene with the shipped rod replaced by a part, or the shipped housing by a held one."""
+    scene, body = ("rotor", "housing") if held else ("slider-crank-paper", "rod")
+    settings = {"model": model, "geometry": geometry, "reduction.vibration_modes": 4}
+    settings |= {"reduction.method": "m4", "reduction.estimate_error": False}
+    settings |= {"clamped": "held"} if held else {"bores": ["bore"], "points": ["pin"]}
+    keys = {f"bodies.{body}.{key}": value for key, value in settings.items()}
+    write_scene(folder / f"{name}.toml", scene, keys)
+    return body
 
 
 def lines_of(folder, target):
@@ -125,8 +133,9 @@ def lines_of(folder, target):
             yield f"part {part} -o {target}/{name}.msh"
         if name != "matrices":
             model = f"{target}/{name}.msh" if part else {"own": "own.geo"}.get(name, f"{name}.msh")
-            scene_of_part(folder, f"{target}-{name}", model, COARSE if name == "own" else {})
-            yield f"reduce rod --scene {target}-{name}.toml -o {target}/{name}.h5"
+            geometry, held = COARSE if name == "own" else {}, "--held" in (part or "")
+            body = scene_of_part(folder, f"{target}-{name}", model, geometry, held=held)
+            yield f"reduce {body} --scene {target}-{name}.toml -o {target}/{name}.h5"
 
 
 def launch(folder, target, *launcher):
