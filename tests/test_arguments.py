@@ -197,3 +197,31 @@ def test_totals_that_a_part_hardly_has_are_notices():
         "bodies.crank.centre", "bodies.crank.inertia"
     ]  # fmt: skip
     assert np.isfinite(body().inertia.polar_inertia)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: ehd.film_grid(np.zeros(5)), r"nodes of shape \(5,\) must be positions"),
+        (lambda: ehd.film_grid(np.zeros((5, 2))), r"nodes of shape \(5, 2\) must be positions"),
+        (lambda: ehd.save_body(body(), 3), "path = 3 is of class int"),
+        (lambda: ehd.build_mesh(3), "path = 3 is of class int"),
+        (lambda: ehd.build_mesh("conrod.geo", comm=1), "comm = 1 is of class int"),
+        (
+            lambda: ehd.simulate(
+                ehd.Mechanism({"a": ehd.RigidBody(1.0, 1.0)}, {}), 1e-3, progress=3
+            ),
+            "progress = 3 is of class int: a function is needed",
+        ),
+    ],
+)
+def test_arguments_of_a_wrong_class_or_shape_are_named(call, message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
+        call()
+
+
+def test_a_body_without_joints_falls_freely():
+    mechanism = ehd.Mechanism({"a": ehd.RigidBody(1.0, 1.0)}, {}, gravity=(0.0, -9.81))
+    history = ehd.simulate(mechanism, 0.1, tolerance=1e-8)
+    assert history.time[-1] == pytest.approx(0.1)
+    assert np.abs(history.coordinates[-1]).max() == pytest.approx(9.81 * 0.1**2 / 2, rel=1e-5)

@@ -158,6 +158,8 @@ def build_mesh(
         Gmsh cannot read or mesh the model, or it mixes cells, or has no tetrahedra to be asked
         for.
     """
+    require_class("path", path, str, Path)
+    require_class("comm", comm, MPI.Comm)
     require_word("cells", cells, tuple(CELLS))
     require_number("size", size, above=0)
     require_class("bores", bores, tuple, list)

@@ -363,8 +363,12 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     ------
     InterfaceMismatchError
         The nodes are not those of a structured quadratic mesh of equal cells.
+    SettingsError
+        They are no array of positions.
     """
     require_class("nodes", nodes, np.ndarray)
+    if nodes.ndim != 2 or nodes.shape[1] != 3:
+        raise SettingsError(f"nodes of shape {nodes.shape} must be positions, shape (m, 3)")
     cells, family = film_layout(nodes)
     radius = float(np.linalg.norm(nodes[:, :2], axis=1).mean())
     angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]), TURN / cells[0])

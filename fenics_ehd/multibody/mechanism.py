@@ -649,6 +649,8 @@ def _closer(instant: Instant, change: np.ndarray) -> Instant:
 def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndarray:
     """Smallest weighted change of coordinates that takes a defect away, shape (n,)."""
     weights = system.mobility
+    if not len(defect):  # bodies without joints, which LAPACK does not solve for
+        return np.zeros_like(weights)
     gradients = (instant.jacobian * weights).T
     lengths = np.linalg.norm(gradients, axis=0)
     if not lengths.all():

@@ -22,7 +22,13 @@ from typing import Any, ClassVar
 import attrs
 import numpy as np
 
-from fenics_ehd.base.arguments import require_class, require_count, require_names, require_number
+from fenics_ehd.base.arguments import (
+    require_callable,
+    require_class,
+    require_count,
+    require_names,
+    require_number,
+)
 from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
@@ -760,6 +766,7 @@ def simulate(
     span = require_number(*duration, above=0)
     require_number("periodicity", periodicity, above=0)
     require_count("cycles", cycles, least=1)
+    require_callable("progress", progress)
     run = Run(mechanism, IntegratorOptions(**steps), span)
     if period is None and any(place.joint.heat for place in run.equations.system.films):
         raise SettingsError(

@@ -392,6 +392,7 @@ LAYOUT = Group(
 def save_body(body: ReducedBody, path: str | Path) -> None:
     """Write a body; an existing file is replaced only once the new one is whole."""
     require_class("body", body, ReducedBody)
+    require_class("path", path, str, Path)
     save_tree(path, _tree(body), FORMAT, FORMAT_VERSION)
 
 
