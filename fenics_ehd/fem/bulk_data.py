@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.sealed_file import named, require_file
-from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
 #: Solid cells: names in meshio by numbers of nodes.
 _SOLID = {
@@ -39,9 +38,6 @@ _JOINING = ("RBE", "RBAR", "RROD", "RJOINT", "MPC", "SPC", "PLOTEL", "SUPORT")
 #: Cards that make up properties of solids with other materials than one isotropic one.
 _LAYERED = ("PCOMPS", "PCOMPLS", "PLSOLID")
 
-#: Most files that one includes, each as often as it is included.
-MOST_FILES = 100
-
 #: A card: its name and its fields.
 Card = tuple[str, list[str]]
 
@@ -59,18 +55,13 @@ def read_bulk_data(path: Path) -> ForeignMesh:
         cards.setdefault(name, []).append(fields)
     numbers, points = _nodes(cards, path)
     blocks, properties = _cells(cards, numbers, path)
-    return ForeignMesh(points, blocks, _others(cards), _materials(cards, properties))
+    materials = _materials(cards, properties, _mass_factor(cards, path))
+    return ForeignMesh(points, blocks, _others(cards), materials)
 
 
 def _text(path: Path, opened: list[Path]) -> str:
     """A file with those that it includes, without comments."""
-    opened.append(path)
-    if len(opened) > MOST_FILES:
-        raise MeshError(f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}")
-    with named(MeshError, str(path)):
-        require_file(path)
-        text = path.read_text(encoding="utf-8", errors="replace")
-    text = re.sub(r"\$.*", "", text)
+    text = re.sub(r"\$.*", "", included_text(path, opened))
     pattern = re.compile(r"^\s*INCLUDE\s+(?:'([^']+)'|\"([^\"]+)\"|(\S+))", re.I | re.M)
 
     def included(line: re.Match[str]) -> str:
@@ -203,15 +194,16 @@ def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
     return dict(found)
 
 
-def _materials(cards: Mapping[str, list[list[str]]], properties: set[str]) -> list[FileMaterial]:
-    """Materials of the solid cells' properties."""
+def _materials(
+    cards: Mapping[str, list[list[str]]], properties: set[str], factor: float
+) -> list[FileMaterial]:
+    """Materials of the solid cells' properties, their densities multiplied by a factor."""
     layered = {fields[0]: name for name in _LAYERED for fields in cards.get(name, [])}
     found = {
         number: FileMaterial(f"of {layered[number]} {number}", {}, _problem(layered[number]))
         for number in sorted(properties & set(layered))
     }
     isotropic = {fields[0]: fields for fields in cards.get("MAT1", [])}
-    factor = _mass_factor(cards)
     for fields in cards.get("PSOLID", []):
         if fields[0] in properties:
             number = fields[1]
@@ -224,12 +216,19 @@ def _problem(text: str) -> dict[str, str]:
     return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
 
 
-def _mass_factor(cards: Mapping[str, list[list[str]]]) -> float:
-    """Factor of all densities, ``PARAM,WTMASS``."""
-    for name, value, *_ in cards.get("PARAM", []):
-        if name.upper() == "WTMASS":
-            return _number(value)
-    return 1.0
+def _mass_factor(cards: Mapping[str, list[list[str]]], path: Path) -> float:
+    """Factor of all densities, ``PARAM,WTMASS``.
+
+    Raises
+    ------
+    MeshError
+        It is no number.
+    """
+    values = [value for name, value, *_ in cards.get("PARAM", []) if name.upper() == "WTMASS"]
+    try:
+        return _number(values[0]) if values else 1.0
+    except ValueError as error:
+        raise MeshError(f"{path}: PARAM WTMASS: {error}") from None
 
 
 def _material(number: str, fields: Sequence[str] | None, factor: float) -> FileMaterial:

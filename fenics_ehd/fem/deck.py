@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.sealed_file import named, require_file
-from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
 #: Names in meshio of C3D elements by their numbers of nodes. Their order is VTK's.
 _NAMES = {
@@ -42,9 +41,6 @@ _JOINING = {
     *("DISTRIBUTINGCOUPLING", "RIGIDBODY", "EMBEDDEDELEMENT", "NONSTRUCTURALMASS"),
     *("PRE-TENSIONSECTION", "SHELLTOSOLIDCOUPLING"),
 }
-
-#: Most files that a deck includes, each as often as it is included.
-MOST_FILES = 100
 
 
 @dataclass(eq=False)
@@ -322,15 +318,7 @@ def _numbers(row: str) -> list[float]:
 
 def _text(path: Path, opened: list[Path]) -> str:
     """A deck with those that it includes; keywords with their options in one line, no comments."""
-    opened.append(path)
-    if len(opened) > MOST_FILES:
-        raise MeshError(
-            f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}: does one "
-            "include itself?"
-        )
-    with named(MeshError, str(path)):
-        require_file(path)
-        text = path.read_text(encoding="utf-8", errors="replace")
+    text = included_text(path, opened)
 
     def included(name: str) -> str:
         return _text(path.parent / name.strip().strip('"'), opened)

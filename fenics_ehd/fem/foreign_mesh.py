@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.fields import Material, in_unit
+from fenics_ehd.base.sealed_file import named, require_file
 
 #: Solid cells by meshio's names: kind, nodes that are kept, nodes of a cell.
 CELLS = {
@@ -44,6 +46,36 @@ _FORCES = {"in": (4.4482216152605, "lbf")}
 
 #: SI units of quantities, and the power of length that their consistent unit divides a force by.
 _DIMENSIONS = {"youngs_modulus": ("Pa", 2), "density": ("kg/m3", 4)}
+
+
+#: Most files that one includes, each as often as it is included.
+MOST_FILES = 100
+
+
+def included_text(path: Path, opened: list[Path]) -> str:
+    """Text of a file, or of one that it includes.
+
+    Parameters
+    ----------
+    path
+        To read.
+    opened
+        Files read so far, the including one first; the path is appended.
+
+    Raises
+    ------
+    MeshError
+        It cannot be read, is no regular file, or more than `MOST_FILES` are included.
+    """
+    opened.append(path)
+    if len(opened) > MOST_FILES:
+        raise MeshError(
+            f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}: does one "
+            "include itself?"
+        )
+    with named(MeshError, str(path)):
+        require_file(path)
+        return path.read_text(encoding="utf-8", errors="replace")
 
 
 @dataclass(frozen=True)
