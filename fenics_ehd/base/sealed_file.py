@@ -334,9 +334,9 @@ _PACKING = (1, 4, 5, 6, 32000)
 
 
 def require_stored(item: h5py.Dataset) -> None:
-    """Refuse a dataset that claims more bytes than those stored for it can stand for.
+    """Refuse a dataset whose shape has more bytes than those stored for it can hold, unpacked.
 
-    What was never written takes no room in a file, whatever its shape.
+    Data that were never written take no room in a file, at any shape.
 
     Raises
     ------

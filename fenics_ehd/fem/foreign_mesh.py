@@ -155,10 +155,10 @@ class ForeignMesh:
     @cached_property
     def counts(self) -> dict[str, int]:
         """Number of cells by meshio's names."""
-        found: dict[str, int] = {}
+        numbers: dict[str, int] = {}
         for name, cells in self.blocks:
-            found[name] = found.get(name, 0) + len(cells)
-        return found
+            numbers[name] = numbers.get(name, 0) + len(cells)
+        return numbers
 
     def left_out(self) -> str:
         """What is not part of the solid, in words; empty if nothing."""
@@ -242,9 +242,9 @@ def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
     """
     solids = {name: n for name, n in counts.items() if name.startswith(_SOLID) and n}
     if len(solids) != 1 or not set(solids) <= set(CELLS):
-        there = ", ".join(f"{n} {name}" for name, n in solids.items()) or others
+        contents = ", ".join(f"{n} {name}" for name, n in solids.items()) or others
         raise MeshError(
-            f"{path} has {there or 'no cells'}: it needs one kind of solid cells, of "
+            f"{path} has {contents or 'no cells'}: it needs one kind of solid cells, of "
             f"{', '.join(CELLS)}"
         )
     return next(iter(solids))
@@ -272,14 +272,16 @@ def part_material(
         See `FileMaterial.in_si`.
     """
     lines, values = [], dict(given)
-    for own in found[:1]:
-        label = f"{path}: material {own.name} has"
+    for material in found[:1]:
+        label = f"{path}: material {material.name} has"
         for name, setting in attrs.fields_dict(Material).items():
             if name in given:
-                if name in own.values:
-                    lines.append(f"{label} {name} {own.values[name]:g}, {given[name]:g} is given")
-            elif name in own.values or name in own.problems:
-                values[name] = own.in_si(name, unit, path)
+                if name in material.values:
+                    lines.append(
+                        f"{label} {name} {material.values[name]:g}, {given[name]:g} is given"
+                    )
+            elif name in material.values or name in material.problems:
+                values[name] = material.in_si(name, unit, path)
             else:
                 lines.append(f"{label} no {name}: {setting.default:g} is taken")
     return Material(**values), lines
