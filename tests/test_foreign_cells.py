@@ -318,6 +318,14 @@ def test_material_of_bulk_data(more, density, tmp_path):
     assert own.values == pytest.approx(expected, rel=1e-6)
 
 
+def test_mass_factor_that_is_no_number(tmp_path):
+    points, cells = corners_of_ring("hex")
+    text = bulk_of(1e3 * points, [("hexahedron", cells)], "PARAM,WTMASS,abc")
+    (tmp_path / "ring.bdf").write_text(text)
+    with pytest.raises(ehd.errors.MeshError, match=r"ring.bdf: PARAM WTMASS: 'abc' is no number"):
+        read_part(tmp_path / "ring.bdf", "mm")
+
+
 def test_several_materials_of_bulk_data(tmp_path):
     points, cells = corners_of_ring("hex")
     text = bulk_of(

@@ -11,7 +11,8 @@ from scene_cases import ROD_OF_A_FILE, write_scene
 from test_run_folder import contents
 
 import fenics_ehd as ehd
-from fenics_ehd.base.files import HEADER, claim, listed, made_by
+from fenics_ehd.base.files import HEADER, claim, listed, made_by, require_output
+from fenics_ehd.reduction.body import BODY_KIND, EXPORT_KIND
 
 SHORT = ROD_OF_A_FILE | {"time.revolutions": 0.002, "time.tolerance": 1e-3}
 
@@ -180,6 +181,29 @@ def test_an_output_replaces_no_file_of_another_kind(writer, other, workplace, ca
     assert "Traceback" not in errors
     assert output == ""
     assert contents(workplace) == before
+
+
+def damaged(content, position):
+    """Content with one byte changed."""
+    return content[:position] + bytes([content[position] ^ 0xFF]) + content[position + 1 :]
+
+
+def test_files_that_are_damaged_are_of_no_kind(workplace):
+    """Neither HDF5 nor zlib reads what changed: the former may crash, the latter raises its own."""
+    body = (workplace / "rod.h5").read_bytes()
+    (workplace / "rod.h5").write_bytes(damaged(body, len(body) // 2))
+    with pytest.raises(
+        ehd.errors.InputError, match=r"rod\.h5: the file there is not a reduced body"
+    ):
+        require_output(workplace / "rod.h5", BODY_KIND)
+    export = workplace / "rod.npz"
+    np.savez_compressed(export, format=np.array("fenics_ehd reduced body, exported"))
+    require_output(export, EXPORT_KIND)
+    begin = export.read_bytes().index(b"format.npy") + len(b"format.npy")
+    # Behind the extra field of zip64, the first block's kind: all ones are of none.
+    export.write_bytes(damaged(export.read_bytes(), begin + 20))
+    with pytest.raises(ehd.errors.InputError, match="not an exported reduced body"):
+        require_output(export, EXPORT_KIND)
 
 
 @pytest.mark.parametrize("link", [None, os.symlink, os.link])

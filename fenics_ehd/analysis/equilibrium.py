@@ -163,8 +163,9 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
         warnings.warn(line, stacklevel=2)
     system = System(mechanism)
     z, rates = assemble(system)
-    for reason in _variations(system, z, rates):
-        raise SettingsError(f"no equilibrium: {reason}")
+    variation = next(_variations(system, z, rates), "")
+    if variation:
+        raise SettingsError(f"no equilibrium: {variation}")
     try:
         return replace(balanced(system, tolerance), notices=notices)
     except SolverError as error:
@@ -175,7 +176,7 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
 
 
 def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
-    """The state of a mechanism in balance with its loads at time zero, whatever varies later.
+    """State of a mechanism in balance with its loads at time zero; later ones are not looked at.
 
     Parameters
     ----------
@@ -250,7 +251,7 @@ def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[st
 #: Times at which a function of the time that is no table is compared with its value at zero [s].
 SAMPLES = (1e-4, 0.0137, 0.711, 29.3)
 
-#: Most rows of a table that are looked at; change of a load beside its size that is none.
+#: Most rows of a table that are compared; relative change of a load that is rounding.
 MOST_ROWS, UNCHANGED = 200, 1e-9
 
 

@@ -473,17 +473,19 @@ class Estimator:
         try:
             again = self._follow(self._long, stride=self._stride)
         except FAILURES as error:
-            notes, ways = dict.fromkeys(ways, _one_line(error)), {}
+            notes = dict.fromkeys(ways, _one_line(error))
+            ways = {}
         left_out: dict[str, float] = {}
-        of_all = self._left_out
+        common = self._left_out
         for name, change in ways.items():
-            self._left_out = of_all
+            self._left_out = common
             try:
                 changes[name] = change(again)
             except FAILURES as error:
                 notes[name] = _one_line(error)
-            else:
-                left_out |= {name: self._left_out} if self._left_out else {}
+                continue
+            if self._left_out:
+                left_out[name] = self._left_out
         joints = {
             place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
         }
@@ -587,7 +589,7 @@ class Estimator:
             noise = max(cycles.periodicity, CYCLE_NOISE * self._run.control.tolerance)
             if not max(cycles.moved, cycles.left) <= noise:
                 return NOT_ESTIMATED, NOT_ESTIMATED
-            # What changes is noise: its ratio says nothing of how a cycle forgets its start.
+            # The changes are noise: their ratio is not the rate at which a cycle forgets its start.
             contraction = SLOWEST
         left = cycles.left / (1.0 - contraction)
         now, then = (found[joint][quantity][0] for found in (solved.extremes, solved.former))

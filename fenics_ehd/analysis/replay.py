@@ -389,7 +389,9 @@ class Replay(Run):
         for place, observed in zip(self._system.films, changes, strict=False):
             gap = observed[:, : len(place.film.thickness)]
             self._changes.append((gap, np.gradient(gap, course.times, axis=0)))
-        self.iterations, self._forgiving, self.left_out = 0, forgiving, 0.0
+        self.iterations = 0
+        self.left_out = 0.0
+        self._forgiving = forgiving
 
     def until(self, end: float) -> Iterator[MechanismStep]:
         """All steps of the course, from the state it is in; `end` [s] is where they lead to.
@@ -425,7 +427,9 @@ class Replay(Run):
 
     def _in_parts(self, row: int, time: float) -> Iterator[MechanismStep]:
         """Steps to a row of the course in two parts or more, as far as there are solutions."""
-        began, reached, part = self.state.time, 0.0, 0.5
+        began = self.state.time
+        reached = 0.0
+        part = 0.5
         while reached < 1.0 and part >= LEAST_PART:
             share = reached + part
             step = self._step(row, began + share * (time - began), share)
@@ -441,7 +445,8 @@ class Replay(Run):
             return
         self.left_out += time - self.state.time
         course, base = self._course, self._course.base
-        x, gaps = course.x[row], base.norm.film_gaps(base.norm.observe(course.x[row]))
+        x = course.x[row]
+        gaps = base.norm.film_gaps(base.norm.observe(x))
         volumes = []
         for film, gap in zip(base.equations.films, gaps, strict=True):
             filled = course.joints[film.place.name].film.fluid_fraction
@@ -562,7 +567,7 @@ class _Guess:
         """Expect no difference from the course."""
         self._last = np.zeros_like(self._last[0]), np.zeros_like(self._last[1])
 
-    def _own(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
+    def _course_at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates with patterns, and values, of the course itself."""
         start = self._course.start.x[0][: self._course.x.shape[1]]
         x = _along(self._course.x, row, share, start)
@@ -570,17 +575,17 @@ class _Guess:
 
     def at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates with patterns, and values, at a share of the way to a row."""
-        x, more = self._last
-        own, values = self._own(row, share)
-        found = values + more
+        difference, more = self._last
+        x, values = self._course_at(row, share)
+        guess = values + more
         # Where the course cavitates there is no pressure, whatever differed there a step ago.
-        found[self._pressures] *= values[self._pressures] > 0.0
-        found[self._voids] = np.clip(found[self._voids], 0.0, 1.0)
-        return own + x, found
+        guess[self._pressures] *= values[self._pressures] > 0.0
+        guess[self._voids] = np.clip(guess[self._voids], 0.0, 1.0)
+        return x + difference, guess
 
     def learn(self, row: int, share: float, step: Step[CoupledState], solver: SolverState) -> None:
         """Take the solution at a share of the way to a row."""
-        x, values = self._own(row, share)
+        x, values = self._course_at(row, share)
         self._last = step.x[: len(x)] - x, solver.values[0] - values
         self.patterns = solver.patterns
 

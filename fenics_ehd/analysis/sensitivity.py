@@ -190,16 +190,17 @@ class Figure:
             It is no finite number.
         """
         values = course.joints[self.joint].columns[self.column]
-        times, found = course.times - course.began, np.nan
+        times = course.times - course.began
+        figure = np.nan
         if self.kind == "mean":
-            found = smooth_mean(times, values, course.period)
+            figure = smooth_mean(times, values, course.period)
         elif np.isfinite(values).all():
-            found = smooth_extreme(times, values, course.period, KINDS[self.kind])
-        if not np.isfinite(found):
+            figure = smooth_extreme(times, values, course.period, KINDS[self.kind])
+        if not np.isfinite(figure):
             raise VerificationError(
                 f"{self.joint}.{self.name} is no finite number in this run: ask for another figure"
             )
-        return found
+        return figure
 
 
 @dataclass(frozen=True, eq=False)

@@ -332,8 +332,10 @@ def quiet_compiler() -> Iterator[None]:
     Setuptools, which compiles, gives the root logger a handler and a level, and has it print what
     Python warns of.
     """
-    root, shown, disabled = logging.getLogger(), warnings.showwarning, logging.root.manager.disable
+    root = logging.getLogger()
     handlers, level = list(root.handlers), root.level
+    disabled = root.manager.disable
+    shown = warnings.showwarning
     logging.disable(max(disabled, logging.INFO))
     try:
         yield

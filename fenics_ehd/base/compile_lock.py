@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO
 
 from fenics_ehd.base.errors import CompilationError
+from fenics_ehd.base.printed import escaped
 
 #: Seconds of waiting after which a line names the process that compiles.
 NOTICE = 10.0
@@ -111,11 +112,11 @@ def _taken(lock: IO[str]) -> bool:
 
 def _sign(lock: IO[str]) -> None:
     """Write down which process has locked the file, and since when: no two compilations alike."""
-    text = f"process {os.getpid()} on {platform.node()} since {time.strftime('%X')}: "
-    text += " ".join(sys.argv)
+    holder = f"process {os.getpid()} on {platform.node()} since {time.strftime('%X')}"
+    words = f"{holder}: {' '.join(sys.argv)}".split()
     with suppress(OSError):  # a full disk: nameless
         lock.truncate(0)
-        lock.write("".join(c if c.isprintable() else "?" for c in text[:LONGEST]))
+        lock.write(escaped(" ".join(words))[:LONGEST])
         lock.flush()
 
 

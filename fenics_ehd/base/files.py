@@ -214,7 +214,7 @@ def locked(directory: Path) -> ExitStack:
 COMMAND = "command"
 KEYS = (COMMAND,)
 
-#: Outcome of one run of many, beside the files of that run.
+#: Outcome of one run of many, in the folder of that run.
 OUTCOME = "outcome.json"
 
 #: Commands by what they list in their folders: those of version 0.3 have no entry.
@@ -241,9 +241,10 @@ def made_by(directory: Path) -> str:
     InputError
         The manifest cannot be used.
     """
-    entry, names = _entries(directory).get(COMMAND), listed(directory)
-    if entry is not None:
-        return entry
+    entries = _entries(directory)
+    if COMMAND in entries:
+        return entries[COMMAND]
+    names = listed(directory)
     if OUTCOME in names:
         return made_by(directory.absolute().parent.parent) or "sweep"
     for name, command in SIGNATURES.items():
@@ -346,7 +347,7 @@ def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
     directory, names
         The folder, and names there.
     command
-        That makes the folder, or made it; empty: the folder is that of whoever made it.
+        That makes the folder, or made it; empty: that of its entry stays.
 
     Raises
     ------
@@ -358,30 +359,47 @@ def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
     """
     if command:
         require_made_by(directory, command)
-    mine, wanted = set(listed(directory)), tuple(names)
+    listed_before, wanted = set(listed(directory)), tuple(names)
     for name in wanted:
-        for path in (directory / name, *([] if name[-1] == "/" else [_part(directory / name)])):
-            if os.path.lexists(path) and not (name in mine or _empty(path)):
-                raise InputError(
-                    f"{path}: not of a former run ({MANIFEST} does not list it): move it away, or "
-                    "choose another folder"
-                )
-            mode = path.lstat().st_mode if os.path.lexists(path) else 0
-            if mode and not (stat.S_ISDIR if name[-1] == "/" else stat.S_ISREG)(mode):
-                raise InputError(f"{path}: a link or device in place of what a run made there")
-    manifest, new = directory / MANIFEST, [name for name in wanted if name not in mine]
+        _require_claimable(directory, name, name in listed_before)
+    lines = [name for name in wanted if name not in listed_before]
     if command and COMMAND not in _entries(directory):
-        new.insert(0, f"{COMMAND}: {command}")
-    with naming(manifest):
+        lines.insert(0, f"{COMMAND}: {command}")
+    with naming(directory / MANIFEST):
         directory.mkdir(parents=True, exist_ok=True)
-        for name in mine.intersection(wanted):  # left by a process that was killed
+        for name in listed_before.intersection(wanted):  # left by a process that was killed
             _part(directory / name).unlink(missing_ok=True)
-        if new:
-            with open(manifest, "a", opener=_no_link, encoding="utf-8") as file:
-                # The last line there may not have been ended.
-                file.write("\n".join(["" if file.tell() else HEADER, *new, ""]))
-            sync_path(manifest)
-            sync_path(directory)
+        if lines:
+            _append(directory / MANIFEST, lines)
+
+
+def _require_claimable(directory: Path, name: str, in_manifest: bool) -> None:
+    """Refuse a name under which something lies that no run made.
+
+    Raises
+    ------
+    InputError
+        It is not in the manifest, or is a link or a device.
+    """
+    folder = name[-1] == "/"
+    path = directory / name
+    for existing in filter(os.path.lexists, (path,) if folder else (path, _part(path))):
+        if not (in_manifest or _empty(existing)):
+            raise InputError(
+                f"{existing}: not of a former run ({MANIFEST} does not list it): move it away, or "
+                "choose another folder"
+            )
+        if not (stat.S_ISDIR if folder else stat.S_ISREG)(existing.lstat().st_mode):
+            raise InputError(f"{existing}: a link or device in place of what a run made there")
+
+
+def _append(manifest: Path, lines: Iterable[str]) -> None:
+    """Append lines to a manifest, on the disk before what they name is made."""
+    with open(manifest, "a", opener=_no_link, encoding="utf-8") as file:
+        # The last line there may not have been ended.
+        file.write("\n".join(["" if file.tell() else HEADER, *lines, ""]))
+    sync_path(manifest)
+    sync_path(manifest.parent)
 
 
 def clear(directory: Path, names: Collection[str] | None = None) -> None:
@@ -575,7 +593,7 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
     inputs
         Files that the command reads.
     names
-        That it writes there, beside those that the folder's manifest lists.
+        That it writes there, in addition to those that the folder's manifest lists.
 
     Raises
     ------
@@ -678,7 +696,7 @@ def _is_film(path: Path) -> bool:
     """True of a file that `keeping_failed_film` wrote."""
     import h5py
 
-    with suppress(OSError), h5py.File(path, "r") as file:
+    with suppress(OSError, RuntimeError), h5py.File(path, "r") as file:
         return {"gap", "pressure"} <= set(file)
     return False
 

@@ -56,7 +56,7 @@ class Value:
     least
         Smallest number allowed.
     empty
-        Whether an array of as many axes without an entry stands for an unknown one.
+        Whether an array of as many axes, one of them of size 0, means that it is unknown.
     attribute
         Whether it is an attribute of its group, not a dataset.
     """
@@ -348,13 +348,13 @@ class Stateful:
     @state.setter
     def state(self, state: dict[str, Any]) -> None:
         for name in self.carried:
-            there = getattr(self, name)
+            part = getattr(self, name)
             value: Any = state.get(name)
-            if isinstance(there, Stateful):
-                there.state = value
-            elif isinstance(there, dict) and any(isinstance(x, Stateful) for x in there.values()):
-                for key, own in there.items():
-                    own.state = value[key]
+            if isinstance(part, Stateful):
+                part.state = value
+            elif isinstance(part, dict) and any(isinstance(x, Stateful) for x in part.values()):
+                for key, entry in part.items():
+                    entry.state = value[key]
             else:
                 setattr(self, name, dict(value) if isinstance(value, dict) else value)
         self._resume()
@@ -364,6 +364,7 @@ class Stateful:
 
 
 def _state_of(value: Any) -> Any:
+    """Copy of a value for a state, with the states of all that is stateful in it."""
     if isinstance(value, dict):
-        return {name: _state_of(own) for name, own in value.items()}
+        return {name: _state_of(entry) for name, entry in value.items()}
     return value.state if isinstance(value, Stateful) else value

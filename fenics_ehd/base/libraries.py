@@ -48,7 +48,7 @@ def version_of(name: str) -> str:
     try:
         import_module(STARTS.get(name, name))
         return str(getattr(import_module(name), "__version__", "unknown"))
-    except Exception:  # whatever a broken library raises
+    except Exception:  # a broken library may raise anything
         return "broken"
 
 
@@ -58,7 +58,7 @@ def library_fault() -> str:
         try:
             with redirect_stderr(io.StringIO()):  # NumPy 2 prints a page there
                 _tried(import_module(name))
-        except Exception as error:  # whatever a broken library raises
+        except Exception as error:  # a broken library may raise anything
             return _described(name, error)
     return ""
 

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 from fenics_ehd.base.errors import SettingsError
 
-#: Values of text that stand for nothing given, and absolute zero, for a temperature not given [C].
+#: Values of a text and of a temperature [C] that are not given: the latter is absolute zero.
 NONE = "none"
 NO_TEMPERATURE = -273.15
 
 
 def is_given(value: Any) -> bool:
-    """True of a value that is neither zero, false, empty nor one that stands for none."""
+    """True of a value that is not zero, false, empty, `NONE` or `NO_TEMPERATURE`."""
     if isinstance(value, (list, tuple)):
         return any(map(is_given, value))
     return bool(value) and value not in (NONE, NO_TEMPERATURE)
@@ -31,7 +31,7 @@ class Setting(NamedTuple):
     value: Any
 
 
-#: The setting that a key stands for where it is needed; None: there is no such key.
+#: Function that returns the setting of a key, None if there is no such key.
 LookUp = Callable[[str], Setting | None]
 
 
@@ -52,8 +52,8 @@ class Needs:
     words
         Behind "without" or "with" in messages, where keys are properties of several settings.
     notice
-        Whether the setting is named in a notice and not refused: shipped scenes list it, and the
-        other setting is a switch of theirs.
+        Whether the setting is named in a notice and not refused: shipped scenes list it together
+        with the switch that leaves it without effect.
     """
 
     keys: tuple[str, ...]
@@ -63,7 +63,7 @@ class Needs:
     notice: bool = False
 
     def failure(self, look_up: LookUp) -> str:
-        """What is missing, or in the way, in words; empty if the condition holds."""
+        """Why the setting has no effect, "without ..." or "with ..."; empty if it has one."""
         known = [setting for setting in map(look_up, self.keys) if setting is not None]
         met = [setting for setting in known if self._holds(setting.value)]
         if self.absent and met:

@@ -117,7 +117,7 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-#: A folder that exists without a disk, and into which nobody can put a file.
+#: A folder that exists without a disk, and in which no user can create a file.
 NEUTRAL = "/proc"
 
 
@@ -152,7 +152,7 @@ pathlib.Path(sys.argv[1]).write_bytes(pickle.dumps(answer))
 def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
     """Result of a module's function, called in another Python; what it prints goes nowhere.
 
-    The other process is no rank, whatever this one is.
+    The other process is no rank, even if this one is.
 
     Parameters
     ----------

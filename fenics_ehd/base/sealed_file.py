@@ -196,14 +196,21 @@ def _sealed(path: str | Path) -> bool:
     return True
 
 
+#: What reading a file may raise that is damaged, of another kind, or out of reach.
+UNREADABLE = (
+    OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
+)  # fmt: skip
+
+
 def stored_as(words: str, kind: str) -> Kind:
-    """Kind of the output files of a format, of any version, sealed or not."""
+    """Kind of the output files of a format, of any version; a broken seal makes a file of none."""
 
     def holds(path: Path) -> bool:
         try:
+            _sealed(path)  # HDF5 may crash on a file that changed
             with open_hdf5(path) as file:
                 label = file.attrs.get("format")
-        except (OSError, ValueError, RuntimeError):
+        except UNREADABLE:
             return False
         return isinstance(label, str) and label == kind
 
@@ -217,9 +224,7 @@ def named(error: type[InputError], label: str) -> Iterator[None]:
         yield
     except FileNotFoundError:
         raise error(f"{label}: no such file") from None
-    except (
-        OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
-    ) as cause:  # fmt: skip
+    except UNREADABLE as cause:
         reason = next(iter(str(cause).splitlines()), type(cause).__name__)
         raise error(f"{label}: {reason.strip(chr(34))}") from cause
 
@@ -329,9 +334,9 @@ _PACKING = (1, 4, 5, 6, 32000)
 
 
 def require_stored(item: h5py.Dataset) -> None:
-    """Refuse a dataset that claims more bytes than those stored for it can stand for.
+    """Refuse a dataset whose shape has more bytes than those stored for it can hold, unpacked.
 
-    What was never written takes no room in a file, whatever its shape.
+    Data that were never written take no room in a file, at any shape.
 
     Raises
     ------

@@ -113,7 +113,7 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
         for why, keys in _by_value(summary.get("error_budget_notes", {}))
     ]
     return lines + [
-        f"  {keys}: without {share(part)} of the time, at which no step was found beside the run's"
+        f"  {keys}: without {share(part)} of the time, at which no step was found near the run's"
         for part, keys in _by_value(summary.get("error_budget_left_out", {}))
     ]
 

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.sealed_file import named, require_file
-from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
 #: Solid cells: names in meshio by numbers of nodes.
 _SOLID = {
@@ -27,7 +26,7 @@ _SOLID = {
     "CPYRA": {5: "pyramid", 13: "pyramid13"},
 }
 
-#: Places of Nastran's nodes in VTK's order: middles of upright edges come before those on top.
+#: Nastran's nodes in VTK's order: middles of upright edges come before those on top.
 _ORDERS = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)]}
 
 #: Beginnings of cards that are no element though they begin as one does.
@@ -38,9 +37,6 @@ _JOINING = ("RBE", "RBAR", "RROD", "RJOINT", "MPC", "SPC", "PLOTEL", "SUPORT")
 
 #: Cards that make up properties of solids with other materials than one isotropic one.
 _LAYERED = ("PCOMPS", "PCOMPLS", "PLSOLID")
-
-#: Most files that one includes, each as often as it is included.
-MOST_FILES = 100
 
 #: A card: its name and its fields.
 Card = tuple[str, list[str]]
@@ -59,18 +55,13 @@ def read_bulk_data(path: Path) -> ForeignMesh:
         cards.setdefault(name, []).append(fields)
     numbers, points = _nodes(cards, path)
     blocks, properties = _cells(cards, numbers, path)
-    return ForeignMesh(points, blocks, _others(cards), _materials(cards, properties))
+    materials = _materials(cards, properties, _mass_factor(cards, path))
+    return ForeignMesh(points, blocks, _others(cards), materials)
 
 
 def _text(path: Path, opened: list[Path]) -> str:
     """A file with those that it includes, without comments."""
-    opened.append(path)
-    if len(opened) > MOST_FILES:
-        raise MeshError(f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}")
-    with named(MeshError, str(path)):
-        require_file(path)
-        text = path.read_text(encoding="utf-8", errors="replace")
-    text = re.sub(r"\$.*", "", text)
+    text = re.sub(r"\$.*", "", included_text(path, opened))
     pattern = re.compile(r"^\s*INCLUDE\s+(?:'([^']+)'|\"([^\"]+)\"|(\S+))", re.I | re.M)
 
     def included(line: re.Match[str]) -> str:
@@ -151,14 +142,14 @@ def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray
     standard = [fields[1] for fields in cards.get("GRDSET", [])]
     listed = {}
     for fields in cards.get("GRID", []):
-        number, system, *place = [*fields, *[""] * 5][:5]
+        number, system, *coordinates = [*fields, *[""] * 5][:5]
         if (system or "".join(standard) or "0").strip("0"):
             raise MeshError(
                 f"{path}: GRID {number} lies in another coordinate system than the basic one: "
                 "write x, y, z of nodes"
             )
         try:
-            listed[_whole(number)] = [_number(text) for text in place]
+            listed[_whole(number)] = [_number(text) for text in coordinates]
         except ValueError as error:
             raise MeshError(f"{path}: GRID {number}: {error}") from None
     numbers = np.array(sorted(listed), dtype=np.int64)
@@ -170,9 +161,9 @@ def _cells(
     cards: Mapping[str, list[list[str]]], numbers: np.ndarray, path: Path
 ) -> tuple[list[tuple[str, np.ndarray]], set[str]]:
     """Blocks of solid cells, and the numbers of their properties."""
-    found: dict[str, list[list[int]]] = {}
+    rows: dict[str, list[list[int]]] = {}
     properties = set()
-    row = {number: place for place, number in enumerate(numbers.tolist())}
+    row = {number: index for index, number in enumerate(numbers.tolist())}
     for name, kinds in _SOLID.items():
         for fields in cards.get(name, []):
             label = f"{path}: {name} {fields[0]}"
@@ -184,39 +175,40 @@ def _cells(
                     f"{label} has {len(nodes)} nodes, it must have {wanted}: none may be left out"
                 )
             try:
-                found.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
+                rows.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
             except ValueError as error:
                 raise MeshError(f"{label}: {error}") from None
             except KeyError as error:
                 raise MeshError(f"{label}: node {error} is not among the GRIDs") from None
-    blocks = [(name, np.array(cells, dtype=np.int64)) for name, cells in found.items()]
+    blocks = [(name, np.array(cells, dtype=np.int64)) for name, cells in rows.items()]
     return [(n, cells[:, _ORDERS[n]] if n in _ORDERS else cells) for n, cells in blocks], properties
 
 
 def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
     """Number of elements that are not solid, and of cards that join nodes."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for name, rows in cards.items():
         element = name.startswith("C") and not name.startswith(_NO_ELEMENT)
         if (element and name not in _SOLID) or name.startswith(_JOINING):
-            found[name] += len(rows)
-    return dict(found)
+            counts[name] += len(rows)
+    return dict(counts)
 
 
-def _materials(cards: Mapping[str, list[list[str]]], properties: set[str]) -> list[FileMaterial]:
-    """Materials of the solid cells' properties."""
+def _materials(
+    cards: Mapping[str, list[list[str]]], properties: set[str], factor: float
+) -> list[FileMaterial]:
+    """Materials of the solid cells' properties, their densities multiplied by a factor."""
     layered = {fields[0]: name for name in _LAYERED for fields in cards.get(name, [])}
-    found = {
+    materials = {
         number: FileMaterial(f"of {layered[number]} {number}", {}, _problem(layered[number]))
         for number in sorted(properties & set(layered))
     }
     isotropic = {fields[0]: fields for fields in cards.get("MAT1", [])}
-    factor = _mass_factor(cards)
     for fields in cards.get("PSOLID", []):
         if fields[0] in properties:
             number = fields[1]
-            found[number] = _material(number, isotropic.get(number), factor)
-    return list(found.values())
+            materials[number] = _material(number, isotropic.get(number), factor)
+    return list(materials.values())
 
 
 def _problem(text: str) -> dict[str, str]:
@@ -224,12 +216,19 @@ def _problem(text: str) -> dict[str, str]:
     return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
 
 
-def _mass_factor(cards: Mapping[str, list[list[str]]]) -> float:
-    """Factor of all densities, ``PARAM,WTMASS``."""
-    for name, value, *_ in cards.get("PARAM", []):
-        if name.upper() == "WTMASS":
-            return _number(value)
-    return 1.0
+def _mass_factor(cards: Mapping[str, list[list[str]]], path: Path) -> float:
+    """Factor of all densities, ``PARAM,WTMASS``.
+
+    Raises
+    ------
+    MeshError
+        It is no number.
+    """
+    values = [value for name, value, *_ in cards.get("PARAM", []) if name.upper() == "WTMASS"]
+    try:
+        return _number(values[0]) if values else 1.0
+    except ValueError as error:
+        raise MeshError(f"{path}: PARAM WTMASS: {error}") from None
 
 
 def _material(number: str, fields: Sequence[str] | None, factor: float) -> FileMaterial:
@@ -238,19 +237,19 @@ def _material(number: str, fields: Sequence[str] | None, factor: float) -> FileM
     if fields is None:
         return FileMaterial(number, {}, _problem("no MAT1"))
     try:
-        given = dict(zip("EGNR", [_number(text) for text in fields[1:5]], strict=True))
+        numbers = dict(zip("EGNR", [_number(text) for text in fields[1:5]], strict=True))
     except ValueError as error:
         return FileMaterial(name, {}, _problem(str(error)))
-    there = {letter for letter, text in zip("EGNR", fields[1:5], strict=True) if text}
+    written = {letter for letter, text in zip("EGNR", fields[1:5], strict=True) if text}
     values = {}
-    if "E" in there:
-        values["youngs_modulus"] = given["E"]
-    elif {"G", "N"} <= there:
-        values["youngs_modulus"] = 2 * given["G"] * (1 + given["N"])
-    if "N" in there:
-        values["poissons_ratio"] = given["N"]
-    elif {"E", "G"} <= there and given["G"]:
-        values["poissons_ratio"] = given["E"] / (2 * given["G"]) - 1
-    if "R" in there:
-        values["density"] = given["R"] * factor
+    if "E" in written:
+        values["youngs_modulus"] = numbers["E"]
+    elif {"G", "N"} <= written:
+        values["youngs_modulus"] = 2 * numbers["G"] * (1 + numbers["N"])
+    if "N" in written:
+        values["poissons_ratio"] = numbers["N"]
+    elif {"E", "G"} <= written and numbers["G"]:
+        values["poissons_ratio"] = numbers["E"] / (2 * numbers["G"]) - 1
+    if "R" in written:
+        values["density"] = numbers["R"] * factor
     return FileMaterial(name, values)

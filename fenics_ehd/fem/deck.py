@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.sealed_file import named, require_file
-from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh
+from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
 #: Names in meshio of C3D elements by their numbers of nodes. Their order is VTK's.
 _NAMES = {
@@ -42,9 +41,6 @@ _JOINING = {
     *("DISTRIBUTINGCOUPLING", "RIGIDBODY", "EMBEDDEDELEMENT", "NONSTRUCTURALMASS"),
     *("PRE-TENSIONSECTION", "SHELLTOSOLIDCOUPLING"),
 }
-
-#: Most files that a deck includes, each as often as it is included.
-MOST_FILES = 100
 
 
 @dataclass(eq=False)
@@ -117,8 +113,9 @@ def read_deck(path: Path) -> ForeignMesh:
             "with as many of these nodes as they have"
         ) from None
     blocks = [(_cell(section), cells) for section, cells in zip(scope.solids, nodes, strict=True)]
-    own = [table[:, 0] for table in elements]
-    return ForeignMesh(points, blocks, _others(scopes), _materials(scopes, scope, own))
+    element_numbers = [table[:, 0] for table in elements]
+    materials = _materials(scopes, scope, element_numbers)
+    return ForeignMesh(points, blocks, _others(scopes), materials)
 
 
 def _scopes(path: Path) -> list[_Scope]:
@@ -197,26 +194,26 @@ def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 def _cell(section: _Section) -> str:
     """Name in meshio of a section's cells; with their type, if no part can be made of these."""
     type_name = section.options["TYPE"]
-    found = _SOLID.fullmatch(type_name)
-    assert found is not None
-    name = _NAMES.get(int(found[1]), "polyhedron")
+    family = _SOLID.fullmatch(type_name)
+    assert family is not None
+    name = _NAMES.get(int(family[1]), "polyhedron")
     return name if type_name.startswith("C3D") else f"{name} {type_name}"
 
 
 def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
     """Number of elements that are not solid, of sets, and of what joins or holds nodes."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for section in (section for scope in scopes for section in scope.sections):
         if section.keyword == "ELEMENT":
             type_name = section.options.get("TYPE", "elements")
             if not _SOLID.fullmatch(type_name):
                 ends = [row.rstrip().endswith(",") for row in section.rows]
-                found[type_name] += len(ends) - sum(ends[:-1])
+                counts[type_name] += len(ends) - sum(ends[:-1])
         elif section.keyword in ("NSET", "ELSET"):
-            found["sets"] += 1
+            counts["sets"] += 1
         elif section.keyword in _JOINING:
-            found[f"*{section.keyword}"] += 1
-    return dict(found)
+            counts[f"*{section.keyword}"] += 1
+    return dict(counts)
 
 
 def _materials(
@@ -239,7 +236,8 @@ def _materials(
 
 def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
     """True of a set with a solid element in it, or that is nowhere to be found."""
-    pending, seen = [name], set()
+    pending = [name]
+    seen: set[str] = set()
     while pending:
         seen.add(name := pending.pop())
         for section in scope.of("ELEMENT"):
@@ -247,7 +245,7 @@ def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
                 return True
         for section in scope.of("ELSET"):
             if section.options.get("ELSET") == name:
-                if any(_lists(section, own) for own in elements):
+                if any(_lists(section, numbers) for numbers in elements):
                     return True
                 pending += _words(section) - seen
     sets = {s.options.get("ELSET", "") for s in scope.sections if s.keyword in ("ELEMENT", "ELSET")}
@@ -274,15 +272,15 @@ def _lists(section: _Section, elements: np.ndarray) -> bool:
 
 def _all_materials(sections: Iterable[_Section]) -> dict[str, FileMaterial]:
     """Isotropic elastic materials by name."""
-    found: dict[str, dict[str, _Section]] = {}
+    sections_of: dict[str, dict[str, _Section]] = {}
     name = None
     for section in sections:
         if section.keyword == "MATERIAL":
             name = section.options.get("NAME", "")
-            found[name] = {}
+            sections_of[name] = {}
         elif section.keyword in _QUANTITIES and name is not None:
-            found[name][section.keyword] = section
-    return {name: _material(name, parts) for name, parts in found.items()}
+            sections_of[name][section.keyword] = section
+    return {name: _material(name, parts) for name, parts in sections_of.items()}
 
 
 #: Keywords of a material, and the names of their first numbers in `Material`.
@@ -311,26 +309,18 @@ def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
 
 def _numbers(row: str) -> list[float]:
     """Numbers of a row up to the first that is none."""
-    found = []
+    numbers = []
     for text in row.split(","):
         try:
-            found.append(float(text))
+            numbers.append(float(text))
         except ValueError:
             break
-    return found
+    return numbers
 
 
 def _text(path: Path, opened: list[Path]) -> str:
     """A deck with those that it includes; keywords with their options in one line, no comments."""
-    opened.append(path)
-    if len(opened) > MOST_FILES:
-        raise MeshError(
-            f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}: does one "
-            "include itself?"
-        )
-    with named(MeshError, str(path)):
-        require_file(path)
-        text = path.read_text(encoding="utf-8", errors="replace")
+    text = included_text(path, opened)
 
     def included(name: str) -> str:
         return _text(path.parent / name.strip().strip('"'), opened)

@@ -16,7 +16,14 @@ import numpy as np
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.fem.drawing_unit import unit_ratio
-from fenics_ehd.fem.faces import SHAPE_TOLERANCE, Cylinder, Face, in_order, same_cylinder
+from fenics_ehd.fem.faces import (
+    SHAPE_TOLERANCE,
+    Cylinder,
+    Face,
+    axis_across,
+    in_order,
+    with_joined_cylinders,
+)
 from fenics_ehd.fem.gmsh_session import (
     TETRAHEDRON_10,
     TRIANGLE_6,
@@ -249,8 +256,10 @@ def _read(path: Path, scale: float, merge: bool) -> Drawing:
         shape = _text()
         if merge:
             shape = _merged(path, shape) or shape
-        extent, faces = _listed(path, shape, scale)
-    return Drawing(path, shape, scale, extent, in_order(_joined(faces)), notices)
+        extent, pieces = _listed(path, shape, scale)
+    # OpenCASCADE does not merge all pieces of a cylinder.
+    faces = in_order(with_joined_cylinders(pieces, _both))
+    return Drawing(path, shape, scale, extent, faces, notices)
 
 
 def _sew(path: Path) -> None:
@@ -288,12 +297,12 @@ def _encloses(area: float) -> bool:
 def _keep(volume: int) -> None:
     """Remove what is no part of a solid: lines of construction, loose surfaces, other solids."""
     parts = [(3, volume)]
-    kept = set(parts)
+    belonging = set(parts)
     for _ in range(3):
         parts = gmsh.model.getBoundary(parts, combined=False, oriented=False)
-        kept |= set(parts)
+        belonging |= set(parts)
     for dimension in (3, 2, 1, 0):
-        loose = [e for e in gmsh.model.occ.getEntities(dimension) if e not in kept]
+        loose = [e for e in gmsh.model.occ.getEntities(dimension) if e not in belonging]
         gmsh.model.occ.remove(loose)
     gmsh.model.occ.synchronize()
 
@@ -383,11 +392,9 @@ def _cylindrical(
 
     Points are ``x = c + r n + h a`` of an axis a across all normals n, r negative of a bore.
     """
-    axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
-    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    axis, across = axis_across(normals)
     if np.abs(normals @ axis).max() > ACROSS:
         return face
-    across = np.linalg.svd(axis[None, :])[2][1:]
     middle = points.mean(axis=0)
     plane, directions = (points - middle) @ across.T, normals @ across.T
     ones, zeros = np.ones(len(points)), np.zeros(len(points))
@@ -420,18 +427,6 @@ def _turn(rays: np.ndarray) -> float:
     grid = np.arctan2(rays[:, 1], rays[:, 0]).reshape(SAMPLES, SAMPLES)
     unwrapped = np.unwrap(np.unwrap(grid, axis=0), axis=1)
     return min(float(np.ptp(unwrapped)), 2 * np.pi)
-
-
-def _joined(faces: Sequence[DrawnFace]) -> list[DrawnFace]:
-    """Pieces of one cylinder side by side, which OpenCASCADE does not merge, in one."""
-    joined: list[DrawnFace] = []
-    for face in faces:
-        twin = next((i for i, other in enumerate(joined) if same_cylinder(face, other)), None)
-        if twin is None:
-            joined.append(face)
-        else:
-            joined[twin] = _both(joined[twin], face)
-    return joined
 
 
 def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
@@ -491,7 +486,7 @@ def _generate(scale: float, sizes: CellSizes) -> None:
     gmsh.model.mesh.setSizeCallback(size_at)
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
-    # Straight cells beside curved ones where a facet bulges through them.
+    # Straight cells next to curved ones are curved where a facet would bulge through them.
     gmsh.model.mesh.optimize("HighOrderFastCurving")
 
 

@@ -86,10 +86,11 @@ def _iges_unit(text: str) -> float | None:
 def _hollerith(text: str) -> list[str]:
     """Parameters of a section whose strings are counted, ``2HMM``, and may hold delimiters."""
     delimiters = ",;"
-    found = re.match(r"\s*1H(.)(.)\s*(?:1H(.))?", text)
-    if found is not None and found[1] != ",":
-        delimiters = found[1] + (found[3] or ";")
-    parameters, position = [], 0
+    delimited = re.match(r"\s*1H(.)(.)\s*(?:1H(.))?", text)
+    if delimited is not None and delimited[1] != ",":
+        delimiters = delimited[1] + (delimited[3] or ";")
+    parameters = []
+    position = 0
     token = re.compile(rf"\s*(?:(\d+)H|([^{re.escape(delimiters)}]*))")
     while position < len(text):
         match = token.match(text, position)

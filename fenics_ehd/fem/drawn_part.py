@@ -487,12 +487,12 @@ class PlacedPart:
         """Nodes, those in the middles of edges of cylindrical faces on the cylinders, (n, 3)."""
         points = self.solid.points.copy()
         for number, cylinder in self.cylinders.items():
-            own = placement(cylinder, None)
+            frame = placement(cylinder, None)
             facets = self.facets[self.numbers == number]
             corners = facet_corners(facets)
             # Of the frame in which the file is.
-            middles = rounded_middles(own(self.place.back(self.solid.points[corners])))
-            points[facets[:, corners.shape[1] :]] = self.place(own.back(middles))
+            middles = rounded_middles(frame(self.place.back(self.solid.points[corners])))
+            points[facets[:, corners.shape[1] :]] = self.place(frame.back(middles))
         return points
 
     def refined(self) -> PlacedPart:

@@ -6,7 +6,7 @@ Cylinders are fitted to the nodes by least squares of their distances; a circle 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -92,6 +92,19 @@ def rounded_middles(corners: np.ndarray) -> np.ndarray:
     return middle
 
 
+def axis_across(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axis to which normals, shape (k, 3), are perpendicular at best, and two vectors across it.
+
+    Returns
+    -------
+    axis, across
+        Unit vector whose largest component is positive, shape (3,); orthonormal ones, (2, 3).
+    """
+    axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    return axis, np.linalg.svd(axis[None, :])[2][1:]
+
+
 def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     """Cylinder through points by least squares, begun from the normals of the surface.
 
@@ -102,9 +115,7 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     normals
         Of facets there, in any number, shape (k, 3).
     """
-    axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
-    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
-    across = np.linalg.svd(axis[None, :])[2][1:]
+    axis, across = axis_across(normals)
     middle = points.mean(axis=0)
     size = np.linalg.norm(points - middle, axis=1).max()
     x = (points - middle) / size
@@ -192,7 +203,11 @@ def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> lis
     """
     labels = _smooth_pieces(solid, facets, sharp)
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
-    return in_order(_whole([_shaped(solid, facets, group) for group in groups], solid, facets))
+
+    def both(one: Face, other: Face) -> Face:
+        return _shaped(solid, facets, np.concatenate([one.facets, other.facets]))
+
+    return in_order(with_joined_cylinders([_shaped(solid, facets, g) for g in groups], both))
 
 
 def split_cylinders(
@@ -284,16 +299,24 @@ def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
     return Face("other", group, area, centre, axis)
 
 
-def _whole(faces: list[Face], solid: Solid, facets: np.ndarray) -> list[Face]:
-    """Pieces of one cylinder side by side in one."""
-    found: list[Face] = []
+def with_joined_cylinders(faces: Sequence[F], both: Callable[[F, F], F]) -> list[F]:
+    """Faces, pieces of one cylinder side by side as one.
+
+    Parameters
+    ----------
+    faces
+        Of a solid.
+    both
+        Function that makes one face of two pieces.
+    """
+    joined: list[F] = []
     for face in faces:
-        twin = next((i for i, other in enumerate(found) if same_cylinder(face, other)), None)
+        twin = next((i for i, other in enumerate(joined) if same_cylinder(face, other)), None)
         if twin is None:
-            found.append(face)
-            continue
-        found[twin] = _shaped(solid, facets, np.concatenate([found[twin].facets, face.facets]))
-    return found
+            joined.append(face)
+        else:
+            joined[twin] = both(joined[twin], face)
+    return joined
 
 
 def same_cylinder(one: Face, other: Face) -> bool:

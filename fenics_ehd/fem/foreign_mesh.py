@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.fields import Material, in_unit
+from fenics_ehd.base.sealed_file import named, require_file
 
 #: Solid cells by meshio's names: kind, nodes that are kept, nodes of a cell.
 CELLS = {
@@ -44,6 +46,36 @@ _FORCES = {"in": (4.4482216152605, "lbf")}
 
 #: SI units of quantities, and the power of length that their consistent unit divides a force by.
 _DIMENSIONS = {"youngs_modulus": ("Pa", 2), "density": ("kg/m3", 4)}
+
+
+#: Most files that one includes, each as often as it is included.
+MOST_FILES = 100
+
+
+def included_text(path: Path, opened: list[Path]) -> str:
+    """Text of a file, or of one that it includes.
+
+    Parameters
+    ----------
+    path
+        To read.
+    opened
+        Files read so far, the including one first; the path is appended.
+
+    Raises
+    ------
+    MeshError
+        It cannot be read, is no regular file, or more than `MOST_FILES` are included.
+    """
+    opened.append(path)
+    if len(opened) > MOST_FILES:
+        raise MeshError(
+            f"{opened[0]} includes more than {MOST_FILES} files, the last is {path}: does one "
+            "include itself?"
+        )
+    with named(MeshError, str(path)):
+        require_file(path)
+        return path.read_text(encoding="utf-8", errors="replace")
 
 
 @dataclass(frozen=True)
@@ -123,10 +155,10 @@ class ForeignMesh:
     @cached_property
     def counts(self) -> dict[str, int]:
         """Number of cells by meshio's names."""
-        found: dict[str, int] = {}
+        numbers: dict[str, int] = {}
         for name, cells in self.blocks:
-            found[name] = found.get(name, 0) + len(cells)
-        return found
+            numbers[name] = numbers.get(name, 0) + len(cells)
+        return numbers
 
     def left_out(self) -> str:
         """What is not part of the solid, in words; empty if nothing."""
@@ -210,9 +242,9 @@ def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
     """
     solids = {name: n for name, n in counts.items() if name.startswith(_SOLID) and n}
     if len(solids) != 1 or not set(solids) <= set(CELLS):
-        there = ", ".join(f"{n} {name}" for name, n in solids.items()) or others
+        contents = ", ".join(f"{n} {name}" for name, n in solids.items()) or others
         raise MeshError(
-            f"{path} has {there or 'no cells'}: it needs one kind of solid cells, of "
+            f"{path} has {contents or 'no cells'}: it needs one kind of solid cells, of "
             f"{', '.join(CELLS)}"
         )
     return next(iter(solids))
@@ -240,14 +272,16 @@ def part_material(
         See `FileMaterial.in_si`.
     """
     lines, values = [], dict(given)
-    for own in found[:1]:
-        label = f"{path}: material {own.name} has"
+    for material in found[:1]:
+        label = f"{path}: material {material.name} has"
         for name, setting in attrs.fields_dict(Material).items():
             if name in given:
-                if name in own.values:
-                    lines.append(f"{label} {name} {own.values[name]:g}, {given[name]:g} is given")
-            elif name in own.values or name in own.problems:
-                values[name] = own.in_si(name, unit, path)
+                if name in material.values:
+                    lines.append(
+                        f"{label} {name} {material.values[name]:g}, {given[name]:g} is given"
+                    )
+            elif name in material.values or name in material.problems:
+                values[name] = material.in_si(name, unit, path)
             else:
                 lines.append(f"{label} no {name}: {setting.default:g} is taken")
     return Material(**values), lines

@@ -120,7 +120,11 @@ def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
 
 def nodes_of_cells(number: int, entity: int = -1) -> np.ndarray:
     """Nodes by Gmsh's numbers of the current model's cells of a type, in the order of `SOLIDS`."""
-    nodes = gmsh.model.mesh.getElementsByType(number, entity)[1]
+    return _ordered(number, gmsh.model.mesh.getElementsByType(number, entity)[1])
+
+
+def _ordered(number: int, nodes: np.ndarray) -> np.ndarray:
+    """Nodes of cells of a type, in Gmsh's order and flat, as one row a cell in that of `SOLIDS`."""
     cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
     return cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
@@ -245,14 +249,9 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
         # has cells of several types.
         for entity in gmsh.model.getEntities():
             types, _, nodes = gmsh.model.mesh.getElements(*entity)
-            blocks += [_block(number, row[own]) for number, own in zip(types, nodes, strict=True)]
+            for number, tags in zip(types, nodes, strict=True):
+                blocks.append((cell_name(number), _ordered(number, row[tags])))
         return points, blocks
-
-
-def _block(number: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
-    """Name in meshio of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`."""
-    cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
-    return cell_name(number), cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
 
 def cell_name(number: int) -> str:

@@ -100,11 +100,11 @@ def stored_material(path: Path) -> dict[str, float]:
         It is not what was written.
     """
     begin, end = re.escape(MATERIAL), re.escape(MATERIAL_ENDS)
-    found = re.search(begin + rb"(.{1,1000}?)" + end, _tail(path))
-    if found is None:
+    section = re.search(begin + rb"(.{1,1000}?)" + end, _tail(path))
+    if section is None:
         return {}
     try:
-        return attrs.asdict(Material(**json.loads(found[1])))
+        return attrs.asdict(Material(**json.loads(section[1])))
     except (ValueError, TypeError, RecursionError, SettingsError):
         raise MeshError(f"model {path}: its $PartMaterial is no material: make it anew") from None
 

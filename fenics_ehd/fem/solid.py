@@ -124,9 +124,9 @@ def straight(solid: Solid) -> bool:
     """True of a solid all of whose edges are straight, as of every one of first order."""
     if not solid.quadratic:
         return True
-    for place, edge in enumerate(solid.element.edges.tolist(), solid.element.corners):
+    for middle, edge in enumerate(solid.element.edges.tolist(), solid.element.corners):
         ends = solid.points[solid.cells[:, edge]]
-        off = solid.points[solid.cells[:, place]] - ends.mean(axis=1)
+        off = solid.points[solid.cells[:, middle]] - ends.mean(axis=1)
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         if (np.linalg.norm(off, axis=1) > STRAIGHT * length).any():
             return False

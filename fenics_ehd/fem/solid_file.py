@@ -174,7 +174,7 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
         raise
     except (meshio.ReadError, OSError, SystemExit) as error:  # the latter is how it refuses a file
         reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
-        lines = [line for line in reason.splitlines() if line.strip()] or ["it says no reason"]
+        lines = [line for line in reason.splitlines() if line.strip()] or ["it gives no reason"]
         raise MeshError(
             f"{path}: meshio cannot read it: {lines[0].rstrip('.')}{_hint(path)}"
         ) from None

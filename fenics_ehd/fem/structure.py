@@ -206,11 +206,11 @@ def _round_bore(group: int, cells: str) -> None:
     edge_nodes, first = np.unique(facets[:, count:], return_index=True)
     positions = centre + middle.reshape(-1, 3)[first]
     if cells == "hex":
-        found, round_ones = (
+        distances, radii = (
             np.linalg.norm((nodes - centre)[:, :2], axis=1)
             for nodes in (x[row[edge_nodes]], positions)
         )
-        moved = np.abs(found - round_ones) > CYLINDER_TOLERANCE * round_ones
+        moved = np.abs(distances - radii) > CYLINDER_TOLERANCE * radii
         edge_nodes, positions = edge_nodes[moved], positions[moved]
     for node, position in zip(edge_nodes, positions, strict=True):
         gmsh.model.mesh.setNode(node, position, [])

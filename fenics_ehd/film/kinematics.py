@@ -168,7 +168,10 @@ class ShapeTable:
 
 
 def _outer_steps(rows: np.ndarray) -> np.ndarray:
-    """Smaller step beside every interval of a closed table, 0 unless rows turn there: (n,)."""
+    """Smaller step before or after every interval of a closed table, shape (n,) [m].
+
+    0 unless the rows have an extreme in the interval.
+    """
     before = rows - np.roll(rows, 1)
     after = np.roll(rows, -1) - np.roll(rows, -2)
     smaller = np.minimum(np.abs(before), np.abs(after))

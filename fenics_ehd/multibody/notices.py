@@ -1,7 +1,8 @@
-"""Notices of what a mechanism has and is hardly meant, one line each.
+"""Notices of values of a mechanism that are hardly meant, one line each.
 
-An inertia or a centre of mass that a body hardly has: the unit may be another. A part knows its own
-radius of gyration; a rigid body at least how far its points reach. A measured shape with a step.
+- A centre of mass or an inertia far from the body's own, whose unit may be another: that of a part
+  is compared with its radius of gyration, that of a rigid body with the reach of its points.
+- A measured shape with a step.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ REACHES = 10.0
 
 
 def unusual_totals(bodies: Mapping[str, Body]) -> list[str]:
-    """One line for every total of a body that is far from what is known of the body."""
+    """One line for every centre of mass or inertia that is far from the rest of its body."""
     lines = []
     for name, body in bodies.items():
         if isinstance(body, FlexibleBody) and not body.held:
@@ -60,10 +61,12 @@ def _of_part(key: str, body: FlexibleBody) -> list[str]:
 
 
 def _of_rigid(key: str, body: RigidBody) -> list[str]:
-    limit, lines = REACHES * body.reach, []
+    limit = REACHES * body.reach
     if not limit or not body.mass:
         return []
-    distance, radius = float(np.hypot(*body.centre)), float(np.sqrt(body.inertia / body.mass))
+    lines = []
+    distance = float(np.hypot(*body.centre))
+    radius = float(np.sqrt(body.inertia / body.mass))
     if distance > limit:
         lines.append(
             f"{key}.centre = {list(body.centre)} m is more than {REACHES:g} times as far from the "

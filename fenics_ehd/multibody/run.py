@@ -166,7 +166,7 @@ def touching_film(name: str, share: float, clearance: float) -> tuple[float, str
     clearance
         [m].
     """
-    own = share * clearance
-    if share <= MEANT and own > TOUCHING:
+    thickness = share * clearance
+    if share <= MEANT and thickness > TOUCHING:
         return TOUCHING, "the least film of surfaces without a roughness"
-    return own, f"joints.{name}.smallest_film of the clearance"
+    return thickness, f"joints.{name}.smallest_film of the clearance"

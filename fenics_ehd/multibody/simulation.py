@@ -661,26 +661,28 @@ class Simulation(Stateful):
         return [*told, *unusual_totals(mechanism.bodies), *stepped_shapes(mechanism.joints)]
 
     def _single_peaks(self) -> list[str]:
-        """One line each of peaks that are one step's or the ringing of a start."""
-        own, told = columns_of(self.rows[self.first :]), []
+        """One line for every peak of a single step or of the ringing of a start."""
+        columns = columns_of(self.rows[self.first :])
+        lines: list[str] = []
         ringing = self.cycles is None and self.system.least_damping < RINGING
-        rows = {p.name: own.get(f"joints/{p.name}/max_pressure_Pa") for p in self.system.films}
-        for name, values in rows.items():
+        for name in (place.name for place in self.system.films):
+            values = columns.get(f"joints/{name}/max_pressure_Pa")
             if values is None or name in self._resting:
                 continue
-            peak, ratio = 1e-6 * float(values.max()), in_one_step(values)
+            peak = 1e-6 * float(values.max())
+            ratio = in_one_step(values)
             if ratio > SPIKE:
-                told.append(
+                lines.append(
                     f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times "
                     "those around it: lower time.tolerance, and see what jumps there"
                 )
             elif ringing and rings(values):
-                told.append(
+                lines.append(
                     f"{name}: the peak of {peak:.4g} MPa is the first swing of a start that rings, "
                     "with modes of hardly any damping: let loads grow (ramp), damp the bodies "
                     "(damping_time, damping_ratio), or see later cycles (time.periodic = true)"
                 )
-        return told
+        return lines
 
     @property
     def _resting(self) -> list[str]:

@@ -376,14 +376,15 @@ def in_one_step(values: np.ndarray) -> float:
 
 def turning_points(values: np.ndarray, least: float) -> list[float]:
     """A curve's first value, a maximum, and extremes that it leaves by more than a least change."""
-    found, rising = [float(values[0])], True
+    points = [float(values[0])]
+    rising = True
     for value in values[1:].tolist():
-        if (value > found[-1]) == rising:
-            found[-1] = value  # on the way to the same extreme
-        elif abs(value - found[-1]) > least:
-            found.append(value)
+        if (value > points[-1]) == rising:
+            points[-1] = value  # on the way to the same extreme
+        elif abs(value - points[-1]) > least:
+            points.append(value)
             rising = not rising
-    return found
+    return points
 
 
 def rings(values: np.ndarray) -> bool:

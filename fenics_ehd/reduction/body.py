@@ -5,6 +5,7 @@ It is stored bit for bit in one HDF5 file, and exported to other programs as Num
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
@@ -18,7 +19,14 @@ from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import Kind, write_whole
 from fenics_ehd.base.layout import Group, Value, read_declared
-from fenics_ehd.base.sealed_file import digest, named, open_sealed, save_tree, stored_as
+from fenics_ehd.base.sealed_file import (
+    UNREADABLE,
+    digest,
+    named,
+    open_sealed,
+    save_tree,
+    stored_as,
+)
 from fenics_ehd.reduction.bore import (
     SAMPLED_NODES,
     SMOOTH,
@@ -531,7 +539,7 @@ def _is_export(path: Path) -> bool:
             if label.file_size > _LABEL:
                 return False
             return str(np.load(BytesIO(archive.read(label)), allow_pickle=False)) == EXPORT_FORMAT
-    except (OSError, ValueError, KeyError, BadZipFile):
+    except (*UNREADABLE, EOFError, BadZipFile, zlib.error):  # encrypted, cut off, another method
         return False
 
 

@@ -133,6 +133,19 @@ def _of_run(name: str) -> bool:
     return name in RUN or name.startswith("body-")
 
 
+def require_folder_of(directory: Path, command: str) -> None:
+    """Refuse a folder that another command made, and for a run one that is a part of another.
+
+    Raises
+    ------
+    InputError
+        Naming the folder.
+    """
+    require_made_by(directory, command)
+    if command == "run" and is_part(directory):
+        raise InputError(f"{directory}: a part of the folder above: choose another folder")
+
+
 def require_no_result(directory: Path) -> None:
     """Refuse a folder that holds a complete result, or a run that was stopped.
 
@@ -152,7 +165,7 @@ def require_no_result(directory: Path) -> None:
         )
 
 
-#: How the status begins of a run that goes on once there is room on the disk.
+#: Beginnings of the status of a run that can be resumed once there is room on the disk.
 NOT_WRITTEN = tuple(f"failed: {name}: " for name in (FIELDS_NAME, CSV_NAME, ERROR_BUDGET))
 
 
@@ -169,7 +182,7 @@ def first_rank_folder(
     """`RunFolder` on the first rank, which writes; the others only refuse what it refuses."""
     if MPI.COMM_WORLD.rank == 0:
         return RunFolder(directory, bodies, overwrite=overwrite)
-    require_made_by(directory, "run")
+    require_folder_of(directory, "run")
     if not overwrite:
         require_no_result(directory)
     return nullcontext()
@@ -219,9 +232,7 @@ class RunFolder:
             raise InputError(f"{directory}: no checkpoint to go on from, no such folder")
         require_writable(self.directory)
         self._made = not self.directory.exists()
-        require_made_by(self.directory, command)
-        if command == "run" and is_part(self.directory):
-            raise InputError(f"{directory}: a part of the folder above: choose another folder")
+        require_folder_of(self.directory, command)
         self.directory.mkdir(parents=True, exist_ok=True)
         names = written_by_run(bodies)
         replacement = self.directory / REPLACEMENT

@@ -568,7 +568,8 @@ def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
     MeshError
         A model keeps what is no material.
     """
-    bodies, lines = dict(scene.bodies), []
+    bodies = dict(scene.bodies)
+    lines = []
     for name in meshed(scene):
         body = scene.bodies[name]
         path = Path(body.model)
@@ -577,12 +578,12 @@ def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
         from fenics_ehd.fem.models import stored_material  # with the reduction
 
         written = scene.tables["bodies"][name].get("material", {})
-        kept = stored_material(path)
-        for key, value in kept.items():
+        stored_values = stored_material(path)
+        for key, value in stored_values.items():
             if key in written and (own := getattr(body.material, key)) != value:
                 full = f"bodies.{name}.material.{key}"
                 lines.append(f"{full} = {own:g} is taken, the model {path.name} has {value:g}")
-        values = {key: value for key, value in kept.items() if key not in written}
+        values = {key: value for key, value in stored_values.items() if key not in written}
         bodies[name] = attrs.evolve(body, material=attrs.evolve(body.material, **values))
     return attrs.evolve(scene, bodies=bodies), lines
 

@@ -203,8 +203,8 @@ def _range(key: str, item: str) -> list[float]:
     first, last = _number(first_text), _number(last_text)
     if first is None or last is None or not (isfinite(first) and isfinite(last)):
         raise SettingsError(f"{key} = {item!r}: first and last must be finite numbers")
-    whole = counted[0].isascii() and counted[0].isdecimal() and len(counted[0]) < 10
-    count = int(counted[0]) if whole else 0
+    is_whole = counted[0].isascii() and counted[0].isdecimal() and len(counted[0]) < 10
+    count = int(counted[0]) if is_whole else 0
     if not 2 <= count <= MOST_CASES:
         raise SettingsError(
             f"{key} = {item!r}: count = {counted[0]} must be a whole number from 2 to {MOST_CASES}"
