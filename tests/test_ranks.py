@@ -92,9 +92,10 @@ def test_ranks_that_are_given_different_commands(folder):
 @pytest.mark.parametrize("other", ["--help", "reduce --help", "reduce conrod -o ''"])
 def test_a_rank_with_another_command_ends_all_with_one_line(other, folder):
     """Rank 0 would wait for the other one in the middle of its reduction."""
-    lines = (f"{COMMAND} {arguments}" for arguments in ("reduce conrod -o x.h5", other))
-    one, another = (("-n", "1", "sh", "-c", line) for line in lines)
-    status, said, errors = on_ranks(*one, ":", *another, folder=folder)
+    # By rank: of two programs with ":" between them, mpirun of Open MPI 5.0.7 itself crashes.
+    one, another = (f"{COMMAND} {arguments}" for arguments in ("reduce conrod -o x.h5", other))
+    line = f"if test $RANK = 0; then {one}; else {another}; fi"
+    status, said, errors = two_ranks(line, folder)
     assert status == 2, errors
     assert said == [ALIKE.format(ARGUMENTS)], errors
     assert not (folder / "x.h5").exists()

@@ -98,6 +98,16 @@ def test_a_bearing_and_its_picture_are_the_same_in_every_folder(folders):
     same_bytes(folders, "film.png")
 
 
+def test_petsc_is_found_without_the_folder_s_configuration(tmp_path):
+    """dolfinx from 0.9 on asks for PETSc's architecture when it is imported."""
+    (tmp_path / "petsc.cfg").write_text(OPTIONS["petsc.cfg"])
+    code = "import fenics_ehd.base.petsc_start, petsc4py; print(petsc4py.lib.getPathArchPETSc())"
+    command = [sys.executable, "-P", "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    path, architecture = ast.literal_eval(done.stdout)
+    assert Path(path, architecture).is_relative_to(path), architecture
+
+
 def test_workers_of_a_sweep_run_no_file_of_the_folder(folders):
     sweep = ("sweep", "short.toml", "--set", "clearance=17e-6,20e-6", "--workers", "1")
     both(folders, *sweep, "-o", "out", "--keep")
