@@ -62,7 +62,10 @@ RANK_SETTINGS = (
 )
 
 #: Values of settings that ranks alone have: they forbid what a process on its own needs.
-RANK_VALUES = {"OMPI_MCA_ess": "^singleton", "OMPI_MCA_pmix": "^s1,s2,cray,isolated"}
+RANK_VALUES = {
+    "OMPI_MCA_ess": ("^singleton", "singleton"),  # the latter of a process on its own
+    "OMPI_MCA_pmix": ("^s1,s2,cray,isolated",),
+}
 
 #: Ranks among the variables of launchers.
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
@@ -78,7 +81,7 @@ def is_rank() -> bool:
 
 def set_by_launcher(name: str, value: str) -> bool:
     """True of a variable by which a launcher makes a process a rank."""
-    if name.startswith(RANK_SETTINGS) or RANK_VALUES.get(name) == value:
+    if name.startswith(RANK_SETTINGS) or value in RANK_VALUES.get(name, ()):
         return True
     return name.startswith(LAUNCHER) and not name.startswith(SETTINGS)
 
