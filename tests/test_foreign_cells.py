@@ -261,6 +261,8 @@ def test_one_material_of_a_deck_is_taken(more, tmp_path, monkeypatch, capfd):
             [],
             "TYPE=ORTHO: give --youngs-mod",
         ),
+        (ALUMINIUM.replace("*ELASTIC", "*HYPERELASTIC, NEO HOOKE"), [], "has *HYPERELASTIC: give"),
+        (ALUMINIUM.replace("*ELASTIC", "*User Material, constants=2"), [], "has *USERMATERIAL: give"),
         (ALUMINIUM.replace("0.33", "0.33,20.\n69000.,0.33,90."), [], "ELASTIC of 2 rows, not one"),
     ],
 )
