@@ -244,17 +244,23 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
         # Entity by entity: getElementsByType of Gmsh 4.8 writes beyond its arrays where an entity
         # has cells of several types.
         for entity in gmsh.model.getEntities():
-            types, _, nodes = gmsh.model.mesh.getElements(*entity)
-            blocks += [_block(number, row[own]) for number, own in zip(types, nodes, strict=True)]
+            for number, tags, nodes in zip(*gmsh.model.mesh.getElements(*entity), strict=True):
+                blocks.append(_block(number, len(tags), row[nodes]))
         return points, blocks
 
 
-def _block(number: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
-    """Name in meshio of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`."""
-    cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
+def _block(number: int, count: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
+    """Name in meshio of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`.
+
+    Cells without a fixed number of nodes, polyhedra and others, are counted: no nodes of them.
+    """
+    size = gmsh.model.mesh.getElementProperties(number)[3]
+    if not size:
+        return cell_name(number), np.empty((count, 0), dtype=np.int64)
+    cells = nodes.reshape(-1, size)
     return cell_name(number), cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
 
 def cell_name(number: int) -> str:
-    """Name in meshio of Gmsh's cells of a type, or Gmsh's own where it is no other's."""
-    return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0])
+    """Name in meshio of Gmsh's cells of a type; of others Gmsh's own in lower case."""
+    return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0]).lower()
