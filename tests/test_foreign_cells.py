@@ -261,6 +261,12 @@ def test_one_material_of_a_deck_is_taken(more, tmp_path, monkeypatch, capfd):
             [],
             "TYPE=ORTHO: give --youngs-mod",
         ),
+        (ALUMINIUM.replace("*ELASTIC", "*HYPERELASTIC, NEO HOOKE"), [], "has *HYPERELASTIC: give"),
+        (
+            ALUMINIUM.replace("*ELASTIC", "*User Material, constants=2"),
+            [],
+            "has *USERMATERIAL: give",
+        ),
         (ALUMINIUM.replace("0.33", "0.33,20.\n69000.,0.33,90."), [], "ELASTIC of 2 rows, not one"),
     ],
 )
@@ -487,6 +493,48 @@ def test_mesh_of_gmsh_with_a_group_for_some_cells(tmp_path):
         assert solid.cells.shape == (144, 10)
     middles = [np.sort(s.points[s.cells].mean(axis=1), axis=0) for s in (ours, theirs)]
     np.testing.assert_allclose(*middles, atol=1e-12)
+
+
+#: A tetrahedron and three cells that have none of the common numbers of nodes.
+CUT_CELLS = """$MeshFormat
+3 0 8
+$EndMeshFormat
+$Entities
+0 0 0 2
+0 0 1 0
+1 0 1 1
+$EndEntities
+$Nodes
+7
+1 0 0 0 0
+2 1 0 0 0
+3 0 1 0 0
+4 0 0 1 0
+5 0 0 0.5 0
+6 0.5 0 0.5 0
+7 0 0.5 0.5 0
+$EndNodes
+$Elements
+4
+1 4 0 4 1 2 3 4
+2 136 1 5 1 2 3 5 1
+3 136 1 5 2 3 5 6 1
+4 136 1 5 3 5 6 7 1
+$EndElements
+"""
+
+
+def test_cells_of_gmsh_alone_are_counted(tmp_path):
+    (tmp_path / "cut.msh").write_text(CUT_CELLS)
+    with pytest.raises(ehd.errors.MeshError, match="has 1 tetra, 3 tetrahedron xfem: it needs one"):
+        read_mesh(tmp_path / "cut.msh", "m")
+
+
+def test_prisms_that_gmsh_alone_knows_are_solid_cells(tmp_path):
+    points = np.random.default_rng(1).random((40, 3))
+    blocks = [("tetra", np.array([[0, 1, 2, 3]])), ("prism 40", np.arange(40)[None])]
+    with pytest.raises(ehd.errors.MeshError, match="has 1 tetra, 1 prism 40"):
+        ForeignMesh(points, blocks).solid_cells("part")
 
 
 # First order

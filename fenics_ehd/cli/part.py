@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,7 +149,7 @@ def part(
         "points": list(named.points),
         "clamped": "held" if named.held else "none",
         "material": attrs.asdict(made_of),
-        "material_from": opened.materials[0].name if opened.materials else "",
+        "material_from": _material_from(opened, given),
         "left_out": opened.left_out,
     }
     try:
@@ -175,6 +175,13 @@ def _on_command_line(option: str) -> bool:
     """True of an option that the user gave."""
     source = click.get_current_context().get_parameter_source(option)
     return source is not ParameterSource.DEFAULT
+
+
+def _material_from(opened: OpenedPart, given: Mapping[str, float]) -> str:
+    """Name of the file's material if any value of it is taken, else empty."""
+    if opened.materials and set(opened.materials[0].values) - set(given):
+        return opened.materials[0].name
+    return ""
 
 
 def _left_out(opened: OpenedPart) -> list[str]:

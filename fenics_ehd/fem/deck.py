@@ -278,7 +278,7 @@ def _all_materials(sections: Iterable[_Section]) -> dict[str, FileMaterial]:
         if section.keyword == "MATERIAL":
             name = section.options.get("NAME", "")
             sections_of[name] = {}
-        elif section.keyword in _QUANTITIES and name is not None:
+        elif section.keyword in {*_QUANTITIES, *_OTHER_ELASTICITY} and name is not None:
             sections_of[name][section.keyword] = section
     return {name: _material(name, parts) for name, parts in sections_of.items()}
 
@@ -287,16 +287,24 @@ def _all_materials(sections: Iterable[_Section]) -> dict[str, FileMaterial]:
 _QUANTITIES = {"ELASTIC": ("youngs_modulus", "poissons_ratio"), "DENSITY": ("density",)}
 _EVERY = [name for names in _QUANTITIES.values() for name in names]
 
+#: Keywords of elasticity that a modulus and Poisson's ratio do not describe.
+_OTHER_ELASTICITY = {
+    *("HYPERELASTIC", "ANISOTROPICHYPERELASTIC", "HYPERFOAM", "HYPOELASTIC", "LOWDENSITYFOAM"),
+    "USERMATERIAL",
+}
+
 
 def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
     """Material of the sections behind its keyword."""
     values: dict[str, float] = {}
     problems: dict[str, str] = {}
     for keyword, section in parts.items():
-        names = _QUANTITIES[keyword]
+        names = _QUANTITIES.get(keyword, _QUANTITIES["ELASTIC"])
         numbers = _numbers(section.rows[0]) if section.rows else []
         kind = section.options.get("TYPE", "ISO")
-        if not "ISOTROPIC".startswith(kind):
+        if keyword in _OTHER_ELASTICITY:
+            problems |= dict.fromkeys(names, f"*{keyword}")
+        elif not "ISOTROPIC".startswith(kind):
             problems |= dict.fromkeys(names, f"*{keyword}, TYPE={kind}")
         elif len(section.rows) != 1:
             problems |= dict.fromkeys(names, f"*{keyword} of {len(section.rows)} rows, not one")

@@ -28,9 +28,9 @@ CELLS = {
     "hexahedron27": ("hex", 20, 27),
 }
 
-#: Beginnings of meshio's names of solid cells, those that no part can be made of too.
+#: Beginnings of meshio's and Gmsh's names of solid cells, those that no part can be made of too.
 _SOLID = (
-    *("tetra", "hexahedron", "wedge", "pyramid", "polyhedron"),
+    *("tetra", "hexahedron", "wedge", "prism", "pyramid", "polyhedron", "trihedron"),
     *(f"VTK_LAGRANGE_{name}" for name in ("TETRAHEDRON", "HEXAHEDRON", "WEDGE", "PYRAMID")),
 )
 

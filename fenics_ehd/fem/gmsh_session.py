@@ -248,12 +248,22 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
         # Entity by entity: getElementsByType of Gmsh 4.8 writes beyond its arrays where an entity
         # has cells of several types.
         for entity in gmsh.model.getEntities():
-            types, _, nodes = gmsh.model.mesh.getElements(*entity)
-            for number, tags in zip(types, nodes, strict=True):
-                blocks.append((cell_name(number), _ordered(number, row[tags])))
+            types, numbers, nodes = gmsh.model.mesh.getElements(*entity)
+            for number, tags, own_nodes in zip(types, numbers, nodes, strict=True):
+                blocks.append(_block(number, len(tags), row[own_nodes]))
         return points, blocks
 
 
+def _block(number: int, count: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
+    """Name in meshio of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`.
+
+    Cells without a fixed number of nodes, polyhedra and others, are counted: no nodes of them.
+    """
+    if not gmsh.model.mesh.getElementProperties(number)[3]:
+        return cell_name(number), np.empty((count, 0), dtype=np.int64)
+    return cell_name(number), _ordered(number, nodes)
+
+
 def cell_name(number: int) -> str:
-    """Name in meshio of Gmsh's cells of a type, or Gmsh's own where it is no other's."""
-    return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0])
+    """Name in meshio of Gmsh's cells of a type; of others Gmsh's own in lower case."""
+    return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0]).lower()

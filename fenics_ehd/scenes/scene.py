@@ -482,10 +482,17 @@ def _of_run(path: Path) -> bool:
     return path.name == SCENE_NAME and (path.parent / MANIFEST).is_file()
 
 
-def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
+def changed(scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()) -> Scene:
     """A scene with values replaced, by their full keys, ``time.end`` or ``bodies.rod.mass``.
 
-    Files are relative to the working directory.
+    Parameters
+    ----------
+    scene
+        Stays as it is.
+    values
+        By key; files are relative to the working directory.
+    optional
+        Those of these keys that are dropped, not refused, if the others leave them without effect.
 
     Raises
     ------
@@ -503,7 +510,7 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
             if not isinstance(table, dict):
                 raise SettingsError(f"unknown key {key}: {name} is no table")
         table[last] = deepcopy(value)  # of the caller's tables nothing is changed below
-    changes = {today(key) for key in values}
+    changes = {today(key) for key in values if key not in optional}
     return scene_of(_without_idle(beside(tables, Path()), changes), scene.name, told)
 
 

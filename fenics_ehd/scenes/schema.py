@@ -288,7 +288,7 @@ class LubricatedSettings:
     ambient: str = not_with(only_with(choice(
         "air", AMBIENTS,
         "around sides without ambient_pressure: air, or oil beside them (mass-conserving)",
-    ), "cavitation", among=("mass-conserving",)), "ambient_pressure")  # fmt: skip
+    ), "cavitation", among=("mass-conserving",)), "ambient_pressure", notice=True)  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     shear_rule: str = only_with(
         choice("streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"),

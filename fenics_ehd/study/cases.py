@@ -12,7 +12,7 @@ import hashlib
 import io
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isfinite
@@ -75,7 +75,7 @@ def _ending(keys: Any, name: str) -> list[str]:
     return [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
 
 
-def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
+def with_values(scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()) -> Scene:
     """A scene with full keys replaced, checked and as its file would keep it.
 
     Parameters
@@ -84,13 +84,15 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
         As stored.
     values
         By key; files are relative to the working directory.
+    optional
+        As of `changed`.
 
     Raises
     ------
     SettingsError
         Naming the key that cannot be used.
     """
-    return stored(changed(scene, values))
+    return stored(changed(scene, values, optional))
 
 
 #: Cases of one sweep, and so values of one key.
@@ -265,15 +267,17 @@ class Case:
         return checksum(identity(self.scene) | bodies)
 
 
-def make_case(name: str, scene: Scene, values: Mapping[str, Any]) -> Case:
-    """A case of a scene with full keys replaced.
+def make_case(
+    name: str, scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()
+) -> Case:
+    """A case of a scene with full keys replaced, see `with_values`.
 
     Raises
     ------
     SettingsError, MeshError
         A value that cannot be used, or there is no such model.
     """
-    own = with_values(scene, values)
+    own = with_values(scene, values, optional)
     if own.output.accuracy:
         raise SettingsError(
             f"output.accuracy = {own.output.accuracy:g}: cases are compared with the settings that "

@@ -87,8 +87,26 @@ def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]
 
 
 def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
-    combinations = enumerate(itertools.product(*axes.values()), 1)
-    made = [_made(f"{n:04d}", scene, dict(zip(axes, v, strict=True))) for n, v in combinations]
+    """Cases of all combinations; a value that has an effect in some of them may have none in others.
+
+    Raises
+    ------
+    SettingsError
+        Naming the values that cannot be used.
+    """
+    combinations = [
+        dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())
+    ]
+    made = [_made(f"{n:04d}", scene, values) for n, values in enumerate(combinations, 1)]
+    accepted = [
+        values for values, case in zip(combinations, made, strict=True) if isinstance(case, Case)
+    ]
+    for n, values in enumerate(combinations):
+        if isinstance(made[n], str):
+            optional = [
+                key for key, value in values.items() if any(value == one[key] for one in accepted)
+            ]
+            made[n] = _made(f"{n + 1:04d}", scene, values, optional)
     complaints = [case for case in made if isinstance(case, str)]
     if complaints:
         # A section stops at its first bad value: each value on its own names the others as well.
@@ -100,10 +118,12 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
     return [case for case in made if isinstance(case, Case)]
 
 
-def _made(name: str, scene: Scene, values: Mapping[str, Any]) -> Case | str:
+def _made(
+    name: str, scene: Scene, values: Mapping[str, Any], optional: Sequence[str] = ()
+) -> Case | str:
     """A case, or why it cannot run."""
     try:
-        return make_case(name, scene, values)
+        return make_case(name, scene, values, optional)
     except InputError as error:
         return str(error)
 
