@@ -87,7 +87,7 @@ def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]
 
 
 def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
-    """Cases of all combinations; a value that has an effect in some of them may have none in others.
+    """Cases of all combinations; a value with an effect in some of them may have none in others.
 
     Raises
     ------
