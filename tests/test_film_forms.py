@@ -139,14 +139,14 @@ def test_another_mesh_and_another_oil_compile_nothing():
 
 def test_what_compiles_leaves_logging_and_warnings_as_they_were(capfd):
     root, shown = logging.getLogger(), warnings.showwarning
-    handlers, level = list(root.handlers), root.level
+    handlers, level, disabled = list(root.handlers), root.level, root.manager.disable
     with compat.quiet_compiler():  # what setuptools does
         root.addHandler(logging.StreamHandler())
         root.setLevel(logging.INFO)
         logging.captureWarnings(True)
         logging.info("x86_64-linux-gnu-gcc")
     assert (list(root.handlers), root.level, warnings.showwarning) == (handlers, level, shown)
-    assert logging.root.manager.disable == logging.NOTSET
+    assert root.manager.disable == disabled
     assert "gcc" not in capfd.readouterr().err
 
 
