@@ -1,5 +1,6 @@
 """Compiled forms: one process compiles, nobody waits for ever, what killed processes left goes."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -79,3 +80,12 @@ def test_a_held_lock_stops_no_run_of_compiled_forms():
     with compiling(compat.FORMS):
         again = program(*arguments)
     assert (again.returncode, again.stdout) == (0, first.stdout)
+
+
+def test_a_file_system_without_locks_stops_nobody(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    with compiling(tmp_path / "forms", limit=0.0):
+        assert (tmp_path / "forms").is_dir()

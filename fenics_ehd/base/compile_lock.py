@@ -7,7 +7,6 @@ is at work.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import platform
 import sys
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from fenics_ehd.base.errors import CompilationError
+from fenics_ehd.base.files import lock_taken
 from fenics_ehd.base.printed import escaped
 
 #: Seconds of waiting after which a line names the process that compiles.
@@ -83,7 +83,7 @@ def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Ite
 def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
     began = since = time.monotonic()
     holder, silent = "", True
-    while not _taken(lock):
+    while not lock_taken(lock.fileno()):
         now = time.monotonic()
         if (current := _signature(lock)) != holder:
             holder, since = current, now
@@ -100,14 +100,6 @@ def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
                     file=sys.stderr,
                 )
         time.sleep(POLL)
-
-
-def _taken(lock: IO[str]) -> bool:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def _sign(lock: IO[str]) -> None:

@@ -729,6 +729,11 @@ class OilSettings:
         return self.grade != NONE or bool(self.viscosity_40 or self.viscosity_100)
 
 
+def only_if_rough(field: Any) -> Any:
+    """A field that has an effect only between rough surfaces."""
+    return only_with(field, "roughness", words=ROUGH)
+
+
 def _roughness(of: str) -> Any:
     """Root mean square height of a surface [m]; ground ones have 0.1 to 1 um."""
     return number(
@@ -744,55 +749,45 @@ class Roughness:
     journal_roughness: float = _roughness("journal")
     bore_roughness: float = _roughness("bore")
     asperity_product: float = not_with(
-        only_with(
+        only_if_rough(
             number(
                 0.04,
                 "asperities per area x their radius x combined roughness [-]",
                 above=0,
                 below=1,
-            ),
-            "roughness",
-            words=ROUGH,
+            )
         ),
         "asperity_radius",
     )
     asperity_slenderness: float = not_with(
-        only_with(
-            number(1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1),
-            "roughness",
-            words=ROUGH,
+        only_if_rough(
+            number(1e-3, "combined roughness over radius of the asperities [-]", above=0, below=1)
         ),
         "asperity_radius",
     )
-    summit_offset: float = only_with(
+    summit_offset: float = only_if_rough(
         number(
             0.0,
             "mean planes of the asperities' tips above those of the surfaces, together, over the "
             "combined roughness [-]; 0: not above, the least contact",
             least=0,
             most=2,
-        ),
-        "roughness",
-        words=ROUGH,
+        )
     )
     boundary_friction: float = only_with(
-        only_with(
+        only_if_rough(
             number(
                 0.1,
                 "coefficient of friction of asperities that touch [-], with friction",
                 least=0,
                 below=5,
-            ),
-            "roughness",
-            words=ROUGH,
+            )
         ),
         "friction",
         "heat",
     )
-    flow_factors: bool = only_with(
-        flag(True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap"),
-        "roughness",
-        words=ROUGH,
+    flow_factors: bool = only_if_rough(
+        flag(True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap")
     )
 
     @property

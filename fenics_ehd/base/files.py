@@ -190,6 +190,20 @@ MANIFEST = "manifest.txt"
 HEADER = "fenics_ehd made these in this folder, and may remove or replace them:"
 
 
+def lock_taken(descriptor: int) -> bool:
+    """Lock an open file or folder, True unless another process has it.
+
+    A process that ends has no locks. A file system without locks refuses nobody.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
 def locked(directory: Path) -> ExitStack:
     """Hold a folder until it is closed; a process that ends holds none.
 
@@ -200,13 +214,9 @@ def locked(directory: Path) -> ExitStack:
     """
     held, file = ExitStack(), os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     held.callback(os.close, file)
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+    if not lock_taken(file):
         held.close()
-        raise InUseError(f"{directory}: another process is writing to this folder") from None
-    except OSError:  # a file system without locks
-        pass
+        raise InUseError(f"{directory}: another process is writing to this folder")
     return held
 
 

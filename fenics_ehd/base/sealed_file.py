@@ -267,7 +267,7 @@ def open_sealed(
 
 
 def values(item: Any, part: slice | tuple[()] = ()) -> Any:
-    """A dataset, or rows of it: an array of numbers, a tuple of text, or one of them.
+    """A dataset, or rows of one of numbers: an array of numbers, a tuple of text, or one of them.
 
     Raises
     ------

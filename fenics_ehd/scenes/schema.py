@@ -40,6 +40,7 @@ from fenics_ehd.base.fields import (
     names,
     number,
     numbers,
+    only_if_rough,
     option,
     pair,
     place,
@@ -193,28 +194,20 @@ class ContactSettings(Roughness):
     """Rough surfaces of a journal and its bore, which may touch; smooth without a roughness."""
 
     asperity_density: float = only_with(
-        only_with(
+        only_if_rough(
             number(
                 0.0, "per area, with asperity_radius in place of both [1/m2], 0: not given", least=0
-            ),
-            "roughness",
-            words=ROUGH,
+            )
         ),
         "asperity_radius",
     )
     asperity_radius: float = only_with(
-        only_with(
-            number(0.0, "of their tips [m], 0: not given", least=0, below=1e-2),
-            "roughness",
-            words=ROUGH,
-        ),
+        only_if_rough(number(0.0, "of their tips [m], 0: not given", least=0, below=1e-2)),
         "asperity_density",
     )
-    journal_modulus: float = only_with(quantities.youngs_modulus(210e9), "roughness", words=ROUGH)
-    journal_poissons_ratio: float = only_with(
-        number(0.3, "[-]", above=-1, below=0.5), "roughness", words=ROUGH
-    )
-    bore_modulus: float = only_with(
+    journal_modulus: float = only_if_rough(quantities.youngs_modulus(210e9))
+    journal_poissons_ratio: float = only_if_rough(number(0.3, "[-]", above=-1, below=0.5))
+    bore_modulus: float = only_if_rough(
         number(
             0.0,
             "[Pa], 0: that of the flexible body's material, of another bore 210e9",
@@ -222,16 +215,10 @@ class ContactSettings(Roughness):
             below=1e18,
             usual=(1e9, 2e12),
             example="70e9 for 70 GPa",
-        ),
-        "roughness",
-        words=ROUGH,
+        )
     )
     bore_poissons_ratio: float = only_with(
-        only_with(
-            number(0.3, "[-], where bore_modulus is given", above=-1, below=0.5),
-            "roughness",
-            words=ROUGH,
-        ),
+        only_if_rough(number(0.3, "[-], where bore_modulus is given", above=-1, below=0.5)),
         "bore_modulus",
     )
 

@@ -20,6 +20,7 @@ from fenics_ehd.scenes.scene import Scene, as_stored
 from fenics_ehd.study.cases import (
     MOST_CASES,
     Case,
+    as_text,
     described,
     finite,
     identity,
@@ -101,11 +102,10 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
     accepted = [
         values for values, case in zip(combinations, made, strict=True) if isinstance(case, Case)
     ]
+    effective = {key: {as_text(values[key]) for values in accepted} for key in axes}
     for n, values in enumerate(combinations):
         if isinstance(made[n], str):
-            optional = [
-                key for key, value in values.items() if any(value == one[key] for one in accepted)
-            ]
+            optional = [key for key, value in values.items() if as_text(value) in effective[key]]
             made[n] = _made(f"{n + 1:04d}", scene, values, optional)
     complaints = [case for case in made if isinstance(case, str)]
     if complaints:
