@@ -5,11 +5,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from bench_parts import BasisFile, export_npz, load_structure, save_basis, save_structure
 from mpi4py import MPI
 
 import fenics_ehd as ehd
 from fenics_ehd.base.layout import Group, Stateful, Value
+from fenics_ehd.reduction.body import export_npz
+from fenics_ehd.reduction.part_files import (
+    BasisFile,
+    load_structure,
+    save_basis,
+    save_structure,
+)
 
 STORED = Path(__file__).parent / "golden" / "stored"
 
