@@ -102,7 +102,8 @@ class Film:
 
         self.equation = ReynoldsEquation(parameters)
         self.assembly = self.equation.assembly
-        self.free, self.points = self.equation.free, self.equation.points
+        self.free = self.equation.free
+        self.points = self.equation.points
         self.cavitation = CavitationSolver(
             self.equation.pattern,
             weighted=self.equation.weights is not None,
@@ -180,7 +181,8 @@ class Film:
         So is what compresses the oil, which comes back as it expands.
         """
         p = self.parameters
-        q, area = self.flow(state), self.assembly.area
+        q = self.flow(state)
+        area = self.assembly.area
         pressure, around, along = self.assembly.at_points(state.pressure / p.pressure_scale)
         loss = np.sum(area * q.conductance * (around**2 + along**2))
         drag = np.sum(area * q.density * q.thickness * q.velocity * around)
@@ -213,7 +215,8 @@ class Film:
     @cached_property
     def supplied_points(self) -> np.ndarray:
         """Mask of the Gauss points in a region of given pressure."""
-        p, points = self.parameters, self.points
+        p = self.parameters
+        points = self.points
         return in_regions(p.regions, points.angle, points.height, p.grid.radius)
 
     @cached_property

@@ -101,7 +101,8 @@ def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
     share = 0.5 * (1 + f.erf(ratio / math.sqrt(2)))
     deep = ratio < DEEP
     x = -f.where(deep, ratio, DEEP)
-    square, tail = x * x, 0.0
+    square = x * x
+    tail = 0.0
     for k in range(LEVELS, 0, -1):
         tail = 2 * k * (2 * k - 1) / (square + (4 * k + 1) - tail)
     below = density / (square + 1 - tail)
@@ -137,7 +138,8 @@ def mobility(ratio: Any, average: Any, continuation: Any, f: Functions = ARRAYS)
 def continuation_below() -> tuple[float, float, float]:
     """``h_T / sigma`` and mobility at the end of what is published, and the power from there."""
     average, share = mean_gap(PUBLISHED)
-    factor, (c, r) = pressure_factor(PUBLISHED), PRESSURE
+    factor = pressure_factor(PUBLISHED)
+    (c, r) = PRESSURE
     slope = r * c * math.exp(-r * PUBLISHED)
     power = average / share * (3 / PUBLISHED + slope / factor)
     return float(average), float(PUBLISHED**3 * factor), float(power)
@@ -146,7 +148,8 @@ def continuation_below() -> tuple[float, float, float]:
 def shear_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
     """phi_s of a rough on a smooth surface; 0 for H below 0."""
     a, power, decay, growth = SHEAR
-    is_open, above = ratio > 0.0, ratio > SHEAR_END
+    is_open = ratio > 0.0
+    above = ratio > SHEAR_END
     inside = f.where(is_open, f.where(above, SHEAR_END, ratio), 1.0)
     near = a * inside**power * f.exp(-decay * inside + growth * inside * inside)
     far = SHEAR_ABOVE * f.exp(-0.25 * ratio)
@@ -161,7 +164,8 @@ def stress_factor(ratio: np.ndarray) -> np.ndarray:
     """
     z = np.asarray(ratio, dtype=float) / 3
     result = np.zeros(z.shape)
-    below, far = z <= 1, np.asarray(ratio) > SERIES_FROM
+    below = z <= 1
+    far = np.asarray(ratio) > SERIES_FROM
     x = np.clip(z[below], -1 + LEAST_FILM / 3, None)
     polynomial = np.polynomial.polynomial.polyval(x, [-55, 132, 345, -160, -405, 60, 147])
     inside = (1 - x**2) ** 3 * np.log((x + 1) / (LEAST_FILM / 3)) + polynomial / 60
@@ -292,7 +296,8 @@ class RoughSurfaces(Roughness):
     def strength(self) -> float:
         """Factor of F_5/2 [Pa]."""
         factor = 16 * np.sqrt(2) * np.pi / 15
-        product, slenderness = self.asperity_product, self.asperity_slenderness
+        product = self.asperity_product
+        slenderness = self.asperity_slenderness
         return float(factor * product**2 * np.sqrt(slenderness) * self.modulus)
 
     def touch(self, gap: np.ndarray) -> Touch:

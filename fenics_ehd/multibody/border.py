@@ -58,8 +58,10 @@ class FilmBlock:
         """Some rows and columns of A, dense."""
         pattern = self.pattern
         row, column = (np.full(pattern.size, -1) for _ in range(2))
-        row[rows], column[columns] = np.arange(len(rows)), np.arange(len(columns))
-        i, j = row[pattern.rows], column[pattern.indices]
+        row[rows] = np.arange(len(rows))
+        column[columns] = np.arange(len(columns))
+        i = row[pattern.rows]
+        j = column[pattern.indices]
         inside = (i >= 0) & (j >= 0)
         block = np.zeros((len(rows), len(columns)))
         block[i[inside], j[inside]] = self.entries[inside]
@@ -129,7 +131,10 @@ class BorderedSystem:
         core: np.ndarray,
         answers: Sequence[np.ndarray] | None = None,
     ):
-        self.blocks, self.borders, self.core, self.size = blocks, borders, core, len(core)
+        self.blocks = blocks
+        self.borders = borders
+        self.core = core
+        self.size = len(core)
         if answers is None:
             answers = [b.solution(d.inputs) for b, d in zip(blocks, borders, strict=True)]
         self.answers = answers
@@ -192,11 +197,15 @@ class ChangedSystem:
         total = first + sum(len(a) + len(e) for a, e in self._filled)
         core = np.zeros((total, total))
         core[:first, :first] = former.core
-        borders, answers, self._places = [], [], []
+        borders = []
+        answers = []
+        self._places = []
         for block, border, answer, (added, emptied) in zip(
             former.blocks, former.borders, former.answers, changes, strict=True
         ):
-            m, a, e = len(border.inputs), len(added), len(emptied)
+            m = len(border.inputs)
+            a = len(added)
+            e = len(emptied)
             new = slice(first, first + a)
             last = first + a + e
             everywhere = np.arange(m)
@@ -217,7 +226,8 @@ class ChangedSystem:
             answers.append(np.hstack([answer, block.solution(inputs)]))
             self._places.append(new)
             first = last
-        self._total, self.borders = total, former.borders
+        self._total = total
+        self.borders = former.borders
         self._system = BorderedSystem(former.blocks, borders, core, answers)
 
     def solve(
@@ -232,5 +242,6 @@ class ChangedSystem:
         for pressure, place, (added, emptied) in zip(
             pressures, self._places, self._filled, strict=True
         ):
-            pressure[added], pressure[emptied] = x[place], 0.0
+            pressure[added] = x[place]
+            pressure[emptied] = 0.0
         return pressures, x[: self.size]

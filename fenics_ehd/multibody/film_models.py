@@ -164,7 +164,10 @@ class FilmModel(ABC, Generic[PointT]):
     #: True of a matrix W that comes with the derivatives, of these being symmetric, of equations
     #: that are nearly linear on an active set, so that factors serve on, and of oil that is
     #: conserved, so that the state of the integration has its void volumes.
-    weighted, symmetric, nearly_linear, conserves_oil = True, False, False, False
+    weighted = True
+    symmetric = False
+    nearly_linear = False
+    conserves_oil = False
 
     volumes = slice(0, 0)
 
@@ -176,10 +179,15 @@ class FilmModel(ABC, Generic[PointT]):
         pattern: Pattern,
         contents: int = 0,
     ):
-        self.place, self.nodes, self.inside, self.pattern = place, nodes, inside, pattern
+        self.place = place
+        self.nodes = nodes
+        self.inside = inside
+        self.pattern = pattern
         self.contents = contents
         joint = place.film
-        self.film, self.scale, self.lower = joint.film, 1.0, np.zeros(len(nodes))
+        self.film = joint.film
+        self.scale = 1.0
+        self.lower = np.zeros(len(nodes))
         turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
         self._velocity = np.hstack([joint.mean_velocity, turning])
         self._sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
@@ -227,7 +235,8 @@ class FilmModel(ABC, Generic[PointT]):
 
     def nodal_change(self, values: np.ndarray, full: np.ndarray) -> np.ndarray:
         """Change of the pressure at all nodes [Pa] with that of the full ones."""
-        nodal, pressed = np.zeros(self.film.assembly.size), full[self.inside[full]]
+        nodal = np.zeros(self.film.assembly.size)
+        pressed = full[self.inside[full]]
         nodal[self.nodes[pressed]] = self.film.parameters.pressure_scale * values[pressed]
         return nodal
 
@@ -327,14 +336,17 @@ class FilmModel(ABC, Generic[PointT]):
         size
             Number of unknowns x.
         """
-        place, n = self.place, self.place.film.size
+        place = self.place
+        n = self.place.film.size
         along_h, along_v, along_u = self.along_gap(point, shift)
-        inputs, velocity = along_h @ self._gap, along_v @ self._velocity
+        inputs = along_h @ self._gap
+        velocity = along_v @ self._velocity
         if along_u is not None:
             velocity += along_u @ self._sliding
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
-        spread, ahead = np.zeros((inputs.shape[1], size)), np.zeros((2, size))
+        spread = np.zeros((inputs.shape[1], size))
+        ahead = np.zeros((2, size))
         ahead[0, place.turning] = place.signs
         ahead[1, : speed.shape[1]] = place.signs @ speed[place.turning]
         spread[np.arange(n), place.xi] = 1.0
@@ -364,7 +376,8 @@ class FilmModel(ABC, Generic[PointT]):
             found = found.extended(along, ahead[:1], np.zeros((len(self._gap), 1)))
         if point.turned is not None:
             # The gap's rate follows the angle otherwise than the gap.
-            slope, along_rate = point.turned.slope, self._along_rate(point, shift, along_h)
+            slope = point.turned.slope
+            along_rate = self._along_rate(point, shift, along_h)
             along = along_h @ slope + along_rate @ (point.turned.rate_slope - shift * slope)
             inputs = np.stack([along, along_rate @ slope], axis=-1)[self.nodes] / self.scale
             gap = np.stack([slope, np.zeros_like(slope)], axis=-1)
@@ -390,7 +403,8 @@ class FilmModel(ABC, Generic[PointT]):
         if point.turned is not None:
             pressure = self.film.parameters.pressure_scale * point.nodal
             stiffness = point.turned.stiffness @ pressure
-            turning, signs = self.place.turning, self.place.signs
+            turning = self.place.turning
+            signs = self.place.signs
             core[np.ix_(turning, turning)] -= stiffness * np.outer(signs, signs)
 
 
@@ -429,7 +443,8 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
 
     def given(self, point: FilmPoint, full: np.ndarray) -> np.ndarray:
         """Defects that are to vanish, W put back in."""
-        left, weights = self._left(point), point.weights
+        left = self._left(point)
+        weights = point.weights
         return left if weights is None else self.pattern.multiply(weights, left)
 
     def settled(self, point: FilmPoint, tolerance: float) -> bool:
@@ -443,7 +458,8 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
 
     def end(self, point: FilmPoint, tolerance: float) -> FilmState:
         """The end of a step, its complementarity verified."""
-        found, limit = self.state(point), 10 * self._limit(point, tolerance)
+        found = self.state(point)
+        limit = 10 * self._limit(point, tolerance)
         result = found.cavitation
         verify_complementarity(result.pressure, result.flux, self.scale, limit)
         return found
@@ -515,7 +531,8 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def _full(self, thickness: np.ndarray) -> np.ndarray:
         """``int rho h N`` at all nodes of a gap at the Gauss points, over the volume scale."""
-        shape, clearance = self.film.assembly.area.shape, self.film.parameters.clearance
+        shape = self.film.assembly.area.shape
+        clearance = self.film.parameters.clearance
         thickness = thickness.reshape(shape) / clearance
         return self.film.assembly.source(self.film.equation.factors[1] * thickness)
 
@@ -525,7 +542,8 @@ class ConservedOil(FilmModel[OilPoint]):
         A turning journal's shape takes it; between rough surfaces the average gap adds what it has
         beyond the `nominal` one (Gauss points).
         """
-        shape, surfaces = self.place.film.shape, self.film.parameters.surfaces
+        shape = self.place.film.shape
+        surfaces = self.film.parameters.surfaces
         taken = np.zeros(nominal.size)
         if shape.turning:
             taken += shape.closing(self.place.relative_angle(z))[: nominal.size]
@@ -586,14 +604,16 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def begin(self, step: ImplicitStep, responses: BoreResponses, i: int) -> None:
         """Take another step; the film is the i-th."""
-        joint, rate = self.place.film, self.film.parameters.rate
+        joint = self.place.film
+        rate = self.film.parameters.rate
         # The rate of the gap that is affine in the state is ``shift h + past``.
         constant = joint.clearance + joint.shape.fixed[: len(joint.thickness)]
         past = (
             joint.thickness @ step.past_x[self.place.xi] + responses.past_gap[responses.points[i]]
         )
         past = past - step.shift * constant
-        self._shift, self._length = step.shift, rate / step.shift
+        self._shift = step.shift
+        self._length = rate / step.shift
         self._past_volumes = step.past_x[self.volumes]
         self._past_void = self._past_volumes / (self.balance.volume_scale * rate)
         self._former = self._past_void - self._full(past) / rate
@@ -603,7 +623,8 @@ class ConservedOil(FilmModel[OilPoint]):
         """The balance, and the equations of the pressures before it."""
         pressures, void = np.split(values, 2)
         step = self.balance.ending(gap, self._length, self._former)
-        problem, transport = self.balance.problem(step), self.balance.transport(step, void)
+        problem = self.balance.problem(step)
+        transport = self.balance.transport(step, void)
         defect = problem.residual(pressures) - transport.values
         if not len(self._rows):
             source = (problem.source + self._past_void[self.nodes])[self.inside]
@@ -662,7 +683,8 @@ class ConservedOil(FilmModel[OilPoint]):
         volumes = point.step.full * point.transport.void
         volumes[self.nodes] += point.balance
         if not self.film.parameters.lubricant.density_law.constant:
-            flow, denser = point.step.flow, self.film.equation.flow(point.gap, point.nodal).density
+            flow = point.step.flow
+            denser = self.film.equation.flow(point.gap, point.nodal).density
             denser = (denser - self.film.equation.factors[1]) * flow.thickness / point.step.length
             volumes -= self.film.assembly.source(denser)
         return self.balance.volume_scale * point.step.length * volumes
@@ -675,7 +697,9 @@ class ConservedOil(FilmModel[OilPoint]):
         CavitationError
             It violates complementarity, oil is lost, or a void fraction is above 1.
         """
-        balance, step, rate = self.balance, point.step, self.film.parameters.rate
+        balance = self.balance
+        step = point.step
+        rate = self.film.parameters.rate
         verify_complementarity(point.values, point.void, 1.0, 10 * tolerance)
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:

@@ -177,7 +177,8 @@ class StepFactors:
 
     def lead(self, patterns: int) -> None:
         """Take so many residual patterns into the derivatives."""
-        self.patterns, self._reduction = max(patterns, LEADING), 0.0
+        self.patterns = max(patterns, LEADING)
+        self._reduction = 0.0
         self._equations.lead(self.patterns)
 
     @property
@@ -208,7 +209,9 @@ class StepFactors:
 
     def change(self, full: Sequence[np.ndarray]) -> bool:
         """Take other full nodes, derivatives as they are; False: better factorise."""
-        derivative, changes, border = self._derivative, [], 0
+        derivative = self._derivative
+        changes = []
+        border = 0
         if derivative is None or self._base is None:
             return False
         for film, then, now in zip(derivative.films, self._base_full, full, strict=True):
@@ -272,7 +275,8 @@ class StepFactors:
             x = x + x_more
             changed = self._measure(point, further, x_more)[1]
             closing, size = self._measure(point, changes, x)
-            self._reduction, former = changed / former, changed
+            self._reduction = changed / former
+            former = changed
             if changed <= REFINED * size or self._reduction > SLOW:
                 break
         return Update(pressures, x[: len(rest)], closing, size)
@@ -293,7 +297,8 @@ class StepFactors:
         SNES takes changes away: one that opens a gap closes it.
         """
         n = self._equations.system.n
-        closing, size = 0.0, self._norm.coordinate_error(x[:n])
+        closing = 0.0
+        size = self._norm.coordinate_error(x[:n])
         places = self._equations.system.films
         for place, change, film in zip(places, changes, point.films, strict=True):
             relative = change / place.film.lengths(film.gap.thickness.ravel())
@@ -381,7 +386,8 @@ class CoupledSteps:
     """
 
     def __init__(self, system: System, *, options_prefix: str = "motion_"):
-        self.system, self._prefix = system, options_prefix
+        self.system = system
+        self._prefix = options_prefix
         self.equations = StepEquations(system)
         self._factors = StepFactors(self.equations, options_prefix=options_prefix)
         self._snes = self._solver(MAX_ITERATIONS)
@@ -403,7 +409,8 @@ class CoupledSteps:
         self, problem: StepNorm, step: ImplicitStep, former: SolverState | None
     ) -> Attempt:
         """Solve one step; `problem` judges errors."""
-        self._problem, self._tolerance = problem, max(step.tolerance, FINEST)
+        self._problem = problem
+        self._tolerance = max(step.tolerance, FINEST)
         self._iterations = 0
         self._factors.begin(problem, LEADING if former is None else former.patterns)
         self.equations.begin(step)
@@ -416,7 +423,8 @@ class CoupledSteps:
         patterns = self._factors.patterns_wanted
         kept = SolverState.after(former, step.time, self._solution, patterns)
         x, rate = self.equations.state(self._point)
-        observed, motion = problem.observe(x), self._point.motion
+        observed = problem.observe(x)
+        motion = self._point.motion
         gaps = problem.film_gaps(observed)
         joints = joint_steps(self.equations, films, motion.multipliers, x, rate, gaps)
         return Attempt(iterations, Solved(x, rate, observed, CoupledState(joints, motion), kept))
@@ -464,8 +472,11 @@ class CoupledSteps:
         self._full = [np.empty(0, dtype=np.int32) for _ in self.system.films]
         self._factors.forget()
         self._close = False
-        self._size, self._fraction, self._contracts = np.inf, 1.0, False
-        self._damping, self._settled = damping, False
+        self._size = np.inf
+        self._fraction = 1.0
+        self._contracts = False
+        self._damping = damping
+        self._settled = False
 
     def _start(self, step: ImplicitStep, former: SolverState | None) -> np.ndarray:
         """First iterate: extrapolated, as far as the gaps stay open."""
@@ -473,7 +484,8 @@ class CoupledSteps:
         closing = self._problem.closing(before, predicted)
         fraction = min(1.0, BOUNDARY_FRACTION / closing) if closing > 0.0 else 1.0
         x = step.start + fraction * (step.predicted - step.start)
-        rest, n = self.equations.rest, self.system.n
+        rest = self.equations.rest
+        n = self.system.n
         if former is None:
             gaps = self._problem.film_gaps(step.observed[0])
             start = self.equations.unknowns_at(step.start, gaps)
@@ -530,9 +542,11 @@ class CoupledSteps:
         """Newton update, see `VariationalInequality`; shortened where it would close a gap."""
         del rhs  # the residual of the last point
         self._iterations += 1
-        former, rest = self._size, self._point.rest
+        former = self._size
+        rest = self._point.rest
         found = self._factors.update(self._point, self._full, self._given(), rest)
-        self._size, closing = found.size, found.closing
+        self._size = found.size
+        closing = found.closing
         self._contracts = self._size <= CONTRACTION * former
         self._close = self._size <= min(NEAR, SHRINKING * former)
         self._fraction = min(1.0, BOUNDARY_FRACTION / closing) if closing > 0 else 1.0

@@ -72,7 +72,8 @@ def film_friction(
     journal: JointFilm, state: FilmState, filled: np.ndarray | None = None
 ) -> FilmFriction:
     """Friction of a film whose gap is that of the journal; None: filled as the state says."""
-    film, gap = journal.film, state.gap
+    film = journal.film
+    gap = state.gap
     p = film.parameters
     fields = film_fields(film, state, journal.shear_rule)
     area = p.grid.radius**2 * film.assembly.area
@@ -230,10 +231,14 @@ class StepEquations:
         GapClosedError
             A gap is not positive at a Gauss point.
         """
-        system, step = self.system, self._step
-        n, m = system.n, system.m
+        system = self.system
+        step = self._step
+        n = system.n
+        m = system.m
         rest = u[self.rest]
-        z, multipliers, drift = rest[:n], rest[n : n + m], rest[n + m :]
+        z = rest[:n]
+        multipliers = rest[n : n + m]
+        drift = rest[n + m :]
         instant = Instant(system, step.time, z)
         rates = step.shift * z + step.past_x - system.weights * (drift @ instant.jacobian)
         accelerations = step.shift * rates + step.past_rate
@@ -287,9 +292,13 @@ class StepEquations:
             each = zip(self.films, former.films, point.films, strict=True)
             films = [film.with_matrix(block, own) for film, block, own in each]
             return Derivative(films, former.core)
-        system, shift = self.system, self._step.shift
-        n, m, weights = system.n, system.m, system.weights[:, None]
-        jacobian, parts = point.motion.instant.jacobian, point.motion.derivatives()
+        system = self.system
+        shift = self._step.shift
+        n = system.n
+        m = system.m
+        weights = system.weights[:, None]
+        jacobian = point.motion.instant.jacobian
+        parts = point.motion.derivatives()
         size = last = self.rest_size
         patterns = [slice(size, size)] * len(self.films)
         for body in self.responses.bodies.values():
@@ -336,19 +345,23 @@ class StepEquations:
         """
         inputs = [own.spread @ x for own in derivatives]
         changes = [own.gap @ given for own, given in zip(derivatives, inputs, strict=True)]
-        responses, left = self.responses, [np.zeros(len(film.nodes)) for film in self.films]
+        responses = self.responses
+        left = [np.zeros(len(film.nodes)) for film in self.films]
         if not responses.size:
             return changes, None
-        any_left, moved = False, responses.moved(pressures)
+        any_left = False
+        moved = responses.moved(pressures)
         for i, (film, derivative) in enumerate(zip(self.films, derivatives, strict=True)):
-            body, leading = responses.body_of(i), film.leading
+            body = responses.body_of(i)
+            leading = film.leading
             if body is None:
                 continue
             missing = moved[responses.points[i]] - derivative.gap[:, leading] @ inputs[i][leading]
             changes[i] = changes[i] + missing
             if leading.stop - leading.start < len(body.own):
                 along = derivative.along_gap @ missing
-                left[i], any_left = along[film.nodes] / film.scale, True
+                left[i] = along[film.nodes] / film.scale
+                any_left = True
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:

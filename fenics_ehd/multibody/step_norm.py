@@ -24,8 +24,10 @@ class StepNorm:
     """
 
     def __init__(self, equations: StepEquations):
-        system, responses = equations.system, equations.responses
-        rows, constants = [], []
+        system = equations.system
+        responses = equations.responses
+        rows = []
+        constants = []
         for film in system.films:
             observed = np.zeros((len(film.film.observed), system.n))
             observed[:, film.xi] = film.film.observed
