@@ -20,6 +20,7 @@ from fenics_ehd.base.errors import (
     SettingsError,
     ViscosityError,
 )
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FilmParameters
@@ -62,6 +63,7 @@ class FilmState:
     outflow: np.ndarray | None = None
 
 
+@renamed_attributes(apart="with_own_temperature")
 class Film:
     """Reynolds equation on one bore, solved again and again.
 
@@ -112,7 +114,7 @@ class Film:
             tolerance=tolerance,
         )
 
-    def apart(self) -> Film:
+    def with_own_temperature(self) -> Film:
         """The same film with a temperature of its own."""
         film = copy(self)
         film.equation = copy(self.equation)

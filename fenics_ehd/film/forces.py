@@ -83,13 +83,13 @@ class FilmFields:
         Derivative of the pressure along the circumference [Pa/m].
     viscosity
         [Pa s].
-    filled
+    sheared_fraction
         theta, the share of the width that is sheared [-].
     """
 
     slope_around: np.ndarray
     viscosity: np.ndarray
-    filled: np.ndarray
+    sheared_fraction: np.ndarray
 
 
 def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFields:
@@ -107,11 +107,11 @@ def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFi
     return FilmFields(
         around / p.grid.radius,
         p.lubricant.viscosity * np.broadcast_to(film.flow(state).viscosity, pressure.shape),
-        _filled(film, state, pressure, rule),
+        _sheared_fraction(film, state, pressure, rule),
     )
 
 
-def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
+def _sheared_fraction(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
     """Share of the width that is sheared."""
     full = pressure > PRESSURE_FLOOR * pressure.max()
     groove = film.supplied_points

@@ -64,6 +64,7 @@ import numpy as np
 from scipy.special import erfc
 
 from fenics_ehd.base.fields import REQUIRED, Roughness, number
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.lubricant import ARRAYS, Functions
 
@@ -207,7 +208,7 @@ SPACING, ORDER = 1.0 / 16.0, 10
 STEP, END = 0.02, 5.0
 
 
-class Touch(NamedTuple):
+class AsperityContact(NamedTuple):
     """Contact of nominal gaps: energy per area [J/m2], pressure [Pa], its derivative [Pa/m]."""
 
     potential: np.ndarray
@@ -276,6 +277,7 @@ DEEPEST_ITERATE = -4.0
 FULL_SLIDING = 1e-3
 
 
+@renamed_attributes(touch="contact", apart="separation", rubbing="boundary_friction_factor")
 @attrs.frozen(kw_only=True, slots=False)
 class RoughSurfaces(Roughness):
     """Rough surfaces of a journal and its bore with elastic asperities."""
@@ -288,7 +290,7 @@ class RoughSurfaces(Roughness):
         own = {field.name: getattr(settings, field.name) for field in attrs.fields(Roughness)}
         return cls(**own, modulus=modulus) if settings.roughness else None
 
-    def apart(self, gap: np.ndarray) -> np.ndarray:
+    def separation(self, gap: np.ndarray) -> np.ndarray:
         """Distance of the mean planes of the tips at nominal gaps [m], over the roughness."""
         return gap / self.roughness - self.summit_offset
 
@@ -300,17 +302,17 @@ class RoughSurfaces(Roughness):
         slenderness = self.asperity_slenderness
         return float(factor * product**2 * np.sqrt(slenderness) * self.modulus)
 
-    def touch(self, gap: np.ndarray) -> Touch:
+    def contact(self, gap: np.ndarray) -> AsperityContact:
         """Contact of the asperities at nominal gaps [m] of any shape."""
-        potential, slope, curvature = seven_halves(self.apart(gap))
+        potential, slope, curvature = seven_halves(self.separation(gap))
         scale = self.strength * 2 / 7
-        return Touch(
+        return AsperityContact(
             scale * self.roughness * potential, -scale * slope, -scale / self.roughness * curvature
         )
 
     def contact_share(self, gap: np.ndarray) -> np.ndarray:
         """Share of the nominal area in true contact, 1 at most."""
-        share = np.pi**2 * self.asperity_product**2 * _two(self.apart(gap))
+        share = np.pi**2 * self.asperity_product**2 * _two(self.separation(gap))
         return np.minimum(share, 1.0)
 
     @property
@@ -327,7 +329,7 @@ class RoughSurfaces(Roughness):
         """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
         return self.roughness * mean_gap(-thickness / self.roughness)[0]
 
-    def rubbing(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def boundary_friction_factor(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Boundary friction over contact pressure at sliding velocities [m/s], its derivative."""
         size = np.hypot(speed, FULL_SLIDING)
         mu = self.boundary_friction

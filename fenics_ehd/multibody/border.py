@@ -110,7 +110,7 @@ class BorderedSystem:
         Of every film.
     core
         S, shape (x, x).
-    answers
+    responses
         ``A^-1 B`` of every film where it is known, shape (m, b).
 
     Attributes
@@ -129,18 +129,18 @@ class BorderedSystem:
         blocks: Sequence[ActiveSetSystem],
         borders: Sequence[FilmBlock],
         core: np.ndarray,
-        answers: Sequence[np.ndarray] | None = None,
+        responses: Sequence[np.ndarray] | None = None,
     ):
         self.blocks = blocks
         self.borders = borders
         self.core = core
         self.size = len(core)
-        if answers is None:
-            answers = [b.solution(d.inputs) for b, d in zip(blocks, borders, strict=True)]
-        self.answers = answers
+        if responses is None:
+            responses = [b.solution(d.inputs) for b, d in zip(blocks, borders, strict=True)]
+        self.responses = responses
         matrix = core.copy()
-        for border, answer in zip(borders, answers, strict=True):
-            matrix[border.rows] -= (border.outputs @ answer) @ border.spread
+        for border, response in zip(borders, responses, strict=True):
+            matrix[border.rows] -= (border.outputs @ response) @ border.spread
         # Forces, lengths and rates side by side: pivots are chosen among equals.
         self._row_scale = 1.0 / np.abs(matrix).max(axis=1)
         matrix *= self._row_scale[:, None]
@@ -164,8 +164,8 @@ class BorderedSystem:
         found = linalg.lapack.dgetrs(*self._factor, given * self._row_scale)[0]
         x = found * self._column_scale
         pressures = [
-            p - answer @ (border.spread @ x)
-            for p, answer, border in zip(alone, self.answers, self.borders, strict=True)
+            p - response @ (border.spread @ x)
+            for p, response, border in zip(alone, self.responses, self.borders, strict=True)
         ]
         return pressures, x
 
@@ -198,10 +198,10 @@ class ChangedSystem:
         core = np.zeros((total, total))
         core[:first, :first] = former.core
         borders = []
-        answers = []
+        responses = []
         self._places = []
-        for block, border, answer, (added, emptied) in zip(
-            former.blocks, former.borders, former.answers, changes, strict=True
+        for block, border, response, (added, emptied) in zip(
+            former.blocks, former.borders, former.responses, changes, strict=True
         ):
             m = len(border.inputs)
             a = len(added)
@@ -223,12 +223,12 @@ class ChangedSystem:
             still = np.zeros((len(border.gap), a + e))
             rows = np.arange(first, last)
             borders.append(wide.extended(inputs, np.eye(total)[rows], still, (outputs, rows)))
-            answers.append(np.hstack([answer, block.solution(inputs)]))
+            responses.append(np.hstack([response, block.solution(inputs)]))
             self._places.append(new)
             first = last
         self._total = total
         self.borders = former.borders
-        self._system = BorderedSystem(former.blocks, borders, core, answers)
+        self._system = BorderedSystem(former.blocks, borders, core, responses)
 
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray

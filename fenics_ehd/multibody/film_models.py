@@ -56,10 +56,10 @@ from fenics_ehd.film.oil_balance import (
     Transport,
     require_monotone,
 )
-from fenics_ehd.film.rough_surfaces import Touch
+from fenics_ehd.film.rough_surfaces import AsperityContact
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
-from fenics_ehd.multibody.lubricated_joint import Turned
+from fenics_ehd.multibody.lubricated_joint import RotatedShape
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.static_correction import BoreResponses
 
@@ -103,7 +103,7 @@ class FilmPoint:
         The `Gap` it is of, and the `Complementarity` that the equation makes of it.
     defect
         Equations of all unknowns, of order one.
-    touch
+    contact
         Contact at the Gauss points, None between smooth surfaces.
     turned
         Of a joint's shape that turns, else None.
@@ -114,8 +114,8 @@ class FilmPoint:
     gap: Gap
     problem: Complementarity
     defect: np.ndarray
-    touch: Touch | None = field(default=None, kw_only=True)
-    turned: Turned | None = field(default=None, kw_only=True)
+    contact: AsperityContact | None = field(default=None, kw_only=True)
+    rotated: RotatedShape | None = field(default=None, kw_only=True)
 
     @property
     def fluid_fraction(self) -> np.ndarray | None:
@@ -155,8 +155,8 @@ class FilmModel(ABC, Generic[PointT]):
         Lower bounds of the unknowns.
     scale
         What the equations are divided by, from the first point of a step on.
-    leading
-        Columns of the leading residual patterns of the bore among the film's inputs.
+    retained
+        Columns of the retained residual patterns of the bore among the film's inputs.
     volumes
         Places in the state of the integration of what the oil's contents of all nodes lack.
     """
@@ -194,8 +194,8 @@ class FilmModel(ABC, Generic[PointT]):
         self._moving = np.hstack([joint.thickness, np.zeros_like(turning)])
         self._forces = -self.of_pressures(joint.load)
 
-    def lead(self, gap: np.ndarray, shares: np.ndarray) -> None:
-        """Take leading residual patterns into the derivatives.
+    def retain_patterns(self, gap: np.ndarray, shares: np.ndarray) -> None:
+        """Take retained residual patterns into the derivatives.
 
         Parameters
         ----------
@@ -207,7 +207,7 @@ class FilmModel(ABC, Generic[PointT]):
         first = self._moving.shape[1]
         self._gap = np.hstack([self._moving, gap])
         self._shares = -self.of_pressures(shares)
-        self.leading = slice(first, first + len(shares))
+        self.retained = slice(first, first + len(shares))
 
     def system(self, options_prefix: str) -> ActiveSetSystem:
         """Factors of the film's matrix on its full nodes, and of W on the others."""
@@ -260,7 +260,7 @@ class FilmModel(ABC, Generic[PointT]):
         """The state's volumes [m^3] at a point with coordinates z, and their rates."""
         return np.zeros(0), np.zeros(0)
 
-    def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
         """Void fractions of all nodes in a state of a gap, where it is observed."""
         return np.zeros(self.film.assembly.size)
 
@@ -332,7 +332,7 @@ class FilmModel(ABC, Generic[PointT]):
         speed
             Derivative of all rates along all unknowns x but the patterns.
         patterns, share
-            Places of the leading patterns in x, and how they answer within the step.
+            Places of the retained patterns in x, and how they answer within the step.
         size
             Number of unknowns x.
         """
@@ -351,7 +351,7 @@ class FilmModel(ABC, Generic[PointT]):
         ahead[1, : speed.shape[1]] = place.signs @ speed[place.turning]
         spread[np.arange(n), place.xi] = 1.0
         spread[n] = ahead[1]
-        spread[self.leading, patterns] = np.eye(patterns.stop - patterns.start)
+        spread[self.retained, patterns] = np.eye(patterns.stop - patterns.start)
         found = FilmBlock(
             self.pattern,
             self._entries(point),
@@ -374,14 +374,14 @@ class FilmModel(ABC, Generic[PointT]):
         if self.film.equation.feeds is not None and self.film.equation.feeds.turning:
             along = self.along_turn(point)[self.nodes, None] / self.scale
             found = found.extended(along, ahead[:1], np.zeros((len(self._gap), 1)))
-        if point.turned is not None:
+        if point.rotated is not None:
             # The gap's rate follows the angle otherwise than the gap.
-            slope = point.turned.slope
+            slope = point.rotated.slope
             along_rate = self._along_rate(point, shift, along_h)
-            along = along_h @ slope + along_rate @ (point.turned.rate_slope - shift * slope)
+            along = along_h @ slope + along_rate @ (point.rotated.rate_slope - shift * slope)
             inputs = np.stack([along, along_rate @ slope], axis=-1)[self.nodes] / self.scale
             gap = np.stack([slope, np.zeros_like(slope)], axis=-1)
-            outputs = -place.signs[:, None] * self.of_pressures(point.turned.torque)
+            outputs = -place.signs[:, None] * self.of_pressures(point.rotated.torque)
             found = found.extended(inputs, ahead, gap, (outputs, place.turning))
         return found
 
@@ -400,9 +400,9 @@ class FilmModel(ABC, Generic[PointT]):
 
     def twist(self, point: PointT, core: np.ndarray) -> None:
         """Add to the core how the torque of the pressures changes with the angle of the journal."""
-        if point.turned is not None:
+        if point.rotated is not None:
             pressure = self.film.parameters.pressure_scale * point.nodal
-            stiffness = point.turned.stiffness @ pressure
+            stiffness = point.rotated.stiffness @ pressure
             turning = self.place.turning
             signs = self.place.signs
             core[np.ix_(turning, turning)] -= stiffness * np.outer(signs, signs)
@@ -546,7 +546,7 @@ class ConservedOil(FilmModel[OilPoint]):
         surfaces = self.film.parameters.surfaces
         taken = np.zeros(nominal.size)
         if shape.turning:
-            taken += shape.closing(self.place.relative_angle(z))[: nominal.size]
+            taken += shape.gap_reduction(self.place.relative_angle(z))[: nominal.size]
         if surfaces is not None:
             taken -= surfaces.excess(nominal).ravel()
         return self._full(taken)
@@ -587,7 +587,7 @@ class ConservedOil(FilmModel[OilPoint]):
         full, void = self._observed(state, observed)
         return float(self.balance.volume_scale * full.sum() - void.sum())
 
-    def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
         """Void fractions of all nodes in a state of a gap, where it is observed."""
         full, void = self._observed(state, observed)
         shares = np.zeros(self.balance.assembly.size)

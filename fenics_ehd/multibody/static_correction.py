@@ -198,7 +198,7 @@ class BoreResponses:
             found[body.nodes] = body.shapes @ amplitudes[body.patterns]
         return found
 
-    def _answered(self, pressed: Any) -> np.ndarray:
+    def _response(self, pressed: Any) -> np.ndarray:
         """Gap change at the Gauss points, at once, for what presses, of shape (k,) or (k, a)."""
         found = np.zeros((self._reading.shape[1], *pressed.shape[1:]))
         for body in self.bodies.values():
@@ -208,25 +208,29 @@ class BoreResponses:
             found[body.nodes] = values
         return self._reading @ found
 
-    def moved(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
+    def gap_change_from_pressure(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
         """Gap change at the Gauss points that answers nodal pressures of the films [m], [Pa]."""
-        return self.share * self._answered(self._spread @ np.concatenate(pressures))
+        return self.share * self._response(self._spread @ np.concatenate(pressures))
 
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
+    def gap_change_from_forces(self, forces: np.ndarray) -> np.ndarray:
         """Gap change at the Gauss points that answers normal forces on them [N], shape (g,)."""
-        return self.share * self._answered(self._pushing @ forces)
+        return self.share * self._response(self._pushing @ forces)
 
-    def pushed_by(self, points: np.ndarray) -> np.ndarray:
+    def unit_force_response(self, points: np.ndarray) -> np.ndarray:
         """The same for unit forces on some Gauss points, shape (g, a)."""
         few = self._reading.shape[0] <= FEW_POINTS
-        found = self._pushed[:, points] if few else self._answered(self._pushing[:, points])
+        found = (
+            self._all_unit_force_responses[:, points]
+            if few
+            else self._response(self._pushing[:, points])
+        )
         return self.share[:, None] * found
 
     @cached_property
-    def _pushed(self) -> np.ndarray:
-        return self._answered(self._pushing)
+    def _all_unit_force_responses(self) -> np.ndarray:
+        return self._response(self._pushing)
 
-    def pressed_at(self, i: int, points: np.ndarray) -> np.ndarray:
+    def unit_pressure_response(self, i: int, points: np.ndarray) -> np.ndarray:
         """Gap change at some Gauss points that answers unit nodal pressures of a film.
 
         Returns
@@ -242,7 +246,7 @@ class BoreResponses:
         spread = self._spread[body.pressed][:, self._pressures[i]]
         return self.share[points, None] * (spread.T @ values.T).T
 
-    def leading(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    def retained_patterns(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Gap change (g, k) and share of nodal pressures (k, nodes) of the k softest patterns.
 
         Of every film: at most `count`, none where the bore has none.
@@ -272,7 +276,7 @@ class BoreResponses:
         if not self.size:
             return
         # What is left without pressure, and its rate: both are multiples of the past.
-        moved = self.moved(pressures)
+        moved = self.gap_change_from_pressure(pressures)
         resting = self.share * self.past_gap
         change = moved - self._damping_at * resting
         rate = self.shift * moved + resting
