@@ -279,6 +279,11 @@ class Body(ABC):
         """Largest distance of a point from the body's origin [m]."""
 
     @property
+    def axisymmetric(self) -> bool:
+        """True if the points and the centre of mass lie on the axis that the body turns about."""
+        return False
+
+    @property
     def least_damping(self) -> float:
         """Smallest damping ratio of its modes, infinite without any."""
         return np.inf
@@ -346,6 +351,9 @@ class PlanarBody(Pose, Body):
     #: Structural damping zeta of ``D_e = zeta K_e`` [s].
     damping_time: float
 
+    #: Centre of mass in the body's frame [m]; None: as `integrals` have it.
+    centre: tuple[float, float] | None
+
     @property
     @abstractmethod
     def integrals(self) -> InertiaIntegrals:
@@ -404,6 +412,11 @@ class PlanarBody(Pose, Body):
     def reach(self) -> float:
         """Largest distance of a point from the origin [m]."""
         return max((float(np.hypot(*f[:, 0])) for f in self.fields.values()), default=0.0)
+
+    @property
+    def axisymmetric(self) -> bool:
+        """True if all points and the centre of mass are at the origin."""
+        return not (self.reach or any(self.centre or ()))
 
     @property
     def point_names(self) -> tuple[str, ...]:

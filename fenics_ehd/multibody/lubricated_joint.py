@@ -64,6 +64,7 @@ from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.joints import OWN, SECOND, Geometry, Joint
+from fenics_ehd.multibody.tabulated import Variation, variations_of
 from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
 
@@ -411,6 +412,15 @@ class LubricatedJoint:
     def markers(self) -> tuple[str, ...]:
         """Markers of bore and journal."""
         return self.bore, self.journal
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Variations of the pressures of its supplies."""
+        return tuple(
+            variation
+            for feed in self.film.parameters.feeds
+            for variation in variations_of(feed.curve, setting=f"supply.{feed.name}")
+        )
 
 
 @dataclass(frozen=True)
