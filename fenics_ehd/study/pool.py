@@ -56,10 +56,11 @@ from fenics_ehd.reduction.reductor import Reductor
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.needed_bodies import NeededBody
 from fenics_ehd.scenes.part import elastic_part
 from fenics_ehd.scenes.run import run_scene
 from fenics_ehd.scenes.scene import flexible
-from fenics_ehd.study.cases import Case, NeededBody
+from fenics_ehd.study.cases import Case
 
 T = TypeVar("T")
 R = TypeVar("R")
