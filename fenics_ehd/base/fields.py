@@ -144,7 +144,9 @@ def unit(text: str) -> Unit | None:
         above = ""
     words = [(1, word) for word in _WORD.findall(above)]
     words += [(-1, word) for word in _WORD.findall(below)]
-    factor, turns, powers = Fraction(1), 0, Counter[str]()
+    factor = Fraction(1)
+    turns = 0
+    powers = Counter[str]()
     for sign, word in words:
         match = _SYMBOL.fullmatch(word)
         found = _symbol(match[1]) if match else None
@@ -190,7 +192,9 @@ def in_unit(written: str, wanted: str) -> float:
     match = WRITTEN.fullmatch(written)
     if match is None or len(match[1]) > LONGEST:
         raise SettingsError(f"must be a finite number{told}, or one with its unit")
-    symbol, have, want = match[2], unit(match[2]), unit(wanted)
+    symbol = match[2]
+    have = unit(match[2])
+    want = unit(wanted)
     if have is None:
         raise SettingsError(f"must be a number{told}: {symbol!r} is no unit known here")
     if want is None or have.powers != want.powers or (have.zero and not want.zero):
@@ -206,7 +210,8 @@ def in_unit(written: str, wanted: str) -> float:
 REQUIRED: Any = attrs.NOTHING
 
 #: Sizes of a number whose powers and products are still numbers.
-SMALLEST, LARGEST = 1e-30, 1e30
+SMALLEST = 1e-30
+LARGEST = 1e30
 
 
 def checked(
@@ -610,7 +615,8 @@ SPECIFIC_HEAT = 2000.0
 
 #: Of Dowson's and Higginson's law (1966), mineral oils [1/Pa]: rise at ambient pressure, and how it
 #: ends.
-COMPRESSIBILITY, STIFFENING = 0.6e-9, 1.7e-9
+COMPRESSIBILITY = 0.6e-9
+STIFFENING = 1.7e-9
 
 
 def _kinematic(temperature: int) -> Any:

@@ -112,7 +112,8 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
     for key, value in table.items():
         if key not in known:
             raise UnknownKeyError(path + key)
-        about, name = known[key].metadata, f"{path}{key}"
+        about = known[key].metadata
+        name = f"{path}{key}"
         if "table" in about and not isinstance(value, Mapping):
             named = f"tables: [{name}.NAME]" if "kinds" in about else "a table"
             raise SettingsError(f"{name} = {value!r} must be {named}")
@@ -139,7 +140,8 @@ def _required(cls: type) -> list[str]:
 
 def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any:
     """Settings object of the class that the ``kind`` of a named table says, see `entries`."""
-    path, kinds = f"{section}.{name}", about["kinds"]
+    path = f"{section}.{name}"
+    kinds = about["kinds"]
     if not name.replace("_", "").replace("-", "").isalnum():
         raise SettingsError(f"[{path}]: a name must be of letters, digits, _ and -")
     if not isinstance(table, Mapping):
@@ -157,7 +159,8 @@ def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any
 def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, Any]]:
     """Full key, field and value of every setting, those of sections and of named tables too."""
     for attribute in declared(type(settings)):
-        name, value = f"{path}{attribute.name}", getattr(settings, attribute.name)
+        name = f"{path}{attribute.name}"
+        value = getattr(settings, attribute.name)
         if "kinds" in attribute.metadata:
             for key, entry in value.items():
                 yield from walk(entry, f"{name}.{key}.")
@@ -184,7 +187,8 @@ def idle_settings(
     tables = ((path, settings), *around)
     look_up = partial(_setting, tables)
     for attribute in declared(type(settings)):
-        name, value = f"{path}{attribute.name}", getattr(settings, attribute.name)
+        name = f"{path}{attribute.name}"
+        value = getattr(settings, attribute.name)
         about = attribute.metadata
         changed = value != _default(attribute)
         needs = about.get("needs", ()) if changed else ()
@@ -320,12 +324,15 @@ def to_toml(settings: Any, path: str = "") -> str:
     path
         Of its table, with a dot behind.
     """
-    own, nested = [], []
+    own = []
+    nested = []
     for attribute in declared(type(settings)):
-        value, about = getattr(settings, attribute.name), attribute.metadata
+        value = getattr(settings, attribute.name)
+        about = attribute.metadata
         if value is None or attribute.name in getattr(settings, "idle", ()):
             continue
-        name, help_text = f"{path}{attribute.name}", about.get("help", "")
+        name = f"{path}{attribute.name}"
+        help_text = about.get("help", "")
         if "section" in about:
             nested.append(f"\n[{name}]\n{to_toml(value, name + '.')}")
         elif "kinds" in about and value:

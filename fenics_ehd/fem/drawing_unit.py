@@ -13,7 +13,8 @@ from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.fields import in_unit
 
 #: Endings of the files of drawings.
-STEP, IGES = (".step", ".stp"), (".iges", ".igs")
+STEP = (".step", ".stp")
+IGES = (".iges", ".igs")
 
 #: Powers of ten of the prefixes of ISO 10303-41; none is written as ``$``.
 _PREFIXES = {

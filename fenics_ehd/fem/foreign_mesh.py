@@ -271,7 +271,8 @@ def part_material(
     MeshError
         See `FileMaterial.in_si`.
     """
-    lines, values = [], dict(given)
+    lines = []
+    values = dict(given)
     for material in found[:1]:
         label = f"{path}: material {material.name} has"
         for name, setting in attrs.fields_dict(Material).items():

@@ -199,7 +199,8 @@ def _range(key: str, item: str) -> list[float]:
     logarithmic = counted[1:] == ["log"]
     if len(counted) != 1 and not logarithmic:
         raise SettingsError(f"{key} = {item!r} must be first:last:count or first:last:count:log")
-    first, last = _number(first_text), _number(last_text)
+    first = _number(first_text)
+    last = _number(last_text)
     if first is None or last is None or not (isfinite(first) and isfinite(last)):
         raise SettingsError(f"{key} = {item!r}: first and last must be finite numbers")
     is_whole = counted[0].isascii() and counted[0].isdecimal() and len(counted[0]) < 10
