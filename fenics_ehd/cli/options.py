@@ -13,11 +13,11 @@ import click
 
 from fenics_ehd.base.compile_lock import forms_folder
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, parse_number, unit_of
 from fenics_ehd.base.files import to_json
-from fenics_ehd.base.needs import Needs, Setting, missing_need, no_effect
+from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, Needs, Setting, missing_need, no_effect
 from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.settings import declared
+from fenics_ehd.base.units import in_unit, parse_number, unit_of
 
 
 def echo(text: object, *, err: bool = False) -> None:

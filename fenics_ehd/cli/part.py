@@ -11,9 +11,9 @@ import click
 from click.core import ParameterSource
 
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.fields import Material
 from fenics_ehd.base.needs import Needs
 from fenics_ehd.base.settings import build, toml_string
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.cli.options import (
     Real,
     Whole,

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.fields import in_unit
+from fenics_ehd.base.units import in_unit
 
 #: Endings of the files of drawings.
 STEP = (".step", ".stp")

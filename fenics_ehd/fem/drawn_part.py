@@ -14,7 +14,7 @@ import meshio
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.fields import in_unit
+from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.drawing import CellSizes, Drawing, read_drawing
 from fenics_ehd.fem.drawing_unit import IGES, STEP
 from fenics_ehd.fem.faces import (

@@ -16,8 +16,9 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.fields import Material, in_unit
 from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.base.shared_settings import Material
+from fenics_ehd.base.units import in_unit
 
 #: Solid cells by meshio's names: kind, nodes that are kept, nodes of a cell.
 CELLS = {

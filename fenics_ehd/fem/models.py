@@ -17,8 +17,8 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.fields import Material
 from fenics_ehd.base.files import Kind
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 
 #: First bytes of a mesh; any other content Gmsh takes for a program, whatever the file's name.

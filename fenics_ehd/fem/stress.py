@@ -42,7 +42,7 @@ from scipy.spatial.distance import cdist
 from ufl.core.expr import Expr
 
 from fenics_ehd.base import compat
-from fenics_ehd.base.fields import Material
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.fem.elements import solid_element
 from fenics_ehd.reduction.part_files import deviatoric, von_mises
 

@@ -23,8 +23,8 @@ from petsc4py import PETSc
 from fenics_ehd.base import compat
 from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import MeshError, StructureError
-from fenics_ehd.base.fields import Material
 from fenics_ehd.base.processes import interrupt_kept
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.fem.elements import FAMILIES, quadratic_element, solid_element
 from fenics_ehd.fem.faces import cylinder_centre, rounded_middles
 from fenics_ehd.fem.gmsh_session import (

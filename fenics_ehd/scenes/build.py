@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE
+from fenics_ehd.base.needs import NONE
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.body import Body, FlexibleBody, PlanarBody, Pose, RigidBody, ground
 from fenics_ehd.multibody.forces import (

@@ -22,9 +22,10 @@ import numpy as np
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import parse_number
 from fenics_ehd.base.files import read_text, write_whole
-from fenics_ehd.base.settings import key_hint, walk
+from fenics_ehd.base.printed import key_hint
+from fenics_ehd.base.settings import walk
+from fenics_ehd.base.units import parse_number
 from fenics_ehd.scenes.needed_bodies import NeededBody, checksum, content_of, needed_bodies
 from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
 
