@@ -93,7 +93,9 @@ def test_an_eccentricity_is_refused_alike():
 
 
 def test_heat_of_an_oil_without_a_grade_is_refused_alike():
-    message = refused(ehd.LubricatedJoint, "journal", "ground", film(), heat=ehd.Heat(supply_temperature=70.0))
+    message = refused(
+        ehd.LubricatedJoint, "journal", "ground", film(), heat=ehd.Heat(supply_temperature=70.0)
+    )
     assert message.startswith("heat: the viscosity of the lubricant does not depend on its temper")
     of_scene = refused(scene_of, tables(HEAT, {"viscosity": 0.01}), "scene")
     assert of_scene.replace("lubricants.oil", "the lubricant") == f"joints.bearing.{message}"

@@ -361,7 +361,7 @@ class System:
         bores: dict[str, str] = {}
         for name, joint in mechanism.joints.items():
             if isinstance(joint, LubricatedJoint):
-                require_two_bodies(f"joints.{name}", joint.markers)
+                require_two_bodies(f"joints.{name}", (joint.journal, joint.bore))
                 bores[name] = joint.bore
         require_single_bores(bores)
 
