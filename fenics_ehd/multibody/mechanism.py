@@ -49,7 +49,12 @@ from fenics_ehd.multibody.joints import (
     require_turning,
     require_two_bodies,
 )
-from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint, Turned
+from fenics_ehd.multibody.lubricated_joint import (
+    Eccentric,
+    JointFilm,
+    LubricatedJoint,
+    RotatedShape,
+)
 from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_of
 
 
@@ -151,11 +156,11 @@ class FilmBinding:
         speed, ahead = self.relative_speed(rates), self.relative_angle(z)
         return self.film.gap(z[self.xi], rates[self.xi], speed, ahead, time)
 
-    def turned(self, z: np.ndarray, rates: np.ndarray) -> Turned | None:
+    def rotated_shape(self, z: np.ndarray, rates: np.ndarray) -> RotatedShape | None:
         """Shape of a turning journal there; None of one whose turning changes nothing."""
         if not self.film.shape.turning:
             return None
-        return self.film.shape.turned(self.relative_angle(z), self.relative_speed(rates))
+        return self.film.shape.rotated(self.relative_angle(z), self.relative_speed(rates))
 
     @cached_property
     def turning(self) -> np.ndarray:

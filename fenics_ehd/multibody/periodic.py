@@ -491,7 +491,7 @@ class PeriodicSolver(Stateful):
             # Former points move with the newest, along its rate.
             past = x[:n] + np.multiply.outer(state.times - state.time, rate[:n])
             observed = np.array([norm.observe(point) for point in state.x + past])
-            if norm.closing(gaps, norm.gaps(observed[0])) < THINNER:
+            if norm.gap_reduction(gaps, norm.gaps(observed[0])) < THINNER:
                 moved_x = state.x + past
                 self._run.equations.keep_within(moved_x, norm.film_gaps(observed[0]))
                 moved = {"x": moved_x, "rate": state.rate + rate[:n], "observed": observed}
