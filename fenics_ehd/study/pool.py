@@ -24,7 +24,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import AbstractContextManager, ExitStack, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from math import inf
@@ -422,8 +422,12 @@ class RunsFolder(ExitStack):
         except DAMAGE as error:
             outcome = failed(error)
         claim(self.run(name), [OUTCOME])
-        about = {"identity": self.cases[name].identity}
-        self.write(f"runs/{name}/{OUTCOME}", about | asdict(outcome))
+        contents = {
+            "identity": self.cases[name].identity,
+            "status": outcome.status,
+            "figures": outcome.figures,
+        }
+        self.write(f"runs/{name}/{OUTCOME}", contents)
         self.outcomes[name] = outcome
         self.write_tables()
 
