@@ -72,7 +72,7 @@ from fenics_ehd.multibody.periodic import PeriodicSolver, check_period, repeatin
 from fenics_ehd.multibody.quantities import OUTPUTS, averaged, joint_row, upper_most
 from fenics_ehd.multibody.run import Run, touching_film
 from fenics_ehd.multibody.shaft import beam_plane
-from fenics_ehd.multibody.simulation import EXTREMES, Simulation, columns_of, used_cycle
+from fenics_ehd.multibody.simulation import EXTREMES, Simulation, columns_of
 from fenics_ehd.multibody.static_correction import BoreResponses
 from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, film_friction
 from fenics_ehd.multibody.step_norm import StepNorm

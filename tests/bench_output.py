@@ -10,7 +10,7 @@ from fenics_ehd.cli.options import answer
 from fenics_ehd.cli.reduction import reduce_part
 from fenics_ehd.cli.run import accuracy_lines, beside, budget_table, joint_lines
 from fenics_ehd.cli.run import report as report_run
-from fenics_ehd.cli.stress import instants_of, last_rows
+from fenics_ehd.cli.stress import instants_of
 from fenics_ehd.plotting import maps, shown
 from fenics_ehd.plotting.animated_bodies import (
     body_view,

@@ -8,7 +8,7 @@ import attrs
 import meshio
 import numpy as np
 import pytest
-from bench_output import gather_part, instants_of, last_rows, recorded
+from bench_output import gather_part, instants_of, recorded
 from bench_parts import von_mises
 from bench_scenes import Quantity, as_stored, elastic_part, listed
 from command_line import call, exit_of
@@ -197,14 +197,15 @@ def test_angles_are_those_of_the_run():
 
 
 def test_instants_are_those_of_the_cycle_that_the_figures_are_of():
-    """Of a periodic run all that it keeps."""
-
-    def rows(time, start):
-        values = {"time": Quantity(time, "s")}
-        return last_rows(ehd.History(values, told={"cycle_start_s": start}))
-
+    """From its start on, if a step is there; all that a periodic run keeps."""
     time = np.linspace(0.0, 5.0, 26)
-    assert time[rows(time, 1.0)][0] == pytest.approx(1.0)
-    assert time[rows(time, 1.1)][0] == pytest.approx(1.2)
-    assert rows(time, 0.0) == slice(0, None)
-    assert rows(time[11:], 2.0) == slice(0, None)
+
+    def first(start, skipped=0):
+        summary = {"cycle_used": "last of 1", "cycle_start_s": start, "cycle_end_s": 5.0}
+        values = {"time": Quantity(time[skipped:], "s")}
+        return ehd.History(values, told=summary).last_cycle().values["time"][0]
+
+    assert first(1.0) == pytest.approx(1.0)
+    assert first(1.1) == pytest.approx(1.2)
+    assert first(0.0) == 0.0
+    assert first(2.0, skipped=11) == time[11]

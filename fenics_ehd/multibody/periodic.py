@@ -24,6 +24,7 @@ from fenics_ehd.base.layout import Group, Stateful, Value
 from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.lubricant import Oil
 from fenics_ehd.multibody.body import PlanarBody
+from fenics_ehd.multibody.cycle import Recurrence
 from fenics_ehd.multibody.forces import RotatingForce, Torque
 from fenics_ehd.multibody.joints import Speed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
@@ -50,9 +51,6 @@ def crank(system: System) -> int | None:
 
     return next((place for place in named() if place is not None), None)
 
-
-#: Rounding of a turn.
-WHOLE = 1e-6
 
 #: Cycles that change the films by less than this tell where the next one should begin, at most so
 #: many of them; and the share that a film may become thinner by that.
@@ -91,6 +89,21 @@ def repeating(mechanism: Mechanism) -> tuple[float, str]:
         if isinstance(drive, Speed) and drive.curve is not None:
             found.append((drive.curve.settled, f"drives.{name}.table"))
     return max(found)
+
+
+def recurrence_of(system: System) -> Recurrence:
+    """After which turn and which time the loads of a mechanism repeat themselves."""
+    angle = 360.0
+    time = 0.0
+    for force in system.mechanism.forces.values():
+        table, body = force.tabulated or (None, "")
+        if isinstance(table, Curve) and table.periodic and body:
+            angle = max(angle, float(np.degrees(table.period)))
+        elif isinstance(table, Curve) and table.periodic:
+            time = max(time, table.period)
+        if isinstance(force, RotatingForce) and force.speed:
+            time = max(time, 2 * np.pi / abs(force.speed))
+    return Recurrence(angle, time)
 
 
 def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
