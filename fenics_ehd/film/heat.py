@@ -132,9 +132,12 @@ class TemperatureSearch(Stateful):
     }
 
     def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
-        self.heat, self.oil, self._telling = heat, oil, telling
+        self.heat = heat
+        self.oil = oil
+        self._telling = telling
         oil.viscosity(heat.supply_temperature)  # refused here if it is out of range
-        self.temperature, self.without_balance = heat.supply_temperature, False
+        self.temperature = heat.supply_temperature
+        self.without_balance = False
         self.power = self.flow = float("nan")
         self.last: np.ndarray | None = None
         self.exponent = FIRST_EXPONENT
@@ -162,12 +165,18 @@ class TemperatureSearch(Stateful):
         bool
             False where the balance asks for more than the highest temperature of the oil, there.
         """
-        heat, oil, here = self.heat, self.oil, self.temperature
-        supply, hottest = heat.supply_temperature, oil.hottest - ROUNDING
+        heat = self.heat
+        oil = self.oil
+        here = self.temperature
+        supply = heat.supply_temperature
+        hottest = oil.hottest - ROUNDING
         rise = heat.balanced(oil, here, power, flow) - supply
-        self.power, self.flow, self.without_balance = power, flow, False
+        self.power = power
+        self.flow = flow
+        self.without_balance = False
         if not rise > 0.0:
-            self.temperature, self.last = supply, None
+            self.temperature = supply
+            self.last = None
             return True
         viscosity = oil.viscosity(here)
         if rise < np.inf:

@@ -124,7 +124,8 @@ class ShapeTable:
     @cached_property
     def overshoot(self) -> np.ndarray:
         """Largest overshoot of the spline that is not an extreme of its own, shape (k,) [m]."""
-        spline, rows = self._spline, self.deviations
+        spline = self._spline
+        rows = self.deviations
         following = np.roll(rows, -1, axis=0)
         extremes = spline.derivative().roots(extrapolate=False)
         largest = np.zeros(len(self.heights))
@@ -149,7 +150,8 @@ class ShapeTable:
             return self._spline
         from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, PPoly
 
-        closed, turn = self._spline.x, 2 * np.pi
+        closed = self._spline.x
+        turn = 2 * np.pi
         around = np.concatenate([self.angles - turn, closed, self.angles[1:3] + turn])
         rows = np.vstack([*[self.deviations] * 2, self.deviations[:3]])
         slopes = PchipInterpolator(around, rows).derivative()(closed)

@@ -23,7 +23,7 @@ from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.fields import NONE, REQUIRED, flag, names, number, pair, text
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import ANGLE, WIDTH
-from fenics_ehd.multibody.tabulated import Curve
+from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of
 
 #: Where the values of a relation's second marker begin, and own coordinates of a joint of two.
 SECOND, OWN = WIDTH, 2 * WIDTH
@@ -206,6 +206,11 @@ class Speed:
     def __attrs_post_init__(self) -> None:
         require_number("start", self.start)
         require_class("curve", self.curve, Curve, optional=True)
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Variation of the speed."""
+        return variations_of(self.curve, setting="table")
 
     def __call__(self, time: float) -> tuple[float, float]:
         """Angle and speed at a time."""

@@ -38,8 +38,13 @@ from fenics_ehd.multibody.body import (
 )
 from fenics_ehd.multibody.forces import Force, Load, Torque
 from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, Speed
-from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint, Turned
-from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
+from fenics_ehd.multibody.lubricated_joint import (
+    Eccentric,
+    JointFilm,
+    LubricatedJoint,
+    RotatedShape,
+)
+from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_of
 
 
 def _require_drive(name: str, value: Any) -> None:
@@ -83,6 +88,15 @@ class Mechanism:
         for name, check in checks.items():
             object.__setattr__(self, name, copied(name, getattr(self, name), check))
         require_pair("gravity", self.gravity)
+
+    def variations(self) -> Iterator[tuple[str, Variation]]:
+        """Variations of all forces, drives and supplies, with the key of each."""
+        for kind in ("forces", "drives", "joints"):
+            for name, source in getattr(self, kind).items():
+                # A force of two components has two names: "wind.x" and "wind.y".
+                key = f"{kind}.{name.partition('.')[0]}"
+                for variation in variations_of(source):
+                    yield ".".join(filter(None, (key, variation.setting))), variation
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +145,11 @@ class FilmBinding:
         speed, ahead = self.relative_speed(rates), self.relative_angle(z)
         return self.film.gap(z[self.xi], rates[self.xi], speed, ahead, time)
 
-    def turned(self, z: np.ndarray, rates: np.ndarray) -> Turned | None:
+    def rotated_shape(self, z: np.ndarray, rates: np.ndarray) -> RotatedShape | None:
         """Shape of a turning journal there; None of one whose turning changes nothing."""
         if not self.film.shape.turning:
             return None
-        return self.film.shape.turned(self.relative_angle(z), self.relative_speed(rates))
+        return self.film.shape.rotated(self.relative_angle(z), self.relative_speed(rates))
 
     @cached_property
     def turning(self) -> np.ndarray:
@@ -354,21 +368,13 @@ class System:
 
     @cached_property
     def tables(self) -> list[TabulatedLoad]:
-        """Loads whose rows no step may jump over."""
-        found = [
-            TabulatedLoad(drive.curve)
-            for drive in self.mechanism.drives.values()
-            if isinstance(drive, Speed) and drive.curve is not None
+        """Tables whose rows no step may cross, with the angles that they are read at."""
+        return [
+            TabulatedLoad(variation.curve, self.angles.get(variation.angle_of))
+            for _, variation in self.mechanism.variations()
+            if variation.curve is not None
+            and (not variation.angle_of or variation.angle_of in self.angles)
         ]
-        for force in self.mechanism.forces.values():
-            table, body = force.tabulated or (None, "")
-            if isinstance(table, Curve):
-                found.append(TabulatedLoad(table, self.angles.get(body.partition(".")[0])))
-        for film in self.films:
-            for feed in film.joint.film.parameters.feeds:
-                if isinstance(feed.curve, Curve):
-                    found.append(TabulatedLoad(feed.curve))
-        return found
 
     @cached_property
     def rough_pose(self) -> tuple[np.ndarray, np.ndarray]:
