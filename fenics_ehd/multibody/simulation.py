@@ -31,6 +31,7 @@ from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
 from fenics_ehd.film.film import steepest_thickening
+from fenics_ehd.film.heat import require_cycle
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
 from fenics_ehd.multibody.cycle import Cycle, Recurrence, first_of_last
 from fenics_ehd.multibody.history import (
@@ -724,11 +725,9 @@ def simulate(
     require_count("cycles", cycles, least=1)
     require_callable("progress", progress)
     run = Run(mechanism, IntegratorOptions(**steps), span)
-    if period is None and any(place.joint.heat for place in run.equations.system.films):
-        raise SettingsError(
-            "a joint's heat is balanced over a cycle, and an initial value problem has none: give "
-            "a period, or leave `heat` out, the oil at the lubricant's temperature"
-        )
+    for name, joint in mechanism.joints.items():
+        if getattr(joint, "heat", None) is not None:
+            require_cycle(period is not None, f"joints.{name}.heat")
     search = None if period is None else PeriodicSolver(run, span, periodicity, cycles)
     found = Simulation(run, span, search)
     for step, _ in found.steps():
