@@ -383,7 +383,7 @@ def linearise(found: Equilibrium | Mechanism) -> Linearisation:
     mass = basis.T @ found.state.motion.derivatives().acceleration @ basis
     slow = SLOW * _rate(system)
     still, moving = (
-        np.linalg.inv(basis.T @ solver.answers(found.x, found.rate, shift, basis))
+        np.linalg.inv(basis.T @ solver.response_to_forces(found.x, found.rate, shift, basis))
         for shift in (0.0, slow)
     )
     return Linearisation(basis, mass, (moving - still) / slow - slow * mass, still)

@@ -34,7 +34,7 @@ from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step
 from fenics_ehd.multibody.history import History, fixed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.multibody.newton import LEADING, CoupledState, MechanismStep, SolverState
+from fenics_ehd.multibody.newton import FEWEST_PATTERNS, CoupledState, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation, history_of, solution
@@ -322,7 +322,7 @@ def taken_over(state: RunState, own: Run, other: Run, span: float = 1.0) -> RunS
         gaps, wanted = (run.norm.film_gaps(run.norm.observe(point)) for run in (own, other))
         volumes = []
         for i, film in enumerate(other.equations.films):
-            shares = read[i] @ own.equations.films[i].void_shares(point, gaps[i])
+            shares = read[i] @ own.equations.films[i].void_fractions(point, gaps[i])
             volumes.append(film.volumes_with(shares, point, wanted[i]))
         moved.append(np.concatenate([point[:size], *volumes]))
     x = np.array(moved)
@@ -539,7 +539,7 @@ class _Guess:
 
     def __init__(self, run: Run, course: Course):
         equations = run.equations
-        self._course, self.patterns = course, LEADING
+        self._course, self.patterns = course, FEWEST_PATTERNS
         self._pressures = equations.lower == 0.0
         self._voids = ~self._pressures
         self._voids[equations.rest] = False
