@@ -128,7 +128,10 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--clearance", 30], "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
         (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths are in m"),
         (["--load", 5, "--viscosity", 0], "viscosity = 0.0 must be above 0"),
-        (["--load", 5, "--tilt", "nan", 0], "tilt = [nan, 0] must be two finite numbers [x, y] in rad"),
+        (
+            ["--load", 5, "--tilt", "nan", 0],
+            "tilt = [nan, 0] must be two finite numbers [x, y] in rad",
+        ),
         (["--load", 5, "--tilt", 2e-3, 0], "tilt = 0.002 rad closes the gap"),
         (["--load", 5, "--cells", "64x-1"], "--cells '64x-1' must be two whole numbers"),
         (["--load", 5, "--cells", "2x2"], "cells_around = 2 must be a whole number, at least 3"),

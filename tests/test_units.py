@@ -83,7 +83,10 @@ def test_lengths_are_decimal(number, unit):
         ({"bodies.rod.geometry.bore_radius": "2 bar"}, "= '2 bar' must be a number in m"),
         ({"joints.big_end.grooves": [["9 m", 3, 0]]}, "grooves: angle = '9 m' must be a number in"),
         ({"lubricants.oil.temperature": "90 m"}, "= '90 m' must be a number in C"),
-        ({"time.tolerance": "1 mm"}, "time.tolerance = '1 mm' must be a number or a unit of the same"),
+        (
+            {"time.tolerance": "1 mm"},
+            "time.tolerance = '1 mm' must be a number or a unit of the same",
+        ),
     ],
 )
 def test_other_dimension_is_one_line(changes, message):
