@@ -258,7 +258,7 @@ def test_a_failed_film_replaces_no_other_file(tmp_path):
             assert "is another file" in str(caught.value)
             path.unlink()
     with (
-        pytest.raises(ehd.errors.CavitationError, match="is kept in"),
+        pytest.raises(ehd.errors.CavitationError, match="is saved in"),
         keeping_failed_film(tmp_path),
     ):
         raise error
