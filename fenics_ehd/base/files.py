@@ -329,7 +329,7 @@ def listed(directory: Path) -> tuple[str, ...]:
     for name in names:
         if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
             raise InputError(
-                f"{path}: {name!r} is no name in this folder: not a list that this program made"
+                f"{path}: {name!r} is not in this folder: not a list that this program made"
             )
     return names
 
