@@ -9,7 +9,7 @@ whoever changes a file on purpose can seal it again.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -228,7 +228,13 @@ def named(error: type[InputError], label: str) -> Iterator[None]:
 
 
 def open_sealed(
-    path: str | Path, kind: str, version: int, *, remedy: str, foreign: bool = False
+    path: str | Path,
+    kind: str,
+    version: int,
+    *,
+    remedy: str,
+    former: Collection[int] = (),
+    foreign: bool = False,
 ) -> h5py.File:
     """Open a file of a format for reading, once its seal is found whole.
 
@@ -238,6 +244,8 @@ def open_sealed(
         As in `save_tree`.
     remedy
         What to do about another version.
+    former
+        Former versions of the format that are read as well.
     foreign
         Other programs write such files, too: they may do without the seal.
 
@@ -254,7 +262,7 @@ def open_sealed(
         if not isinstance(label, str | bytes) or label not in (kind, kind.encode()):
             raise ValueError(f"not a {kind}")
         found = file.attrs.get("format_version")
-        if not np.isscalar(found) or found != version:
+        if not np.isscalar(found) or found not in (version, *former):
             raise ValueError(f"format version {found}, this program reads {version}; {remedy}")
         if not (sealed or foreign):
             raise ValueError(f"it has no digest: {remedy}")

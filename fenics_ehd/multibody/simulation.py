@@ -7,7 +7,7 @@ step to step, and is what a run that goes on needs beside its history.
 Figures ``cycle_...`` of the summary are of the last complete cycle, which
 `fenics_ehd.multibody.cycle` decides.
 
-With one lubricated joint its columns and figures stand alone, with several they bear its name.
+Columns and figures of a lubricated joint bear its name.
 """
 
 from __future__ import annotations
@@ -455,8 +455,7 @@ class Simulation(Stateful):
             _require_alike(row, self.rows[-1])
             self._stored = False
         self.rows.append(row)
-        films = self.system.films
-        return {column_name(name, films): own for name, own in row.items() if is_column(name)}
+        return {column_name(name): own for name, own in row.items() if is_column(name)}
 
     def _angle(self, step: MechanismStep) -> float:
         """Angle of the crank [degrees], continuous over a cycle; 0 where nothing turns.
@@ -544,17 +543,14 @@ class Simulation(Stateful):
         if cycle is not None:
             for place in self.system.films:
                 joints[place.name] = self._joint(place, columns, cycle)
-        alone: dict[str, Any] = {"joints": joints}
-        if len(joints) == 1:
-            ((name, found),) = joints.items()
-            alone = {"joint": name, **found}
         return {
-            **alone,
+            "joints": joints,
             **({} if cycle is None else cycle.entries()),
             "energy_balance_error": self.energy_error,
             "simulated_time_s": self.time,
             **self.counts,
             "rejected_because": dict(self.rejected_because),
+            "counts": {},
             "notices": self._notices(),
             **({} if self.cycles is None else self.cycles.figures()),
         }
