@@ -315,7 +315,7 @@ class Columns(dict[str, np.ndarray]):
             joint: [key.removeprefix(f"{joint}.") for key in self if key.startswith(f"{joint}.")]
             for joint in self.joints
         }
-        joint = joint_of_bare_name(name, columns, depth=2)
+        joint = joint_of_bare_name(name, columns)
         if joint is None:
             raise KeyError(name)
         return self[f"{joint}.{name}"]
@@ -326,7 +326,7 @@ class Summary(dict[str, Any]):
 
     def __missing__(self, name: str) -> Any:
         joints = self.get("joints", {})
-        joint = joint_of_bare_name(name, joints, depth=2)
+        joint = joint_of_bare_name(name, joints)
         if joint is None:
             raise KeyError(name)
         return joints[joint][name]
