@@ -431,13 +431,19 @@ def figure_of(name: str, paths: Collection[str]) -> Figure:
     bare_joint = joint_of_bare_name(name, known)
     if bare_joint is not None:
         return known[bare_joint][name]
-    short = sorted(
-        f"{joint}.{key}"
-        for joint, figures in known.items()
-        for key in {split_unit(key)[0] for key in figures}
-    )
-    close = difflib.get_close_matches(name, short, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(short)}"
+    bare_name = quantity if joint in known else name
+    short = {
+        owner: sorted({split_unit(key)[0] for key in figures})
+        for owner, figures in known.items()
+        if joint == owner or joint not in known
+    }
+    close = [
+        f"{owner}.{match}"
+        for owner, names in short.items()
+        for match in difflib.get_close_matches(bare_name, names, n=1)
+    ]
+    every = [f"{owner}.{own}" for owner, names in short.items() for own in names]
+    hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(every)}"
     raise SensitivityError(f"unknown quantity {name}: {hint}")
 
 
