@@ -453,7 +453,7 @@ def test_a_run_says_what_it_is_worth(folders):
     assert times[-1] == pytest.approx(20e-3)
     assert (np.diff(times) > 0).all()
     assert len(curves["film_mesh"]["more_max_pressure_Pa"]) == len(times)
-    table = budget_table({"bearing": summary}, summary)
+    table = budget_table(summary["joints"], summary)
     assert len(table) == 6
     assert "film mesh" in table[0]
 

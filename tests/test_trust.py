@@ -155,7 +155,9 @@ def run_of(body, *, speed=SPEED, revolutions=1.0, **steps):
     run = Run(mechanism, IntegratorOptions(**{"largest": 0.02 / revolutions, **steps}), end)
     tracker = Simulation(run, end)
     rows = [tracker.add(step) for step in run.until(end)]
-    return tracker, {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return tracker, {
+        name.removeprefix("big_end."): np.array([row[name] for row in rows]) for name in rows[0]
+    }
 
 
 @pytest.fixture(scope="module")
