@@ -35,7 +35,7 @@ from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.scenes.films import planned_cells
@@ -276,7 +276,11 @@ Errors = Mapping[tuple[str, str], Mapping[str, float]]
 
 
 def account(
-    search: Search, scene: Scene, recorded: Simulation, worth: Mapping[str, Any]
+    search: Search,
+    scene: Scene,
+    recorded: Recorder,
+    budgets: Mapping[str, Mapping[str, Any]],
+    entries: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Add a judged run to its search, which then wants other settings or is over.
 
@@ -285,9 +289,11 @@ def account(
     search, scene
         Of the run.
     recorded
-        The run, which has the budgets.
-    worth
-        What the summary has of its budget.
+        The run.
+    budgets
+        Error budget of every joint, by its name.
+    entries
+        Entries of the summary on the budgets, and the verdict on them.
 
     Returns
     -------
@@ -299,8 +305,7 @@ def account(
     AccuracyError
         A component is not estimated.
     """
-    errors = _errors(search, recorded, worth["error_budget_notes"])
-    budgets = recorded.worth
+    errors = _errors(search, budgets, entries["error_budget_notes"])
     if search.runs and search.runs[-1]["chosen"] == search.chosen:
         search.runs.pop()  # a complete run, taken up again
     search.runs.append(
@@ -312,11 +317,11 @@ def account(
                 for key in COMPONENTS
                 if any(key in own for own in errors.values())
             },
-            "status": recorded.verdict(max(scene.output.error_limit, search.asked)),
-            "processor_time_s": recorded.processor_time + worth["error_budget_processor_time_s"],
+            "status": entries["status"],
+            "processor_time_s": recorded.processor_time + entries["error_budget_processor_time_s"],
         }
     )
-    warnings, why = list(scene.warnings), worth["error_budget_notes"].get("part_mesh")
+    warnings, why = list(scene.warnings), entries["error_budget_notes"].get("part_mesh")
     if why is not None:
         warnings.append(f"output.accuracy = {search.asked:g} is without the part mesh: {why}")
     if search.met:
@@ -330,10 +335,12 @@ def account(
     return found
 
 
-def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> Errors:
+def _errors(
+    search: Search, budgets: Mapping[str, Mapping[str, Any]], notes: Mapping[str, str]
+) -> Errors:
     """Components that count."""
     found: dict[tuple[str, str], dict[str, float]] = {}
-    for joint, budget in recorded.worth.items():
+    for joint, budget in budgets.items():
         for quantity in QUANTITIES:
             own = found[joint, quantity] = {}
             for key in COMPONENTS:
@@ -350,7 +357,7 @@ def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> E
     return found
 
 
-def _refined(search: Search, scene: Scene, recorded: Simulation, errors: Errors) -> dict[str, Any]:
+def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -> dict[str, Any]:
     """Values by key that bring the errors of every figure to the aim together, within limits."""
     films = {place.name: place for place in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
@@ -401,7 +408,7 @@ def _setting(component: str, place: FilmBinding) -> str:
 def _value(
     search: Search,
     scene: Scene,
-    recorded: Simulation,
+    recorded: Recorder,
     share: float,
     component: str,
     place: FilmBinding,
