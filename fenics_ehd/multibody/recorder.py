@@ -125,7 +125,7 @@ def coordinate_units(system: System) -> dict[str, str]:
         modes = dofs.stop - dofs.start - len(frame)
         units |= {f"bodies/{name}/mode_{i + 1}": MODAL for i in range(modes)}
     for binding in system.films:
-        columns = JOURNAL[: binding.film.own]
+        columns = JOURNAL[: binding.film.journal_coordinates]
         units |= dict(split_unit(f"joints/{binding.name}/{column}") for column in columns)
     return units
 
