@@ -29,7 +29,7 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import ENERGY_LIMIT
-from fenics_ehd.scenes.accuracy import begun
+from fenics_ehd.scenes.accuracy import start_search
 from fenics_ehd.scenes.run import run_accurately
 from fenics_ehd.scenes.scene import changed, stored
 from fenics_ehd.scenes.schema import FEWEST_CELLS
@@ -98,7 +98,7 @@ def around(scene: ehd.Scene) -> Iterator[dict[str, Any]]:
 def chosen(scene: ehd.Scene, accuracy: float) -> tuple[ehd.Scene, dict[str, Any]]:
     """The scene of the run that comes out, and the summary of it."""
     asked = changed(scene, {"output.accuracy": accuracy, "output.error_budget": True})
-    pilot, search = begun(stored(asked))
+    pilot, search = start_search(stored(asked))
     with TemporaryDirectory() as folder:
         built = ehd.build(pilot)
         last, _, summary = run_accurately(
