@@ -212,7 +212,7 @@ class StepEquations:
         self._holding = False
         self.sheared_fraction: dict[str, np.ndarray] = {}
         self.responses.begin(step)
-        self.contacts.begin()
+        self.contacts.start_step()
         for i, film in enumerate(self.films):
             film.begin(step, self.responses, i)
 
@@ -254,7 +254,7 @@ class StepEquations:
         )
         for i, change in enumerate(self.disturbance):
             gaps[i] = gaps[i].changed(*change)
-        contacts = self.contacts.touch(gaps)
+        contacts = self.contacts.at_gaps(gaps)
         films = []
         for i, place in enumerate(system.films):
             check_gap(gaps[i], place.film.film.parameters.surfaces)
@@ -326,7 +326,7 @@ class StepEquations:
         core[n + m : size, :size] = jacobian @ speed
         core[n + m : size, :n] += point.motion.carried[1]
         core[size:, size:] = np.eye(len(core) - size)
-        contact.enter(core, speed)
+        contact.add_to_core(core, speed)
         films = []
         for i, film in enumerate(self.films):
             share = float(self.responses.share[self.responses.points[i].start])
