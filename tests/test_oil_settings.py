@@ -22,7 +22,7 @@ def scene_with(**oil):
 
 
 def film_oil(scene):
-    return build_film(scene, "bearing", None, 300.0).parameters.lubricant
+    return build_film(scene, "bearing", None, 300.0, ()).parameters.lubricant
 
 
 def test_an_oil_by_grade_is_that_of_its_two_viscosities():

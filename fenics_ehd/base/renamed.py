@@ -124,7 +124,7 @@ def renamed_arguments(**names: str) -> Callable[[Renamed], Renamed]:
 
     def decorate(function: Renamed) -> Renamed:
         if isinstance(function, type):
-            initialise = accept_former(vars(function)["__init__"], function.__name__)
+            initialise = accept_former(getattr(function, "__init__"), function.__name__)  # noqa: B009
             setattr(function, "__init__", initialise)  # noqa: B010  (mypy refuses the assignment)
             return function
         return accept_former(function, function.__name__)  # type: ignore[return-value]

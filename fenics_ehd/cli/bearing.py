@@ -97,8 +97,10 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
         return None
     from fenics_ehd.multibody.notices import stepped_shape
     from fenics_ehd.scenes.films import surface_shape
+    from fenics_ehd.scenes.shape_tables import read_shape_table
 
-    shape = surface_shape(settings, "", width, clearance)
+    measured = None if settings.table == NONE else read_shape_table(settings.table, "table")
+    shape = surface_shape(settings, "", width, clearance, measured)
     warn_of(stepped_shape("bore_shape", shape))
     return shape
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar
 import attrs
 import numpy as np
 
-from fenics_ehd.base.errors import HeatError
+from fenics_ehd.base.errors import HeatError, SettingsError
 from fenics_ehd.base.fields import NO_TEMPERATURE, REQUIRED, number
 from fenics_ehd.base.layout import Stateful, Value
 
@@ -95,6 +95,43 @@ class Heat:
         """Effective temperature that power and flow at another one stand for [C]."""
         outlet = self.outlet(oil, temperature, power, flow)
         return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
+
+
+def require_graded(graded: bool, *, key: str = "heat", lubricant: str = "the lubricant") -> None:
+    """Refuse a balance of heat if the viscosity does not depend on the temperature.
+
+    Parameters
+    ----------
+    graded
+        Whether the lubricant is an oil of a grade or of two kinematic viscosities.
+    key, lubricant
+        Setting of the heat, and name of the lubricant.
+
+    Raises
+    ------
+    SettingsError
+        Naming both.
+    """
+    if not graded:
+        raise SettingsError(
+            f"{key}: the viscosity of {lubricant} does not depend on its temperature: use a "
+            "lubricant with a grade, or with viscosity_40 and viscosity_100"
+        )
+
+
+def require_cycle(periodic: bool, key: str) -> None:
+    """Refuse a balance of heat in a run without a cycle.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key of the heat.
+    """
+    if not periodic:
+        raise SettingsError(
+            f"{key}: heat is balanced over a cycle, and a run with time.periodic = false has none: "
+            "give a period, or leave the heat out: the oil then has its lubricant's temperature"
+        )
 
 
 class TemperatureSearch(Stateful):

@@ -192,6 +192,33 @@ def require_read(table: str, read: object, key: str = "table", given: str = "a c
         raise SettingsError(f"{key} = {table!r} is read with a scene: give {given} in Python")
 
 
+def require_inside(
+    eccentricity: tuple[float, float], *, rough: bool, key: str = "eccentricity"
+) -> None:
+    """Refuse a journal that lies on its bore or beyond, unless the surfaces are rough.
+
+    Parameters
+    ----------
+    eccentricity
+        In clearances.
+    rough
+        Whether the surfaces are rough: the mean surfaces of rough ones may overlap.
+    key
+        Setting of the eccentricity.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key.
+    """
+    share = float(np.hypot(*eccentricity))
+    if not (rough or share < 1.0):
+        raise SettingsError(
+            f"{key} = {share:.3g} of the clearance must be below 1: the journal lies on the bore "
+            "or beyond"
+        )
+
+
 @attrs.frozen(kw_only=True, slots=False)
 class Shape(Deviations):
     """Radial deviation of a surface.

@@ -166,8 +166,7 @@ def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
     """With the fields in the order ``(x, y, theta, q)``: the position moves with the angle."""
     order = np.arange(len(integrals.mass))
     order[:3] = 1, 2, 0
-    parts = vars(integrals).items()
-    return InertiaIntegrals(**{name: part[np.ix_(order, order)] for name, part in parts})
+    return InertiaIntegrals(*(matrix[np.ix_(order, order)] for matrix in integrals.matrices))
 
 
 def rigid_integrals(mass: float, inertia: float, centre: np.ndarray) -> InertiaIntegrals:
@@ -204,11 +203,9 @@ def with_total(
         own[1] if inertia is None else inertia,
         own[2] if centre is None else centre,
     )
-    parts = {}
-    for name, part in vars(integrals).items():
-        change = getattr(wanted, name) - getattr(present, name)
-        parts[name] = part + np.pad(change, (0, len(part) - 3))
-    return InertiaIntegrals(**parts)
+    elastic = (0, len(integrals.mass) - 3)
+    matrices = zip(integrals.matrices, wanted.matrices, present.matrices, strict=True)
+    return InertiaIntegrals(*(part + np.pad(new - old, elastic) for part, new, old in matrices))
 
 
 #: Weight of multipliers on coordinates that the films see, next to 1 on frames: about the square

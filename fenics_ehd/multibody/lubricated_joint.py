@@ -53,13 +53,13 @@ from fenics_ehd.base.arguments import (
     require_pair,
     require_word,
 )
-from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
+from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.base.fields import CAVITATIONS, SHEAR_RULES, TRANSFERS
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
-from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.kinematics import Gap, Shape, require_shape
+from fenics_ehd.film.heat import Heat, require_graded
+from fenics_ehd.film.kinematics import Gap, Shape, require_inside, require_shape
 from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
@@ -380,17 +380,12 @@ class LubricatedJoint:
 
     def __post_init__(self) -> None:
         self._check_arguments()
-        if self.heat is not None and self.film.parameters.lubricant.oil is None:
-            raise SettingsError(
-                f"heat of {self.journal} in {self.bore}: the lubricant's viscosity does not depend "
-                "on its temperature: give it a grade, or viscosity_40 and viscosity_100"
-            )
-        share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
-        if not (share < 1.0 or self.film.parameters.surfaces is not None):  # rough ones overlap
-            raise SettingsError(
-                f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
-                f"{share:.3g} of the clearance: it must be below 1"
-            )
+        parameters = self.film.parameters
+        if self.heat is not None:
+            require_graded(parameters.lubricant.oil is not None)
+        x, y = self.eccentricity
+        share = x / parameters.clearance, y / parameters.clearance
+        require_inside(share, rough=parameters.surfaces is not None)
 
     def _check_arguments(self) -> None:
         """Words, numbers and classes of the arguments, each by itself."""
