@@ -11,8 +11,8 @@ import numpy as np
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_callable, require_class, require_pair
-from fenics_ehd.base.fields import NONE, REQUIRED, choice, names, number, text
-from fenics_ehd.base.needs import only_with
+from fenics_ehd.base.fields import REQUIRED, choice, names, number, text
+from fenics_ehd.base.needs import NONE, only_with
 from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.joints import SECOND
 from fenics_ehd.multibody.tabulated import Variation, variations_of

@@ -21,7 +21,8 @@ import numpy as np
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE, REQUIRED, flag, names, number, pair, text
+from fenics_ehd.base.fields import REQUIRED, flag, names, number, pair, text
+from fenics_ehd.base.needs import NONE
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import ANGLE, WIDTH
 from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of

@@ -34,18 +34,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from fenics_ehd.base import fields
+from fenics_ehd.base.checks import as_float, unless
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import (
-    LARGEST_LENGTH,
-    as_float,
-    count,
-    metres,
-    number,
-    place,
-    rows,
-    table,
-    unless,
-)
+from fenics_ehd.base.fields import LARGEST_LENGTH, count, metres, number, place, rows, table
 from fenics_ehd.multibody.body import (
     ELASTIC_SHARE,
     FINE_WEIGHT,
