@@ -28,7 +28,7 @@ from error_budget import METHOD, SCENES, References, extremes_of, finer, reduced
 import fenics_ehd as ehd
 from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.trust import ENERGY_LIMIT
-from fenics_ehd.scenes.accuracy import begun
+from fenics_ehd.scenes.accuracy import start_search
 from fenics_ehd.scenes.run import run_accurately
 from fenics_ehd.scenes.scene import changed, stored
 from fenics_ehd.scenes.schema import FEWEST_CELLS
@@ -97,7 +97,7 @@ def around(scene: ehd.Scene) -> Iterator[dict[str, Any]]:
 def chosen(scene: ehd.Scene, accuracy: float) -> tuple[ehd.Scene, dict[str, Any]]:
     """The scene of the run that comes out, and the summary of it."""
     asked = changed(scene, {"output.accuracy": accuracy, "output.error_budget": True})
-    pilot, search = begun(stored(asked))
+    pilot, search = start_search(stored(asked))
     with TemporaryDirectory() as folder:
         built = ehd.build(pilot)
         last, _, summary = run_accurately(

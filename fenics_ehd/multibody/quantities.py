@@ -125,14 +125,14 @@ class JointStep:
     @cached_property
     def touch(self) -> AsperityContact:
         """Contact of rough surfaces."""
-        return self.rough.touch(self.state.gap.thickness)
+        return self.rough.at_gap(self.state.gap.thickness)
 
     @cached_property
     def rubbed(self) -> float:
         """Power lost by boundary friction, whether it acts on the bodies or not [W]."""
         if self.contact is None:
             return 0.0
-        return self.contact.rubbing_power(self.touch, self.state.gap)
+        return self.contact.friction_power(self.touch, self.state.gap)
 
     @property
     def dissipated(self) -> float:
@@ -175,7 +175,7 @@ class JointStep:
         if turned is not None:
             torque -= float(turned.torque @ self.pressure)
         if self.contact is not None:
-            torque += self.contact.braking(self.touch, self.state.gap)
+            torque += self.contact.friction_torque(self.touch, self.state.gap)
         return torque
 
     @property

@@ -228,7 +228,7 @@ class StepEquations:
         self._freezing = False
         self.sheared_fraction: dict[str, np.ndarray] = {}
         self.responses.begin(step)
-        self.contacts.begin()
+        self.contacts.start_step()
         for film, points in zip(self.films, self.responses.points, strict=True):
             film.begin(step, self.responses.past_gap[points])
 
@@ -269,7 +269,7 @@ class StepEquations:
         self.responses.add([film.pressure(values) for film, values in each], gaps)
         for i, change in enumerate(self._gap_changes):
             gaps[i] = gaps[i].changed(*change)
-        contacts = self.contacts.touch(gaps)
+        contacts = self.contacts.at_gaps(gaps)
         films = []
         for i, binding in enumerate(system.films):
             check_gap(gaps[i], binding.film.film.parameters.surfaces)
@@ -318,7 +318,7 @@ class StepEquations:
         contact = ContactColumns(self.contacts, self.responses, point.films, count)
         speed = self._speed_derivative(point)
         core = self._core(point, speed, contact.size)
-        contact.enter(core, speed)
+        contact.add_to_core(core, speed)
         films = []
         for i, coupling in enumerate(self.couplings):
             share = float(self.responses.share[self.responses.points[i].start])
