@@ -485,7 +485,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
         joint = replace(joint, journal_shape=oval(3e-6, 0.3))
         mechanism = replace(mechanism, joints={**mechanism.joints, name: joint})
     equations = StepEquations(System(mechanism))
-    equations.lead(100)
+    equations.retain_patterns(100)
     m, n = len(equations.films[0].nodes), equations.system.n
     size = equations.films[0].balance.assembly.size
     begin, former = equations.begin, 1e-9 * np.random.default_rng(1).uniform(-1, 1, size)
@@ -567,7 +567,7 @@ def test_fluid_fractions_far_below_zero_are_no_step(monkeypatch):
 
 
 def test_nothing_of_it_is_computed_without_it(monkeypatch):
-    monkeypatch.setattr(film_models.ConservedOil, "__init__", None)
+    monkeypatch.setattr(film_models.MassConservingFilm, "__init__", None)
     film = oil_film((12, 2))
     run = Run(rigid_slider_crank(film), IntegratorOptions(tolerance=1e-2), 0.01 * REVOLUTION)
     *_, last = run.until(0.01 * REVOLUTION)

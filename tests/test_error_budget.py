@@ -94,11 +94,11 @@ class Stopped(Replay):
         before, after = course.times[row - 1 : row + 1]
         own = self.solve
 
-        def solve(norm, step, former):
+        def solve(norm, step, former, gap_changes):
             length = step.time - self.state.time
             if before < step.time <= after and length > longest * (after - before):
                 return SimpleNamespace(solved=None, iterations=1)
-            return own(norm, step, former)
+            return own(norm, step, former, gap_changes)
 
         self.solve = solve
 

@@ -123,7 +123,7 @@ def test_a_step_that_fails_with_thick_oil_says_so():
         assert classify_failure(failure, equations, None) is failure
         assert classify_failure(failure, equations, former) is failure
         # At the last accepted step five hundred times as thick.
-        highest = equations.films[0].pressure(former.values[0][equations.places[0]]).max()
+        highest = equations.films[0].pressure(former.values[0][equations.film_indices[0]]).max()
         thick = replace(former, values=former.values * 155e6 / highest)
         named = classify_failure(failure, equations, thick)
         assert isinstance(named, ehd.errors.ViscosityError) == told

@@ -207,7 +207,7 @@ class FilmTemperatures(Stateful):
     def _resume(self) -> None:
         """Have the films as warm as the searches say."""
         for place in self._places.values():
-            place.film.film.equation.warm(self.searches[place.name].temperature)
+            place.film.film.set_temperature(self.searches[place.name].temperature)
 
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""

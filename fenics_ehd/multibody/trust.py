@@ -124,8 +124,8 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, floa
         found["kinetic"] += energies.kinetic
         found["strain"] += energies.strain
         found["damping"] += energies.dissipated
-    found["strain"] += responses.energy(step.x[responses.places])
-    found["damping"] += responses.dissipation(step.rate[responses.places])
+    found["strain"] += responses.energy(step.x[responses.indices])
+    found["damping"] += responses.dissipation(step.rate[responses.indices])
     for joint in step.solution.joints:
         lost, fed = joint.powers
         lost -= joint.flows.refill_work
