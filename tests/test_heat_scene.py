@@ -10,8 +10,9 @@ from scene_cases import tables_of, toml
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.scenes.scene import changed, scene_of, stored
 
 HEAT = {"supply_temperature": 70.0}
@@ -87,7 +88,7 @@ def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     assert "effective temperature" in capsys.readouterr().out
     assert call("plot", tmp_path / "out", "--quantity", "bearing.flow") == 0
     assert (tmp_path / "out" / "flow-bearing.png").is_file()
-    found = json.loads((tmp_path / "out" / "summary.json").read_text())["joints"]["bearing"]
+    found = only_joint(json.loads((tmp_path / "out" / "summary.json").read_text()))
     supply, effective, outlet = (
         found[f"{name}_temperature_C"] for name in ("supply", "effective", "outlet")
     )
@@ -141,9 +142,9 @@ def test_conserved_oil_is_warmed_too():
         )
         built = ehd.build(scene)
         run = Run(built.mechanism, built.steps, scene.span)
-        recorder = Simulation(run, scene.span, PeriodicSolver(run, scene.span, 2e-3, 20))
+        recorder = Recorder(run, scene.span, PeriodicSolver(run, scene.span, 2e-3, 20))
         deque(recorder.steps(), maxlen=0)
-        found.append(only_joint(recorder.figures()))
+        found.append(only_joint(RunSummary(recorder).entries()))
     heated, given = found
     assert heated["effective_temperature_C"] > 75.0
     dissipated = heated["mean_dissipated_power_W"]
