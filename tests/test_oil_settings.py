@@ -8,7 +8,8 @@ import pytest
 from command_line import exit_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.fields import NO_TEMPERATURE, OilSettings
+from fenics_ehd.base.needs import NO_TEMPERATURE
+from fenics_ehd.base.shared_settings import OilSettings
 from fenics_ehd.film.lubricant import make_lubricant, oil_of_grade
 from fenics_ehd.scenes.films import build_film
 from fenics_ehd.scenes.library import shipped

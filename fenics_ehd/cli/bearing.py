@@ -13,9 +13,11 @@ import click
 
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import FILM_ELEMENTS, NO_TEMPERATURE, NONE, Deviations
+from fenics_ehd.base.fields import FILM_ELEMENTS
 from fenics_ehd.base.files import keeping_failed_film
+from fenics_ehd.base.needs import NO_TEMPERATURE, NONE
 from fenics_ehd.base.settings import build, require_effects, setting_names
+from fenics_ehd.base.shared_settings import Deviations
 from fenics_ehd.cli.options import (
     FILE,
     Measured,

@@ -388,7 +388,8 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         if isinstance(value, int | float):
             factors = (factor for end, factor in FACTORS.items() if key.endswith(end))
             figures[key] = value * next(factors, 1.0)
-    pressure, film = figures["max_pressure_Pa"], figures["min_film_thickness_m"]
+    pressure = figures["max_pressure_Pa"]
+    film = figures["min_film_thickness_m"]
     large = figures.get("basis_error_estimate_m", 0.0) > LARGEST_ESTIMATE * film
     words: dict[str, Any] = {
         "span": span,

@@ -159,7 +159,8 @@ def report(found: Mapping[str, Any], folder: Path) -> str:
     """Worst places in a table."""
     lines = [f"{found['scene']}: stresses over {found['instants']} instants ({found['cycle']})"]
     for name, body in found["bodies"].items():
-        half, top = body["half_range"], body["largest_principal"]
+        half = body["half_range"]
+        top = body["largest_principal"]
         about = f"  {name}: {body['method']} with {body['modes']} modes, {body['nodes']} nodes"
         lines += [
             f"{about:56}{'MPa':>9}   cells around",

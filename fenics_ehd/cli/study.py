@@ -279,7 +279,8 @@ def _units(figure: Figure, number: Along) -> str:
     """Unit of a derivative, ``Pa/(rad/s)``."""
     from fenics_ehd.base.columns import split_unit
 
-    own, along = split_unit(figure.column)[1], number.unit or "1"
+    own = split_unit(figure.column)[1]
+    along = number.unit or "1"
     return f"{own}/({along})" if re.search("[ /]", along) else f"{own}/{along}"
 
 

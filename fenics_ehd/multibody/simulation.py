@@ -236,7 +236,8 @@ def _coordinates(system: System) -> list[tuple[str, str]]:
         modes = own.stop - own.start - len(frame)
         found += [(f"bodies/{name}/mode_{i + 1}", MODAL) for i in range(modes)]
     for place in system.films:
-        found += [split_unit(f"joints/{place.name}/{n}") for n in JOURNAL[: place.film.own]]
+        names = JOURNAL[: place.film.journal_coordinates]
+        found += [split_unit(f"joints/{place.name}/{n}") for n in names]
     return found
 
 

@@ -10,7 +10,8 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import Deviations, require_thin_film
+from fenics_ehd.base.fields import require_thin_film
+from fenics_ehd.base.shared_settings import Deviations
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid, film_grid, uniform_grid
 from fenics_ehd.film.kinematics import Shape, ShapeTable

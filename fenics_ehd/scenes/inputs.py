@@ -14,7 +14,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE
+from fenics_ehd.base.needs import NONE
 from fenics_ehd.film.kinematics import ShapeTable
 from fenics_ehd.film.supply import Supply
 from fenics_ehd.multibody.forces import (

@@ -20,8 +20,9 @@ from fenics_ehd.analysis.sensitivity import (
     settled,
 )
 from fenics_ehd.base.errors import EhdError, SensitivityError, SettingsError
-from fenics_ehd.base.fields import NO_TEMPERATURE, SCALES, unit_of
+from fenics_ehd.base.needs import NO_TEMPERATURE
 from fenics_ehd.base.settings import walk
+from fenics_ehd.base.units import SCALES, unit_of
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
@@ -127,11 +128,13 @@ def number_of(scene: Scene, name: str) -> Along:
     """
     stem, _, last = name.rpartition(".")
     try:
-        key, component = resolve_key(scene, name), None
+        key = resolve_key(scene, name)
+        component = None
     except SettingsError:
         if last not in COMPONENTS:
             raise
-        key, component = resolve_key(scene, stem), COMPONENTS.index(last)
+        key = resolve_key(scene, stem)
+        component = COMPONENTS.index(last)
     value = scene_values(scene)[0][key]
     if key.partition(".")[0] in ("time", "output"):
         raise SensitivityError(
@@ -147,7 +150,8 @@ def number_of(scene: Scene, name: str) -> Along:
         raise SensitivityError(
             f"{key} = {value!r} is no number that changes a little: there is no derivative along it"
         )
-    scale, unit = float(np.linalg.norm(numbers)), _unit(scene, key)
+    scale = float(np.linalg.norm(numbers))
+    unit = _unit(scene, key)
     if not scale or (unit in SCALES and value == NO_TEMPERATURE):
         raise SensitivityError(
             f"{key} = {value!r} stands for what is off or not given, and says no size of a "
@@ -206,7 +210,8 @@ def scene_sensitivity(
     asked = [number_of(scene, name) for name in dict.fromkeys(to)]
     clock = process_time()
     built = build(scene, bodies=bodies)
-    run, time = Run(built.mechanism, built.steps, scene.span), scene.time
+    run = Run(built.mechanism, built.steps, scene.span)
+    time = scene.time
     columns = look(next(run.until(scene.span)))
     figures = [figure_of(name, columns) for name in dict.fromkeys(of)]
     numbers = [mechanism_number(scene, along, built.bodies) for along in asked]
