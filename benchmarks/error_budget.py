@@ -11,8 +11,8 @@ The values of a run are those of its summary, at nodes and steps; values of refe
 their curves between nodes and steps, and have no such error. The difference of both in the run
 itself is an error of its film's mesh.
 
-Scenes of many kinds (`--fresh`) are judged in total and by their steps, against one reference with a
-tenth of the tolerance at most, twice as many cells, and M4. No constant was chosen on them but the
+Scenes of many kinds (`--fresh`) are judged in total and by their steps, against one reference with
+a tenth of the tolerance at most, twice as many cells, and M4. No constant was chosen on them but the
 tolerance from which on steps are halved, on scenes like the first eight.
 
 Shipped scenes as they are, but for some that are quick, are judged in total, against one reference

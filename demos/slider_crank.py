@@ -74,8 +74,8 @@ def mechanism(rod: ehd.ReducedBody) -> ehd.Mechanism:
 # middle of the bore; the film builds up within the first tenth of a millisecond, which takes steps
 # of 10 ns, later they are a hundred thousand times longer.
 #
-# Is the run trustworthy? The energy that drive, oil and structure exchange must add up. (The command
-# line prints more: the error of the gap by the reduction, and a verdict.)
+# Is the run trustworthy? The energy that drive, oil and structure exchange must add up. (The
+# command line prints more: the error of the gap by the reduction, and a verdict.)
 
 
 def main(revolutions: float = 1.0) -> ehd.History:

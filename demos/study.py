@@ -1,10 +1,10 @@
 # # The error of each method against its time
 #
 # Which reduction method, and how many modes? A study runs one machine with each of them, measures
-# the curves of peak pressure and thinnest film against those of the full interface, and compares run
-# time and error. `fenics-ehd study slider-crank-paper` is the large one; this is the
-# smallest that still shows a difference: four methods over the first degrees of a revolution. Run it
-# with
+# the curves of peak pressure and thinnest film against those of the full interface, and compares
+# run time and error. `fenics-ehd study slider-crank-paper` is the large one; this is the
+# smallest that still shows a difference: four methods over the first degrees of a revolution. Run
+# it with
 #
 #     python demos/study.py [FOLDER]
 #
