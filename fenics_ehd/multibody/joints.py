@@ -209,7 +209,7 @@ class Revolute(Joint):
 class Fixed(Revolute):
     """Two points that stay together and do not turn."""
 
-    angle: float = number(0.0, "of the second body ahead of the first [degrees]")
+    angle: float = number(0.0, "of the second body relative to the first [degrees]")
     rows = 3
 
     def geometry(self, u: np.ndarray) -> Geometry:
@@ -228,7 +228,7 @@ class Slider(Joint):
         "of the line in the frame of its body", (1.0, 0.0), zero=False
     )
     hold_rotation: bool = flag(True, "whether the bodies keep their relative angle")
-    angle: float = number(0.0, "held, of the point's body ahead of the line's [degrees]")
+    angle: float = number(0.0, "held, of the point's body relative to the line's [degrees]")
 
     @property
     def markers(self) -> tuple[str, ...]:
