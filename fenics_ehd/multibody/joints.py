@@ -25,6 +25,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import REQUIRED, flag, names, number, pair, text
 from fenics_ehd.base.needs import NONE
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.multibody.body import ANGLE, WIDTH
 from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of
 
@@ -151,6 +152,7 @@ class Geometry:
     curvature: Callable[[], np.ndarray] | None = None
 
 
+@renamed_attributes(own="additional")
 class Joint(ABC):
     """Constraint of a mechanism.
 
