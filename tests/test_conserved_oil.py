@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from csv_history import only_joint
 from differences import slope
 from film_cases import oval
 from hand_made_rod import CLEARANCE, Joint, flexible, make_mechanism, with_residual
@@ -37,9 +38,10 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody import film_models
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.scenes.scene import scene_of
 
 pytestmark = pytest.mark.kernels
@@ -292,9 +294,9 @@ def test_balance_of_ten_cycles_closes_at_the_order_of_the_formula(figure):
             IntegratorOptions(tolerance=1e-2, order=2, largest=largest / 10),
             10 * REVOLUTION,
         )
-        tracker = Simulation(run, 10 * REVOLUTION)
+        tracker = Recorder(run, 10 * REVOLUTION)
         deque(tracker.steps(), maxlen=0)
-        defects.append(tracker.figures()["oil_balance_defect"])
+        defects.append(only_joint(RunSummary(tracker).entries())["oil_balance_defect"])
     name = "conserved oil in the coupled step, balance over ten cycles"
     figure("film", name, defects[-1], most=1e-3, unit="%")
     assert defects[1] < 0.6 * defects[0]
@@ -305,7 +307,7 @@ def test_oil_that_holes_alone_let_in_is_in_the_balance():
         Path(__file__).parent / "golden/house/journal-starved.toml", **{"time.revolutions": 0.25}
     )
     machine = ehd.build(scene)
-    found = ehd.simulate(machine.mechanism, **machine.options).summary()
+    found = ehd.simulate(machine.mechanism, **machine.options).figures["bearing"]
     assert abs(found["mean_hole.flow_m3_per_s"]) > 1e-7
     assert found["oil_balance_defect"] < 0.01
 
@@ -484,7 +486,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
         joint = replace(joint, journal_shape=oval(3e-6, 0.3))
         mechanism = replace(mechanism, joints={**mechanism.joints, name: joint})
     equations = StepEquations(System(mechanism))
-    equations.lead(100)
+    equations.retain_patterns(100)
     m, n = len(equations.films[0].nodes), equations.system.n
     size = equations.films[0].balance.assembly.size
     begin, former = equations.begin, 1e-9 * np.random.default_rng(1).uniform(-1, 1, size)
@@ -566,12 +568,12 @@ def test_fluid_fractions_far_below_zero_are_no_step(monkeypatch):
 
 
 def test_nothing_of_it_is_computed_without_it(monkeypatch):
-    monkeypatch.setattr(film_models.ConservedOil, "__init__", None)
+    monkeypatch.setattr(film_models.MassConservingFilm, "__init__", None)
     film = oil_film((12, 2))
     run = Run(rigid_slider_crank(film), IntegratorOptions(tolerance=1e-2), 0.01 * REVOLUTION)
     *_, last = run.until(0.01 * REVOLUTION)
     assert len(last.x) == run.equations.system.n
-    tracker = Simulation(run, 0.01 * REVOLUTION)
+    tracker = Recorder(run, 0.01 * REVOLUTION)
     assert not any("oil" in name or "flow" in name for name in tracker.add(last))
     assert not any("fluid_fraction" in path for path in tracker.rows[-1])
 

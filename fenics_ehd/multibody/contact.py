@@ -31,7 +31,8 @@ from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.rough_surfaces import AsperityContact
 from fenics_ehd.multibody.border import FilmBlock
-from fenics_ehd.multibody.film_models import FilmModel, FilmPoint
+from fenics_ehd.multibody.film_models import FilmModel
+from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.lubricated_joint import RotatedShape
 from fenics_ehd.multibody.mechanism import FilmBinding, System
 from fenics_ehd.multibody.static_correction import BoreResponses
@@ -376,9 +377,9 @@ class ContactColumns:
         unknowns = self._unknowns[near]
         spread = np.zeros((len(near), block.spread.shape[1]))
         spread[np.arange(len(near)), unknowns] = 1.0
-        response = model.of_pressures(self._responses.unit_pressure_response(i, self._points[near]))
+        response = model.columns(self._responses.unit_pressure_response(i, self._points[near]))
         return block.extended(
-            (block.along_gap @ gap_change)[model.nodes] / model.scale,
+            model.rows(block.along_gap @ gap_change),
             spread,
             gap_change,
             (-self._slopes[near, None] * response, unknowns),

@@ -18,6 +18,7 @@ import os
 import platform
 import re
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +28,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from fenics_ehd import __version__
-from fenics_ehd.base.columns import TIME, joint_prefix
+from fenics_ehd.base.columns import TIME
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import claim, clear, read_json, versions, write_whole
 from fenics_ehd.base.processes import interrupt_kept
@@ -40,7 +41,7 @@ from fenics_ehd.scenes.run import stored_bodies
 from fenics_ehd.scenes.scene import Scene, changed
 from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
-from fenics_ehd.study.pool import ProcessPool, RunsFolder, run_cases
+from fenics_ehd.study.pool import RunsFolder, run_cases
 
 #: Differences of the curves of peak pressure and minimum film thickness of two runs: the largest,
 #: over the largest peak, or relative; and the root mean square over time, over that of the curve.
@@ -128,7 +129,6 @@ class StoredRun:
         errors = {}
         for joint in self.joints:
             own = run.result.joints[joint]
-            prefix = joint_prefix(joint, self.joints)
             peak = self.result.joints[joint].max_pressure[self.counted].max()
             nodal = exact.joints[joint].film.pressure
             pairs = {
@@ -138,7 +138,7 @@ class StoredRun:
             errors[joint] = {GAP: float(np.abs(ours[joint] - right[joint]).max())}
             for name, (values, true) in pairs.items():
                 off = (values - true) / (peak if name == "pressure" else true)
-                curves[f"{prefix}{name}_error"] = off
+                curves[f"{joint}.{name}_error"] = off
                 errors[joint][f"{name}_max"] = float(np.abs(off).max())
                 errors[joint][f"{name}_l2"] = _mean(times, values - true) / _mean(times, true)
         return curves, errors
@@ -317,9 +317,7 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
         "start": folder.study.start,
     }
     if outcome is not None and outcome.complete:
-        cells = outcome.figures["film_cells"]
-        found["film_cells"] = cells if len(cells) > 1 else next(iter(cells.values()))
-        names = ("coordinates", "pressure_columns", "dropped_columns")
+        names = ("film_cells", "coordinates", "pressure_columns", "dropped_columns")
         found |= {name: outcome.figures[name] for name in names}
         found["dropped_because"] = DROPPED if found["dropped_columns"] else ""
     return found | {kind: _own_error(folder, kind) for kind in ("step", "film", "basis")}
@@ -333,7 +331,7 @@ def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     joints = {joint: {name: own[name] for name in ERRORS} for joint, own in errors.items()}
     largest = {name: max(own[name] for own in joints.values()) for name in ERRORS}
     about = {"run": run, "against": REFERENCE, "how": meaning}
-    return largest | about | ({"joints": joints} if len(joints) > 1 else {})
+    return largest | about | {"joints": joints}
 
 
 #: Columns of errors, and of figures of the run.
@@ -452,7 +450,9 @@ def machine() -> dict[str, object]:
     }
 
 
-def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
+def run_study(
+    folder: StudyFolder, pool: Executor, *, executor: Executor | None = None
+) -> list[dict[str, Any]]:
     """Run what is missing and write ``study.json``, ``reference.json`` and ``table.csv``.
 
     A run that fails is a row with its reason and ends nothing; so does one whose files cannot be
@@ -463,8 +463,8 @@ def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
     ----------
     folder
         Of the study.
-    pool
-        Workers.
+    pool, executor
+        Workers, see `run_cases`.
 
     Returns
     -------
@@ -476,11 +476,16 @@ def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
     calls = read_json(path)["calls"] if path.exists() else []
     if missing:
         date = datetime.now(UTC).strftime("%Y-%m-%d")
-        own = {"date": date, "version": __version__, "workers": pool.width, "runs": len(missing)}
+        own = {
+            "date": date,
+            "version": __version__,
+            "workers": getattr(executor or pool, "width", None),
+            "runs": len(missing),
+        }
         calls.append(own)
     folder.write(STUDY, describe_study(folder.study) | {"calls": calls})
     folder.write_tables()
     # Those with the shortest steps take longest.
     missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))
-    run_cases(folder, missing, pool)
+    run_cases(folder, missing, pool, executor=executor)
     return folder.rows()

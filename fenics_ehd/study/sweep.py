@@ -10,11 +10,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.scenes.scene import Scene, as_stored
 from fenics_ehd.study.cases import (
@@ -30,7 +30,7 @@ from fenics_ehd.study.cases import (
     scene_values,
     write_table,
 )
-from fenics_ehd.study.pool import ProcessPool, RunsFolder, run_cases
+from fenics_ehd.study.pool import RunsFolder, run_cases
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +151,8 @@ OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
-    """Columns of figures; with several lubricated joints theirs bear the joint's name."""
-    own = (joint_prefix(joint, joints) + name for joint in joints for name in JOINT_FIGURES)
-    return (*own, *FIGURES)
+    """Columns of figures; those of a lubricated joint bear its name."""
+    return (*(f"{joint}.{name}" for joint in joints for name in JOINT_FIGURES), *FIGURES)
 
 
 class SweepFolder(RunsFolder):
@@ -214,18 +213,22 @@ class SweepFolder(RunsFolder):
 
 
 def run_sweep(
-    folder: SweepFolder, pool: ProcessPool, *, keep: bool = False
+    folder: SweepFolder,
+    pool: Executor,
+    *,
+    executor: Executor | None = None,
+    keep: bool = False,
 ) -> list[dict[str, Any]]:
     """Run every case that is not complete, and add its row.
 
     Parameters
     ----------
     folder
-        Of the sweep.
-    pool
-        Workers.
+        Folder of the sweep.
+    pool, executor
+        Workers, see `run_cases`.
     keep
-        Keep the results of every case in ``runs/0001`` and so on.
+        Whether the results of every case are kept, in ``runs/0001`` and so on.
 
     Returns
     -------
@@ -234,5 +237,5 @@ def run_sweep(
     """
     missing = folder.take_stock()
     folder.write_tables()
-    run_cases(folder, missing, pool, keep=keep)
+    run_cases(folder, missing, pool, executor=executor, keep=keep)
     return folder.rows()
