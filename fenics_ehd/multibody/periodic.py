@@ -22,7 +22,7 @@ from fenics_ehd.base.errors import (
 )
 from fenics_ehd.base.layout import Group, Stateful, Value
 from fenics_ehd.film.heat import TemperatureSearch, run_away
-from fenics_ehd.film.lubricant import Oil
+from fenics_ehd.film.lubricant import TemperatureLaw
 from fenics_ehd.multibody.cycle import Recurrence
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep
@@ -159,7 +159,7 @@ def temperatures(place: FilmBinding, means: Mapping[str, float]) -> dict[str, fl
     }
 
 
-def _oil(place: FilmBinding) -> Oil:
+def _oil(place: FilmBinding) -> TemperatureLaw:
     oil = place.film.film.parameters.lubricant.oil
     assert oil is not None  # `LubricatedJoint` has seen to it
     return oil
