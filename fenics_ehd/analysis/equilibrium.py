@@ -102,7 +102,7 @@ class Equilibrium:
 
     def joints(self) -> dict[str, JointStep]:
         """Lubricated joints by name, as the quantities of a history read them."""
-        return {joint.place.name: joint for joint in self.state.joints}
+        return {joint.binding.name: joint for joint in self.state.joints}
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,8 +36,9 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import FEWEST_PATTERNS, CoupledState, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder, history_of, solution
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation, history_of, solution
+from fenics_ehd.multibody.simulation import summarised_history
 from fenics_ehd.multibody.trust import QUANTITIES
 
 #: Angles and shares of the width that differ by less are equal.
@@ -220,7 +221,7 @@ class Course(History):
         )
 
 
-def solved_run(history: History) -> Simulation:
+def solved_run(history: History) -> Recorder:
     """The run that a history of `simulate` was made by.
 
     Raises
@@ -231,10 +232,10 @@ def solved_run(history: History) -> Simulation:
     require_class("history", history, History)
     if history.solved is None:
         raise InputError("a history that was read says nothing more of its run: simulate it")
-    return cast(Simulation, history.solved)
+    return cast(Recorder, history.solved)
 
 
-def course_of(solved: Simulation) -> Course:
+def course_of(solved: Recorder) -> Course:
     """Course of a run, or of the cycle under way, after the state that it began with."""
     first = solved.first
     found = solved.history().each(lambda own: own[first:])
@@ -616,6 +617,6 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     start = taken_over(course.start, course.base, run)
     tolerance = NEWTON_FRACTION * run.control.tolerance
     again = Replay(run, course, tolerance, start=start, stride=stride)
-    found = Simulation(again, float(course.times[-1]))
-    deque(found.steps(), maxlen=0)
-    return found.ended()
+    recorder = Recorder(again, float(course.times[-1]))
+    deque(recorder.steps(), maxlen=0)
+    return summarised_history(recorder)

@@ -104,7 +104,7 @@ class Run:
             )
             yield step
             for joint in step.solution.joints:
-                _check_film(joint.place, float(joint.gap.min()), step.time)
+                _check_film(joint.binding, float(joint.gap.min()), step.time)
 
 
 def _check_density(film: FilmModel[Any]) -> None:
