@@ -1,4 +1,4 @@
-"""A mechanism on its way in time."""
+"""A run: a mechanism, its state and the integration of its motion, step by step."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ DAMPED = float(np.cos(np.radians(82.0)))
 
 
 class Run:
-    """A mechanism and the state it is in, step by step.
+    """A mechanism and its state, which each accepted step changes.
 
     Parameters
     ----------
     mechanism
-        It is assembled from its rough pose.
-    steps, span
-        How to step, of order 2 for 3 where modes lack damping or oil is conserved; and the time
-        that `IntegratorOptions.largest` is a share of [s].
+        Assembled from its rough pose.
+    steps
+        Step control. Order 3 becomes 2 if modes lack damping or cavitation conserves mass.
+    span
+        Time that `IntegratorOptions.largest` is a share of [s].
 
     Attributes
     ----------
     equations, norm
-        Of the mechanism.
+        Equations of a step of the mechanism, and norm of the errors of its gaps.
     solve, control
-        Solver and control of its steps.
+        Solver and control of the steps.
     state
-        Of the integration.
+        State of the integration after the last accepted step.
 
     Raises
     ------
@@ -56,10 +57,10 @@ class Run:
         for film in self.equations.films:
             _check_density(film)
         self.norm = StepNorm(self.equations)
-        # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
-        # theirs: a full interface without damping was 71 % off (`docs/extremes.md`). Past a node of
-        # conserved oil that has just filled it overshoots (`docs/real-films.md`), and oil that
-        # pressure makes denser is a spring without damping.
+        # Order 3 amplifies modes of little damping, by 5 to 10 % a step of one radian of their
+        # phase: a full interface without damping was 71 % off (`docs/extremes.md`). With
+        # mass-conserving cavitation it overshoots at a node that has just filled
+        # (`docs/real-films.md`), and compressible oil is a spring without damping.
         damped = system.least_damping >= DAMPED and not self.equations.conserves_oil
         order = steps.order if damped else min(steps.order, 2)
         self.control = attrs.evolve(steps, order=order, largest=steps.largest * span)
@@ -72,18 +73,18 @@ class Run:
             self.norm, 0.0, x, rate, self.control
         )
         gaps = self.norm.film_gaps(self.state.observed[0])
-        for place, gap in zip(system.films, gaps, strict=True):
-            if not place.film.shape.plain:
-                _check_start(place, float(gap.min()))
+        for binding, gap in zip(system.films, gaps, strict=True):
+            if not binding.film.shape.plain:
+                _check_start(binding, float(gap.min()))
 
     def with_mechanism(self, mechanism: Mechanism) -> Run:
-        """A run of another mechanism at its start, with this one's formula and temperatures."""
+        """Run of another mechanism at its start, with the formula and temperatures of this run."""
         run = Run(mechanism, self.control, 1.0)
         run.control = self.control
-        for place, own in zip(run._system.films, self._system.films, strict=True):
-            temperature = own.film.film.equation.lubricant.temperature
-            if place.joint.heat is not None and temperature is not None:
-                place.film.film.set_temperature(temperature)
+        for binding, former in zip(run._system.films, self._system.films, strict=True):
+            temperature = former.film.film.equation.lubricant.temperature
+            if binding.joint.heat is not None and temperature is not None:
+                binding.film.film.set_temperature(temperature)
         return run
 
     def until(self, end: float) -> Iterator[MechanismStep]:
@@ -108,7 +109,7 @@ class Run:
 
 
 def _check_density(film: FilmModel[Any]) -> None:
-    # Storage of the first steps is a mass matrix: active sets follow each other for ever.
+    # The storage term of the first steps is a mass matrix, with which active sets cycle.
     if not (film.conserves_oil or film.film.parameters.lubricant.density_law.constant):
         raise SettingsError(
             f"joints.{film.binding.name}: the oil is denser under pressure: density_law = "
@@ -116,55 +117,56 @@ def _check_density(film: FilmModel[Any]) -> None:
         )
 
 
-def _check_start(place: FilmBinding, thickness: float) -> None:
+def _check_start(binding: FilmBinding, thickness: float) -> None:
     if not thickness > 0.0:
         raise SettingsError(
-            f"joints.{place.name}.bore_shape, journal_shape: the film is {thickness * 1e6:.3g} um "
-            "thin somewhere at the start, it must be above 0: deviations must leave some of the "
-            f"clearance of {place.film.clearance * 1e6:.3g} um, or give another eccentricity"
+            f"joints.{binding.name}.bore_shape, journal_shape: the thinnest film at the start is "
+            f"{thickness * 1e6:.3g} um, it must be above 0: deviations must leave some of the "
+            f"clearance of {binding.film.clearance * 1e6:.3g} um, or give another eccentricity"
         )
 
 
-def _check_film(place: FilmBinding, thickness: float, time: float) -> None:
-    surfaces = place.film.film.parameters.surfaces
+def _check_film(binding: FilmBinding, thickness: float, time: float) -> None:
+    surfaces = binding.film.film.parameters.surfaces
     if surfaces is not None:
         least = DEEPEST_CONTACT * surfaces.roughness
         if thickness < least:
             raise ContactError(
-                f"the surfaces of {place.name} overlap by {-thickness * 1e6:.3g} um at "
+                f"the surfaces of {binding.name} overlap by {-thickness * 1e6:.3g} um at "
                 f"t = {time:.6g} s, beyond {-DEEPEST_CONTACT:g} times their combined roughness of "
                 f"{surfaces.roughness * 1e6:.3g} um: no asperities are left that "
-                f"joints.{place.name}.contact describes; the history up to there is kept"
+                f"joints.{binding.name}.contact describes; the history up to there is kept"
             )
         return
-    limit, reason = touching_film(place.name, place.joint.smallest_film, place.film.clearance)
+    limit, reason = touching_film(binding.name, binding.joint.smallest_film, binding.film.clearance)
     if thickness < limit:
         raise FilmTooThinError(
-            f"the film of {place.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, below "
-            f"{reason}, {limit * 1e6:.3g} um: surfaces would touch; the history up to there is kept"
+            f"the film of {binding.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, "
+            f"below {reason}, {limit * 1e6:.3g} um: surfaces would touch; "
+            "the history up to there is kept"
         )
 
 
-#: Film at which surfaces without a given roughness touch, whatever the clearance [m]: three times a
-#: combined roughness of 0.07 um. Given ones have their own model of contact, and no such limit.
+#: Film thickness at which surfaces without a given roughness touch, for every clearance [m]: three
+#: times a combined roughness of 0.07 um. Surfaces with a roughness have a model of contact instead.
 TOUCHING = 0.2e-6
 
-#: Share of the clearance up to which a joint's `smallest_film` is a default that `TOUCHING` limits:
-#: a larger one is meant.
+#: Share of the clearance up to which a joint's `smallest_film` counts as a default, which
+#: `TOUCHING` limits. Larger values hold as they are.
 MEANT = 0.01
 
 
 def touching_film(name: str, share: float, clearance: float) -> tuple[float, str]:
-    """Film at which a run ends between smooth surfaces [m], and what sets it.
+    """Film thickness between smooth surfaces at which a run ends [m], and the origin of the limit.
 
     Parameters
     ----------
     name
         Of the joint.
     share
-        Its `smallest_film`, of the clearance.
+        `smallest_film` of the joint, relative to the clearance.
     clearance
-        [m].
+        Of the joint [m].
     """
     thickness = share * clearance
     if share <= MEANT and thickness > TOUCHING:
