@@ -2,8 +2,8 @@
 
 Histories, summaries, pictures and derivatives take the values of a joint at a step from functions
 that `quantity` registers here, in the order of the columns. The argument ``mean`` marks quantities
-whose mean over a run, or a cycle, is in the summary. Quantities of models that a joint does not have
-are not computed.
+whose mean over a run, or a cycle, is in the summary. Quantities of models that a joint does not
+have are not computed.
 
 Angles are those of the bore's frame, from its x axis, positive from x to y, in -180..180 degrees: a
 point at rest in the bore, such as a groove, keeps its angle. Heights count from mid-width.
@@ -43,6 +43,7 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_callable, require_class
 from fenics_ehd.base.columns import with_unit
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED, AsperityContact
@@ -56,6 +57,7 @@ from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, fil
 EQUAL = 1e-9
 
 
+@renamed_attributes(place="binding")
 @dataclass(frozen=True, eq=False)
 class JointStep:
     """A lubricated joint at the end of a step.

@@ -120,9 +120,9 @@ def _check_density(film: FilmModel[Any]) -> None:
 def _check_start(binding: FilmBinding, thickness: float) -> None:
     if not thickness > 0.0:
         raise SettingsError(
-            f"joints.{binding.name}.bore_shape, journal_shape: the thinnest film at the start is "
-            f"{thickness * 1e6:.3g} um, it must be above 0: deviations must leave some of the "
-            f"clearance of {binding.film.clearance * 1e6:.3g} um, or give another eccentricity"
+            f"joints.{binding.name}.bore_shape, journal_shape: the least film thickness at the "
+            f"start is {thickness * 1e6:.3g} um and must be above 0: give smaller deviations, "
+            f"below the clearance of {binding.film.clearance * 1e6:.3g} um, or another eccentricity"
         )
 
 
