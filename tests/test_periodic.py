@@ -32,7 +32,7 @@ class AffineRun:
             observe=self.observe,
             gaps=lambda observed: observed[:3],
             lengths=lambda gaps: gaps,
-            closing=lambda before, after: 1.0 - (after / before).min(),
+            gap_reduction=lambda before, after: 1.0 - (after / before).min(),
             film_gaps=lambda observed: [observed[:3]],
         )
         system = SimpleNamespace(
