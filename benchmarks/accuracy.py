@@ -1,13 +1,13 @@
-"""Runs that are to meet an accuracy: what they are off, and what they cost beside the cheapest.
+"""Runs to an accuracy: their true errors, and their time over that of the cheapest run.
 
     python benchmarks/accuracy.py [--only four-bar ...] [--accuracy 0.03 0.01] [--cache FOLDER]
 
-For each scene and accuracy a row of what `output.accuracy` comes to: the largest estimate of the
+For each scene and accuracy a row with the result of `output.accuracy`: the largest estimate of the
 run chosen; its largest true error, against the reference of `benchmarks/error_budget.py`, which has
 three times the scene's own cells either way, M4 and short steps with a thirtieth of its tolerance;
 processor time of the runs before it with their budgets, and of its own integration.
-Beside it the cheapest of a grid, each from the start, that meets the accuracy truly
-and may be trusted, and the time over its time.
+Then the cheapest run of a grid, each from the start, whose true error meets the accuracy
+and which is trustworthy, and the time over its time.
 The grid varies one setting at a time around the choice: tolerances times 1/10, 1/4, 4, 10, cells
 times 0.7, 0.85, 1.2, 1.5.
 """
@@ -26,7 +26,8 @@ from typing import Any
 from error_budget import METHOD, SCENES, References, extremes_of, finer, reduced, strict
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import ENERGY_LIMIT
 from fenics_ehd.scenes.accuracy import start_search
 from fenics_ehd.scenes.run import run_accurately
@@ -67,7 +68,7 @@ def tried(
     """A run with given settings; None: it comes to no end."""
     try:
         run, cycles = references.run(scene)
-        solved, began = Simulation(run, scene.span, cycles), process_time()
+        solved, began = Recorder(run, scene.span, cycles), process_time()
         deque(solved.steps(), maxlen=0)
     except ehd.errors.EhdError:
         return None
@@ -75,7 +76,7 @@ def tried(
     return Tried(
         true_error(extremes_of(solved), exact),
         seconds,
-        solved.energy_error <= ENERGY_LIMIT,
+        RunSummary(solved).energy_error <= ENERGY_LIMIT,
     )
 
 

@@ -148,10 +148,9 @@ def test_an_error_that_is_not_estimated_is_refused_by_name():
     known = dict.fromkeys(COMPONENTS, 1e-3) | dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
     lacking = known | {"film_mesh": NOT_ESTIMATED}
     budget = {"max_pressure": known | {"known": 2e-3}, "min_film_thickness": lacking}
-    recorded = SimpleNamespace(worth={"pin": budget})
     notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
     with pytest.raises(ehd.errors.AccuracyError, match=r"pin by film mesh .* oil is compressible"):
-        account(search, scene, recorded, notes)
+        account(search, scene, None, {"pin": budget}, notes)
 
 
 def judged_rod(**errors):
@@ -162,20 +161,19 @@ def judged_rod(**errors):
     budget = dict.fromkeys(COMPONENTS, 1e-4) | errors
     budget = {"known": sum(budget.values())} | budget
     budget["between_nodes"] = 0.5 * budget["film_mesh"]
-    worth = {"big_end": dict.fromkeys(QUANTITIES, budget)}
+    budgets = {"big_end": dict.fromkeys(QUANTITIES, budget)}
     system = SimpleNamespace(films=[place])
     run = SimpleNamespace(
         equations=SimpleNamespace(system=system),
         control=SimpleNamespace(order=3, largest_step=2.5e-4),
         state=SimpleNamespace(time=2.5e-2),
     )
-    return SimpleNamespace(
-        run=run, worth=worth, counts={"steps": 200}, verdict=lambda _=0: "complete",
-        processor_time=1.0,
-    )  # fmt: skip
+    return SimpleNamespace(run=run, counts={"steps": 200}, processor_time=1.0), budgets
 
 
-WORTH = {"error_budget_notes": {}, "error_budget_processor_time_s": 0.5}
+ENTRIES = {
+    "error_budget_notes": {}, "error_budget_processor_time_s": 0.5, "status": "complete",
+}  # fmt: skip
 
 
 def test_every_component_moves_its_own_setting():
@@ -184,7 +182,7 @@ def test_every_component_moves_its_own_setting():
     def wanted(keeps=(), **errors):
         kept = changed(scene, {"output.accuracy_keeps": list(keeps)})
         pilot, search = start_search(kept)
-        account(search, pilot, judged_rod(**errors), WORTH)
+        account(search, pilot, *judged_rod(**errors), ENTRIES)
         return search.chosen, search.wanted
 
     before, after = wanted(basis=0.011)
@@ -229,19 +227,18 @@ def test_errors_above_a_level_come_down_to_it(total):
 def test_a_run_that_may_not_be_trusted_takes_shorter_steps_and_finer_films():
     scene = changed(ehd.read_scene("slider-crank"), {"output.accuracy": 0.01})
     pilot, search = start_search(scene)
-    recorded = judged_rod()
-    recorded.verdict = lambda _=0: "untrustworthy: energy balance error"
-    account(search, pilot, recorded, WORTH)
+    entries = ENTRIES | {"status": "untrustworthy: energy balance error"}
+    account(search, pilot, *judged_rod(), entries)
     assert set(search.wanted) == {"time.tolerance", "joints.big_end.cells"}
 
 
 def test_joints_of_rigid_bores_have_no_basis():
     scene, search = start_search(changed(ehd.read_scene("engine"), {"output.accuracy": 0.01}))
-    recorded = judged_rod(film_mesh=4e-3)
+    recorded, budgets = judged_rod(film_mesh=4e-3)
     rigid = dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
-    own = recorded.worth["big_end"]["max_pressure"]
-    recorded.worth["front"] = dict.fromkeys(QUANTITIES, own | rigid)
-    account(search, scene, recorded, WORTH)
+    own = budgets["big_end"]["max_pressure"]
+    budgets["front"] = dict.fromkeys(QUANTITIES, own | rigid)
+    account(search, scene, recorded, budgets, ENTRIES)
     assert search.met
     assert search.runs[0]["errors"]["basis"] == 1e-4
 
@@ -253,7 +250,7 @@ def test_a_search_ends_and_says_what_is_in_the_way():
     )
     scene, search = start_search(scene)
     for _ in range(9):
-        found = account(search, scene, judged_rod(film_mesh=0.02), WORTH)
+        found = account(search, scene, *judged_rod(film_mesh=0.02), ENTRIES)
         if not search.wanted:
             break
         scene = search.continue_search(scene)

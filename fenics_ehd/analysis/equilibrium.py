@@ -102,7 +102,7 @@ class Equilibrium:
 
     def joints(self) -> dict[str, JointStep]:
         """Lubricated joints by name, as the quantities of a history read them."""
-        return {joint.place.name: joint for joint in self.state.joints}
+        return {joint.binding.name: joint for joint in self.state.joints}
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,11 +190,11 @@ def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
         As `equilibrium`.
     """
     z, rates = assemble(system)
-    solver = CoupledSteps(system)
     # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
-    system.weights = np.full(system.n, GIVEN)
+    weights = np.full(system.n, GIVEN)
     for place in system.films:
-        system.weights[place.xi[: place.film.journal_coordinates]] = 1.0
+        weights[place.xi[: place.film.journal_coordinates]] = 1.0
+    solver = CoupledSteps(system, weights=weights)
     norm = StepNorm(solver.equations)
     x = np.concatenate([z, solver.equations.resting(z)])
     observed = norm.observe(x)
@@ -347,10 +347,10 @@ def _rate(system: System) -> float:
 def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
     """Pressures under Reynolds' condition of films between rigid surfaces, as a first guess."""
     values = np.zeros(len(equations.lower))
-    for film, own in zip(equations.films, equations.places, strict=True):
-        gap = film.place.gap(z, rates, 0.0)
+    for film, own in zip(equations.films, equations.film_indices, strict=True):
+        gap = film.binding.gap(z, rates, 0.0)
         try:
-            values[own] = film.values(film.film.solve(gap).pressure)
+            values[own] = film.unknowns(film.film.solve(gap).pressure)
         except SolverError:
             return None
     return SolverState(np.zeros(1), values[None], 0)

@@ -55,9 +55,10 @@ from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_positions, sampling_grid
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,
@@ -439,8 +440,9 @@ class Estimator:
         The run.
     """
 
-    def __init__(self, solved: Simulation):
-        self._solved, self._course = solved, course_of(solved)
+    def __init__(self, solved: Recorder):
+        self._summary = RunSummary(solved)
+        self._course = course_of(solved)
         self._run, self._cycles = solved.run, solved.cycles
         self._system = solved.run.equations.system
         self._curves, self.iterations = ErrorCurves(self._course), 0
@@ -569,7 +571,7 @@ class Estimator:
             known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
             changes = {name: own for name, own in changes.items() if name not in OF_BORES}
         for quantity in QUANTITIES:
-            value = self._solved.extremes[place.name][quantity][0]
+            value = self._summary.extremes[place.name][quantity][0]
             extreme = Extreme(quantity, i, value, self._curves.said)
             own, over = (known | {"start": start} for start in self._start(place.name, quantity))
             for name, change in changes.items():
@@ -581,7 +583,7 @@ class Estimator:
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
         """Distance from the periodic state."""
-        cycles, solved = self._cycles, self._solved
+        cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
         contraction = cycles.contraction
@@ -592,7 +594,8 @@ class Estimator:
             # The changes are noise: their ratio is not the rate at which a cycle forgets its start.
             contraction = SLOWEST
         left = cycles.left / (1.0 - contraction)
-        now, then = (found[joint][quantity][0] for found in (solved.extremes, solved.former))
+        now = self._summary.extremes[joint][quantity][0]
+        then = self._summary.former_extremes[joint][quantity][0]
         part = left / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(left))

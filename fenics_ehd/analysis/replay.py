@@ -36,8 +36,9 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import FEWEST_PATTERNS, CoupledState, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder, history_of, solution
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation, history_of, solution
+from fenics_ehd.multibody.simulation import summarised_history
 from fenics_ehd.multibody.trust import QUANTITIES
 
 #: Angles and shares of the width that differ by less are equal.
@@ -220,7 +221,7 @@ class Course(History):
         )
 
 
-def solved_run(history: History) -> Simulation:
+def solved_run(history: History) -> Recorder:
     """The run that a history of `simulate` was made by.
 
     Raises
@@ -231,10 +232,10 @@ def solved_run(history: History) -> Simulation:
     require_class("history", history, History)
     if history.solved is None:
         raise InputError("a history that was read says nothing more of its run: simulate it")
-    return cast(Simulation, history.solved)
+    return cast(Recorder, history.solved)
 
 
-def course_of(solved: Simulation) -> Course:
+def course_of(solved: Recorder) -> Course:
     """Course of a run, or of the cycle under way, after the state that it began with."""
     first = solved.first
     found = solved.history().each(lambda own: own[first:])
@@ -322,8 +323,10 @@ def taken_over(state: RunState, own: Run, other: Run, span: float = 1.0) -> RunS
         gaps, wanted = (run.norm.film_gaps(run.norm.observe(point)) for run in (own, other))
         volumes = []
         for i, film in enumerate(other.equations.films):
-            shares = read[i] @ own.equations.films[i].void_fractions(point, gaps[i])
-            volumes.append(film.volumes_with(shares, point, wanted[i]))
+            fractions = own.equations.films[i].content.void_fractions(point, gaps[i])
+            if fractions is not None:
+                fractions = read[i] @ fractions
+            volumes.append(film.content.of_void_fractions(fractions, point, wanted[i]))
         moved.append(np.concatenate([point[:size], *volumes]))
     x = np.array(moved)
     rate = np.zeros_like(x)
@@ -449,9 +452,9 @@ class Replay(Run):
         gaps = base.norm.film_gaps(base.norm.observe(x))
         volumes = []
         for film, gap in zip(base.equations.films, gaps, strict=True):
-            filled = course.joints[film.place.name].film.fluid_fraction
-            full = np.ones(film.film.assembly.size) if filled is None else np.asarray(filled[row])
-            volumes.append(film.volumes_with(1.0 - full, x, gap))
+            filled = course.joints[film.binding.name].film.fluid_fraction
+            void = None if filled is None else 1.0 - np.asarray(filled[row])
+            volumes.append(film.content.of_void_fractions(void, x, gap))
         point = np.concatenate([x, *volumes])
         rate = np.zeros_like(point)
         rate[: course.rates.shape[1]] = course.rates[row]
@@ -485,14 +488,10 @@ class Replay(Run):
             observed = asked.observed[0], norm.observe(predicted)
             asked = replace(asked, predicted=predicted, observed=observed)
             former = SolverState(np.array([time]), values[None], self._guess.patterns)
-        if self._changes:
-            self.equations.disturbance = [
-                (_along(gap, row, share), _along(rate, row, share)) for gap, rate in self._changes
-            ]
-        try:
-            attempt = self.solve(norm, asked, former)
-        finally:
-            self.equations.disturbance = ()
+        gap_changes = [
+            (_along(gap, row, share), _along(rate, row, share)) for gap, rate in self._changes
+        ]
+        attempt = self.solve(norm, asked, former, gap_changes)
         self.iterations += attempt.iterations
         solved = attempt.solved
         if solved is None:
@@ -549,13 +548,15 @@ class _Guess:
         # Another drive or joint has others: they begin at zero.
         if multipliers.shape[1] == equations.rest_size - equations.system.n:
             self._values[:, equations.rest][:, equations.system.n :] = multipliers
-        each = zip(equations.films, equations.places, readings(course.base, run), strict=True)
+        each = zip(equations.films, equations.film_indices, readings(course.base, run), strict=True)
         for film, own, read in each:
-            result = course.joints[film.place.name].film
+            if not film.conserves_oil:
+                self._voids[own] = False
+            result = course.joints[film.binding.name].film
             for row, pressure in enumerate(np.asarray(result.pressure)):
                 filled = result.fluid_fraction
                 void = None if filled is None else read @ (1.0 - np.asarray(filled[row]))
-                self._values[row, own] = film.values(read @ pressure, void)
+                self._values[row, own] = film.unknowns(read @ pressure, void)
         self._last = np.zeros(course.x.shape[1]), np.zeros(len(equations.lower))
 
     def begin(self, state: RunState) -> None:
@@ -616,6 +617,6 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     start = taken_over(course.start, course.base, run)
     tolerance = NEWTON_FRACTION * run.control.tolerance
     again = Replay(run, course, tolerance, start=start, stride=stride)
-    found = Simulation(again, float(course.times[-1]))
-    deque(found.steps(), maxlen=0)
-    return found.ended()
+    recorder = Recorder(again, float(course.times[-1]))
+    deque(recorder.steps(), maxlen=0)
+    return summarised_history(recorder)

@@ -42,7 +42,7 @@ from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
-from fenics_ehd.multibody.periodic import PeriodicSolver, repeats
+from fenics_ehd.multibody.periodic import repeats
 from fenics_ehd.multibody.quantities import joint_row
 from fenics_ehd.multibody.trust import integral
 
@@ -157,7 +157,7 @@ def look(step: MechanismStep) -> dict[str, float]:
             points, pressure = joint.film.points, joint.touch.pressure
             angle, height = points.angle.ravel(), points.height.ravel()
             row["max_contact_pressure_Pa"] = extreme_around(angle, height, pressure, 1)
-        found |= {f"joints/{joint.place.name}/{column}": value for column, value in row.items()}
+        found |= {f"joints/{joint.binding.name}/{column}": value for column, value in row.items()}
     return found
 
 
@@ -299,13 +299,8 @@ def _again(
         deque(run.until(period), maxlen=0)
     start = taken_over(base.state, base, run, span) if alike else run.state
     replay = Replay(run, course, tolerance, start=start, alike=alike)
-    # Of the search for its own cycle nothing is left but where it is.
-    before = round(replay.state.time / period)
-    cycles = PeriodicSolver(replay, period, slack * PERIODICITY, before + MOST)
-    cycles.number = before + 1
-    searches = search.heat.state["searches"]
-    cycles.heat.state = {**cycles.heat.state, "searches": searches}
-    return recorded(replay, period, cycles, look)
+    restarted = search.restarted(replay, period, slack * PERIODICITY, MOST)
+    return recorded(replay, period, restarted, look)
 
 
 def sensitivity(

@@ -207,7 +207,7 @@ class FilmTemperatures(Stateful):
     def _resume(self) -> None:
         """Have the films as warm as the searches say."""
         for place in self._places.values():
-            place.film.film.equation.warm(self.searches[place.name].temperature)
+            place.film.film.set_temperature(self.searches[place.name].temperature)
 
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""
@@ -363,6 +363,24 @@ class PeriodicSolver(Stateful):
     def start(self) -> float:
         """Start of the cycle under way [s]."""
         return (self.number - 1) * self.period
+
+    def restarted(self, run: Run, period: float, periodicity: float, most: int) -> PeriodicSolver:
+        """A search by another run from the start of a cycle, with the temperatures of this search.
+
+        Parameters
+        ----------
+        run
+            At the end of a cycle, whose start the next cycle is compared with.
+        period, periodicity
+            As for `PeriodicSolver`.
+        most
+            Further cycles to give up after.
+        """
+        completed = round(run.state.time / period)
+        search = PeriodicSolver(run, period, periodicity, completed + most)
+        search.number = completed + 1
+        search.heat.state = search.heat.state | {"searches": self.heat.state["searches"]}
+        return search
 
     def figures(self) -> dict[str, float]:
         """Entries of the summary."""

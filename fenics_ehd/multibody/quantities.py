@@ -64,8 +64,8 @@ class JointStep:
 
     Attributes
     ----------
-    place
-        Which joint.
+    binding
+        The joint in its mechanism.
     state
         Of its film.
     contact
@@ -78,7 +78,7 @@ class JointStep:
         Film thickness where it is observed, at Gauss points, then at nodes [m].
     """
 
-    place: FilmBinding
+    binding: FilmBinding
     state: FilmState
     contact: JointContact | None
     x: np.ndarray
@@ -89,7 +89,7 @@ class JointStep:
     @property
     def film(self) -> Film:
         """Film of the joint."""
-        return self.place.film.film
+        return self.binding.film.film
 
     @property
     def nodes(self) -> np.ndarray:
@@ -114,7 +114,7 @@ class JointStep:
     @cached_property
     def friction(self) -> FilmFriction:
         """Friction of the oil's shear."""
-        return film_friction(self.place.film, self.state)
+        return film_friction(self.binding.film, self.state)
 
     @property
     def rough(self) -> JointContact:
@@ -125,14 +125,14 @@ class JointStep:
     @cached_property
     def touch(self) -> AsperityContact:
         """Contact of rough surfaces."""
-        return self.rough.touch(self.state.gap.thickness)
+        return self.rough.at_gap(self.state.gap.thickness)
 
     @cached_property
     def rubbed(self) -> float:
         """Power lost by boundary friction, whether it acts on the bodies or not [W]."""
         if self.contact is None:
             return 0.0
-        return self.contact.rubbing_power(self.touch, self.state.gap)
+        return self.contact.friction_power(self.touch, self.state.gap)
 
     @property
     def dissipated(self) -> float:
@@ -147,12 +147,12 @@ class JointStep:
         """Direction of the journal's load on the bore, in the bore's frame [rad]."""
         # The joint's own force is the one on the journal.
         load = np.arctan2(-self.force[1], -self.force[0])
-        return float(load - self.place.angles(self.x)[1] - self.place.mounted[1])
+        return float(load - self.binding.angles(self.x)[1] - self.binding.mounted[1])
 
     @cached_property
     def journal(self) -> np.ndarray:
         """Centre of the journal in the bore as it is, shape (2,) [m]."""
-        return self.place.film.circle @ self.gap[-len(self.nodes) :]
+        return self.binding.film.circle @ self.gap[-len(self.nodes) :]
 
     @cached_property
     def thinnest(self) -> tuple[float, float]:
@@ -162,7 +162,7 @@ class JointStep:
     @cached_property
     def load(self) -> np.ndarray:
         """Load of pressure, shear and contact on the journal along its eccentricity [N]."""
-        load = self.place.film.load[:2] @ self.pressure + self.friction.on_xi[:2]
+        load = self.binding.film.load[:2] @ self.pressure + self.friction.on_xi[:2]
         if self.contact is None:
             return load
         return load + self.contact.forces(self.touch, self.state.gap)[:2]
@@ -171,23 +171,23 @@ class JointStep:
     def braking(self) -> float:
         """Torque that brakes the journal about its own axis [N m]."""
         # What else brakes the journal belongs here.
-        torque, turned = -self.friction.torque, self.place.rotated_shape(self.x, self.rate)
+        torque, turned = -self.friction.torque, self.binding.rotated_shape(self.x, self.rate)
         if turned is not None:
             torque -= float(turned.torque @ self.pressure)
         if self.contact is not None:
-            torque += self.contact.braking(self.touch, self.state.gap)
+            torque += self.contact.friction_torque(self.touch, self.state.gap)
         return torque
 
     @property
     def dragging(self) -> float:
         """Torque that drags the bore along about its own axis [N m]."""
-        e = self.x[self.place.xi[:2]]
+        e = self.x[self.binding.xi[:2]]
         return self.braking - float(e[0] * self.load[1] - e[1] * self.load[0])
 
     @property
     def speeds(self) -> tuple[float, float]:
         """Angular speeds of journal and bore in the frame at rest [rad/s]."""
-        return self.place.angles(self.rate)
+        return self.binding.angles(self.rate)
 
 
 def joint_steps(
@@ -201,8 +201,8 @@ def joint_steps(
     """All lubricated joints at the end of a step, of whose films these are states and gaps."""
     each = zip(equations.system.films, films, equations.contacts.joints, gaps, strict=True)
     return [
-        JointStep(place, state, contact, x, rate, multipliers[place.rows], gap)
-        for place, state, contact, gap in each
+        JointStep(binding, state, contact, x, rate, multipliers[binding.rows], gap)
+        for binding, state, contact, gap in each
     ]
 
 
@@ -238,7 +238,7 @@ def everywhere(_: JointStep) -> bool:
 
 def with_friction(joint: JointStep) -> bool:
     """Joints whose shear is computed."""
-    return joint.place.film.friction
+    return joint.binding.film.friction
 
 
 def with_contact(joint: JointStep) -> bool:
@@ -324,20 +324,20 @@ def min_film_thickness(joint: JointStep) -> float:
 
 @quantity("max_pressure_angle", "deg")
 def max_pressure_angle(joint: JointStep) -> float:
-    """Angle of the place of the largest pressure."""
+    """Angle of the largest pressure."""
     return in_degrees(joint.nodes[np.argmax(joint.pressure), 0])
 
 
 @quantity("eccentricity_x", "m")
 def eccentricity_x(joint: JointStep) -> float:
     """Displacement of the journal in the undeformed bore's frame, along x."""
-    return joint.x[joint.place.xi[0]]
+    return joint.x[joint.binding.xi[0]]
 
 
 @quantity("eccentricity_y", "m")
 def eccentricity_y(joint: JointStep) -> float:
     """Displacement of the journal in the undeformed bore's frame, along y."""
-    return joint.x[joint.place.xi[1]]
+    return joint.x[joint.binding.xi[1]]
 
 
 @quantity("force_x", "N")
@@ -379,7 +379,7 @@ def eccentricity_in_bore_y(joint: JointStep) -> float:
 @quantity("eccentricity_ratio", "1")
 def eccentricity_ratio(joint: JointStep) -> float:
     """Size of that displacement over the clearance."""
-    return np.hypot(*joint.journal) / joint.place.film.clearance
+    return np.hypot(*joint.journal) / joint.binding.film.clearance
 
 
 @quantity("attitude_angle", "deg")
@@ -390,19 +390,19 @@ def attitude_angle(joint: JointStep) -> float:
 
 @quantity("max_pressure_height", "m")
 def max_pressure_height(joint: JointStep) -> float:
-    """Height of the place of the largest pressure."""
+    """Height of the largest pressure."""
     return upper_most(joint.nodes, -joint.pressure)[1]
 
 
 @quantity("min_film_angle", "deg")
 def min_film_angle(joint: JointStep) -> float:
-    """Angle of the place where the film is thinnest."""
+    """Angle of the thinnest film."""
     return in_degrees(joint.thinnest[0])
 
 
 @quantity("min_film_height", "m")
 def min_film_height(joint: JointStep) -> float:
-    """Height of the place where the film is thinnest."""
+    """Height of the thinnest film."""
     return joint.thinnest[1]
 
 
@@ -445,7 +445,7 @@ def bore_friction_power(joint: JointStep) -> float:
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
     """Power P put in by the bodies, the squeezing of the film included."""
-    place, state, rate, found = joint.place, joint.state, joint.rate, joint.friction
+    place, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
     opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
     sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_speed(rate)
@@ -455,7 +455,7 @@ def film_power(joint: JointStep) -> float:
 @quantity(
     "dissipated_power",
     "W",
-    lambda joint: with_friction(joint) or joint.place.joint.heat is not None,
+    lambda joint: with_friction(joint) or joint.binding.joint.heat is not None,
     mean=True,
 )
 def dissipated_power(joint: JointStep) -> float:
@@ -539,7 +539,7 @@ def side_flow(joint: JointStep) -> float:
     return joint.flows.balance.side
 
 
-@quantity("leaving_flow", "m3/s", lambda joint: joint.place.joint.heat is not None, mean=True)
+@quantity("leaving_flow", "m3/s", lambda joint: joint.binding.joint.heat is not None, mean=True)
 def leaving_flow(joint: JointStep) -> float:
     """Oil that leaves and carries heat away."""
     return joint.flows.leaving
@@ -556,17 +556,17 @@ def supply_flow(joint: JointStep) -> float:
     return joint.flows.balance.supply
 
 
-def upper_most(places: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Angle [rad] and height [m] of the least value, the upper of equal ones.
 
     Parameters
     ----------
-    places, values
-        shape (k, 2), (k,).
+    positions, values
+        Angle and height of every point, shape (k, 2), and values there, shape (k,).
     """
     least = values.min()
     equal = np.flatnonzero(values <= least + EQUAL * abs(least))
-    angle, height = places[equal[np.argmax(places[equal, 1])]]
+    angle, height = positions[equal[np.argmax(positions[equal, 1])]]
     return float(angle), float(height)
 
 
@@ -580,9 +580,10 @@ def rubbing(joint: JointStep) -> np.ndarray:
     return joint.touch.pressure * np.abs(joint.state.gap.sliding_velocity.ravel())
 
 
-def wear(place: FilmBinding, slid: np.ndarray) -> dict[str, float]:
+def wear(binding: FilmBinding, slid: np.ndarray) -> dict[str, float]:
     """Entries of ``summary.json`` on ``int p_c |U| dt`` [Pa m], where it is largest."""
-    worst, points = int(np.argmax(slid)), place.film.film.points
+    worst = int(np.argmax(slid))
+    points = binding.film.film.points
     return {
         "contact_sliding_Pa_m": float(slid[worst]),
         "contact_sliding_angle_deg": in_degrees(points.angle.ravel()[worst]),

@@ -83,7 +83,7 @@ class Run:
         for place, own in zip(run._system.films, self._system.films, strict=True):
             temperature = own.film.film.equation.lubricant.temperature
             if place.joint.heat is not None and temperature is not None:
-                place.film.film.equation.warm(temperature)
+                place.film.film.set_temperature(temperature)
         return run
 
     def until(self, end: float) -> Iterator[MechanismStep]:
@@ -104,14 +104,14 @@ class Run:
             )
             yield step
             for joint in step.solution.joints:
-                _check_film(joint.place, float(joint.gap.min()), step.time)
+                _check_film(joint.binding, float(joint.gap.min()), step.time)
 
 
 def _check_density(film: FilmModel[Any]) -> None:
     # Storage of the first steps is a mass matrix: active sets follow each other for ever.
     if not (film.conserves_oil or film.film.parameters.lubricant.density_law.constant):
         raise SettingsError(
-            f"joints.{film.place.name}: the oil is denser under pressure: density_law = "
+            f"joints.{film.binding.name}: the oil is denser under pressure: density_law = "
             "'dowson-higginson' needs cavitation = 'mass-conserving'"
         )
 

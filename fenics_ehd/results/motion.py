@@ -177,7 +177,8 @@ class RecordedMotion:
                 pressing *= bore.solid.reshape(-1, 1)
             if (joint := joints[i]) is not None:
                 gaps = self.observed[place.name][:, : -self.nodes(place)]
-                pressing += joint.area[:, None] * np.array([joint.touch(h)[1] for h in gaps]).T
+                contact = np.array([joint.at_gap(gap).pressure for gap in gaps])
+                pressing += joint.area[:, None] * contact.T
             own = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
             forces[:, part.rows_of(place.bore).nodes] = own
         angle = self.bodies[body].angle_index

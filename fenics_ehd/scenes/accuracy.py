@@ -38,7 +38,7 @@ from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.scenes.films import planned_cells
@@ -293,7 +293,11 @@ Errors = Mapping[tuple[str, str], Mapping[str, float]]
 
 
 def account(
-    search: Search, scene: Scene, recorded: Simulation, error_budget: Mapping[str, Any]
+    search: Search,
+    scene: Scene,
+    recorded: Recorder,
+    budgets: Mapping[str, Mapping[str, Any]],
+    entries: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Add a judged run to its search, and choose the settings of the next run.
 
@@ -302,9 +306,11 @@ def account(
     search, scene
         Search and scene of the run.
     recorded
-        The run with the budgets of its joints.
-    error_budget
-        Entries of the summary about the error budget.
+        The run.
+    budgets
+        Error budget of every joint, by its name.
+    entries
+        Entries of the summary on the budgets, and the verdict on them.
 
     Returns
     -------
@@ -316,9 +322,8 @@ def account(
     AccuracyError
         A component of the error is not estimated.
     """
-    notes = error_budget["error_budget_notes"]
-    errors = _errors(search, recorded, notes)
-    budgets = recorded.worth
+    notes = entries["error_budget_notes"]
+    errors = _errors(search, budgets, notes)
     if search.runs and search.runs[-1]["chosen"] == search.chosen:
         search.runs.pop()  # a complete run, resumed
     search.runs.append(
@@ -330,9 +335,8 @@ def account(
                 for key in COMPONENTS
                 if any(key in parts for parts in errors.values())
             },
-            "status": recorded.verdict(max(scene.output.error_limit, search.asked)),
-            "processor_time_s": recorded.processor_time
-            + error_budget["error_budget_processor_time_s"],
+            "status": entries["status"],
+            "processor_time_s": recorded.processor_time + entries["error_budget_processor_time_s"],
         }
     )
     warnings = list(scene.warnings)
@@ -352,10 +356,12 @@ def account(
     return figures
 
 
-def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> Errors:
+def _errors(
+    search: Search, budgets: Mapping[str, Mapping[str, Any]], notes: Mapping[str, str]
+) -> Errors:
     """Estimated components of the errors of a run."""
     errors: dict[tuple[str, str], dict[str, float]] = {}
-    for joint, budget in recorded.worth.items():
+    for joint, budget in budgets.items():
         for quantity in QUANTITIES:
             parts = errors[joint, quantity] = {}
             for key in COMPONENTS:
@@ -372,7 +378,7 @@ def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> E
     return errors
 
 
-def _refined(search: Search, scene: Scene, recorded: Simulation, errors: Errors) -> dict[str, Any]:
+def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -> dict[str, Any]:
     """Values by full key that reduce the error of every figure to the aim, within limits."""
     films = {film.name: film for film in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
@@ -424,7 +430,7 @@ def _setting(component: str, film: FilmBinding) -> str:
 def _value(
     search: Search,
     scene: Scene,
-    recorded: Simulation,
+    recorded: Recorder,
     share: float,
     component: str,
     film: FilmBinding,

@@ -26,13 +26,16 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.verdict import verdict
 from fenics_ehd.reduction.body import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.results.recorded_run import (
     BODY_FILE,
     CHECKPOINT_EVERY,
     SCENE_NAME,
+    Budgets,
     Checkpoint,
     RunFolder,
     estimate_errors,
@@ -173,7 +176,7 @@ def run_scene(
         PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     )
     return record_run(
-        Simulation(run, scene.span, cycles),
+        Recorder(run, scene.span, cycles),
         directory,
         {
             "warnings": list(scene.warnings),
@@ -192,16 +195,20 @@ def run_scene(
 
 
 def _judged(
-    recorded: Simulation,
+    recorded: Recorder,
     directory: Path,
     scene: Scene,
     search: Search | None,
-) -> dict[str, Any]:
-    """Entries of the summary about the error budget, and about the search for an accuracy."""
-    budget = estimate_errors(recorded, directory)
+) -> tuple[Budgets, dict[str, Any]]:
+    """Error budgets of a run, and entries of its summary on them and on the search."""
+    budgets, entries = estimate_errors(recorded, directory)
+    limit = scene.output.error_limit
     if search is not None:
-        return budget | account(search, scene, recorded, budget)
-    return budget | {"status": recorded.verdict(scene.output.error_limit)}
+        limit = max(limit, search.asked)
+    entries["status"] = verdict(RunSummary(recorded, budgets), limit)
+    if search is not None:
+        entries |= account(search, scene, recorded, budgets, entries)
+    return budgets, entries
 
 
 def _reductions(built: Machine) -> dict[str, Any]:
