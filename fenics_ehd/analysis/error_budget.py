@@ -251,7 +251,7 @@ def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
 Lacking = tuple[BasisErrorEstimate, sparse.spmatrix]
 
 
-def lacking_in_basis(body: FlexibleBody, place: FilmBinding) -> Lacking:
+def lacking_in_basis(body: FlexibleBody, binding: FilmBinding) -> Lacking:
     """Displacement that the basis of a body lacks in the bore of a film.
 
     Raises
@@ -259,19 +259,19 @@ def lacking_in_basis(body: FlexibleBody, place: FilmBinding) -> Lacking:
     SettingsError
         Its missing flexibility is not known.
     """
-    estimate, bore = estimate_at(body, place.bore), place.film.bore
+    estimate, bore = estimate_at(body, binding.bore), binding.film.bore
     if not estimate.known:
-        raise SettingsError(f"{place.name}: reduction.estimate_error is off")
+        raise SettingsError(f"{binding.name}: reduction.estimate_error is off")
     assert bore is not None
     # Outward displacements of the bore's nodes.
-    radial = body.reduced.at_bore(place.bore).bore_nodes * [1.0, 1.0, 0.0]
+    radial = body.reduced.at_bore(binding.bore).bore_nodes * [1.0, 1.0, 0.0]
     radial /= np.linalg.norm(radial, axis=1)[:, None]
     nodes = np.repeat(np.arange(len(radial)), 3)
     outward = sparse.csr_matrix((radial.ravel(), (np.arange(radial.size), nodes)))
     return estimate, bore.observed_normal @ outward
 
 
-def lacking_in_mesh(body: FlexibleBody, place: FilmBinding) -> Lacking:
+def lacking_in_mesh(body: FlexibleBody, binding: FilmBinding) -> Lacking:
     """Displacement that the mesh of a part lacks under pressures and boundary forces.
 
     Raises
@@ -282,13 +282,13 @@ def lacking_in_mesh(body: FlexibleBody, place: FilmBinding) -> Lacking:
     missing, bores = body.reduced.mesh_flexibility, body.reduced.bores
     if not missing.size:
         raise SettingsError(
-            f"{place.bore_body}: no other mesh of the part is known, see output.part_mesh_error"
+            f"{binding.bore_body}: no other mesh of the part is known, see output.part_mesh_error"
         )
-    error = np.vsplit(missing, len(bores))[[*bores].index(place.bore)]
+    error = np.vsplit(missing, len(bores))[[*bores].index(binding.bore)]
     smooth = smooth_part(bores)
     pressed, forced = np.split(error, [len(smooth)], axis=1)
     error = np.hstack([pressed @ smooth, forced])
-    grid, film = sampling_grid(bores[place.bore]), place.film.film
+    grid, film = sampling_grid(bores[binding.bore]), binding.film.film
     surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
     reading = interpolation_matrix(surface, *observed_positions(film))
     return BasisErrorEstimate(error, body.damping_time), reading
@@ -316,19 +316,19 @@ def lacking_gaps(
     if len(times) < 2:
         raise SettingsError("a run of one step is too short to tell: raise time.end")
     loads, accelerations = _loads(system, course), course.state("accelerations")
-    for place in system.films:
-        if not place.bore:
-            found.append(np.zeros((len(times), len(place.film.observed))))
+    for binding in system.films:
+        if not binding.bore:
+            found.append(np.zeros((len(times), len(binding.film.observed))))
             continue
-        estimate, reading = lacking(bore_body(system, place), place)
-        own = equations.responses.of_body(place.bore_body)
+        estimate, reading = lacking(bore_body(system, binding), binding)
+        own = equations.responses.of_body(binding.bore_body)
         fields: list[np.ndarray] = []
         # Twice, as the memory of the structure is that of the cycle before.
         for _ in range(2 if periodic else 1):
             fields, before = [], course.began
             for time, load, moved in zip(times, loads, accelerations, strict=True):
                 starts = not periodic and time - course.began <= estimate.start
-                pressed = load[place.bore_body][: estimate.loads]
+                pressed = load[binding.bore_body][: estimate.loads]
                 acceleration = None if starts else moved[own]
                 fields.append(estimate.field(time - before, pressed, acceleration))
                 before = time
@@ -469,7 +469,7 @@ class Estimator:
             "step_size": self._change_by_steps,
             "film_mesh": self._change_by_films,
         }
-        if any(place.bore for place in self._system.films):
+        if any(binding.bore for binding in self._system.films):
             ways["basis"] = partial(self._change_by_gaps, lacking_in_basis)
             ways["part_mesh"] = partial(self._change_by_gaps, lacking_in_mesh)
         try:
@@ -489,7 +489,8 @@ class Estimator:
             if self._left_out:
                 left_out[name] = self._left_out
         joints = {
-            place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
+            binding.name: self._joint(i, binding, changes)
+            for i, binding in enumerate(self._system.films)
         }
         seconds = process_time() - began
         return ErrorBudget(joints, self._curves, changes, notes, left_out, self.iterations, seconds)
@@ -545,7 +546,7 @@ class Estimator:
     def _change_by_films(self, again: Course) -> np.ndarray:
         finer = self._run.with_mechanism(with_finer_films(self._system.mechanism))
         found = self._follow(again, finer, start=taken_over(again.start, self._run, finer))
-        grids = [place.film.film.parameters.grid for place in self._system.films]
+        grids = [binding.film.film.parameters.grid for binding in self._system.films]
         orders = np.array([FILM_ORDERS[grid.family != "bilinear"] for grid in grids])
         # Errors of the films' meshes over what finer ones change.
         return self._curves.sampling + self._change(again, found, 1.0 / (1.0 - FINER**-orders))
@@ -562,18 +563,18 @@ class Estimator:
         return self._change(again, found.widened(missing), 1.0)
 
     def _joint(
-        self, i: int, place: FilmBinding, changes: Mapping[str, np.ndarray]
+        self, i: int, binding: FilmBinding, changes: Mapping[str, np.ndarray]
     ) -> dict[str, Any]:
         found: dict[str, Any] = {}
         largest: dict[str, Any] = {}
         known: dict[str, Any] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
-        if not place.bore:
+        if not binding.bore:
             known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
             changes = {name: own for name, own in changes.items() if name not in OF_BORES}
         for quantity in QUANTITIES:
-            value = self._summary.extremes[place.name][quantity][0]
+            value = self._summary.extremes[binding.name][quantity][0]
             extreme = Extreme(quantity, i, value, self._curves.said)
-            own, over = (known | {"start": start} for start in self._start(place.name, quantity))
+            own, over = (known | {"start": start} for start in self._start(binding.name, quantity))
             for name, change in changes.items():
                 own[name], over[name] = extreme.share(change), extreme.over(change)
             found[quantity], largest[quantity] = summed(own), summed(over)

@@ -298,7 +298,7 @@ def readings(own: Run, other: Run) -> list[sparse.spmatrix]:
     """
     found = []
     for films in zip(own.equations.system.films, other.equations.system.films, strict=True):
-        grid, wanted = (place.film.film.parameters.grid for place in films)
+        grid, wanted = (binding.film.film.parameters.grid for binding in films)
         angle, height = wanted.node_positions.T
         if len(grid.nodes) == len(wanted.nodes):
             found.append(sparse.identity(len(grid.nodes), format="csr"))
@@ -389,8 +389,8 @@ class Replay(Run):
         self._corners = course.state("corner")
         self._guess = _Guess(run, course) if alike else None
         self._changes = []
-        for place, observed in zip(self._system.films, changes, strict=False):
-            gap = observed[:, : len(place.film.thickness)]
+        for binding, observed in zip(self._system.films, changes, strict=False):
+            gap = observed[:, : len(binding.film.thickness)]
             self._changes.append((gap, np.gradient(gap, course.times, axis=0)))
         self.iterations = 0
         self.left_out = 0.0

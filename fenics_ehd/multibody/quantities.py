@@ -42,6 +42,7 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_callable, require_class
 from fenics_ehd.base.columns import with_unit
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED, AsperityContact
@@ -55,6 +56,7 @@ from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, fil
 EQUAL = 1e-9
 
 
+@renamed_attributes(place="binding")
 @dataclass(frozen=True, eq=False)
 class JointStep:
     """A lubricated joint at the end of a step.
@@ -445,10 +447,10 @@ def bore_friction_power(joint: JointStep) -> float:
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
     """Power P put in by the bodies, the squeezing of the film included."""
-    place, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
+    binding, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
     opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
-    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_speed(rate)
+    sheared = -float(found.on_xi @ rate[binding.xi]) - found.torque * binding.relative_speed(rate)
     return squeezed + sheared + joint.rubbed
 
 

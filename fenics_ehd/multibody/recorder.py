@@ -33,7 +33,7 @@ from fenics_ehd.multibody.history import (
 )
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep, SolverState
-from fenics_ehd.multibody.periodic import PeriodicSolver, crank, recurrence_of
+from fenics_ehd.multibody.periodic import PeriodicSolver, recurrence_of, reference_angle
 from fenics_ehd.multibody.quantities import joint_row, rubbing
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import (
@@ -212,7 +212,7 @@ class Recorder(Stateful):
         self.wall_time = self.processor_time = 0.0
         self.rows: list[Row] = []
         self._resumed = False
-        self._reference = crank(self.system)
+        self._reference = reference_angle(self.system)
         self.recurrence = recurrence_of(self.system)
         self._coordinates = coordinate_units(self.system)
         films = self.system.films
@@ -338,8 +338,7 @@ class Recorder(Stateful):
             _require_alike(row, self.rows[-1])
             self._resumed = False
         self.rows.append(row)
-        films = self.system.films
-        return {column_name(name, films): value for name, value in row.items() if is_column(name)}
+        return {column_name(name): value for name, value in row.items() if is_column(name)}
 
     def _angle(self, step: MechanismStep) -> float:
         """Reference angle [degrees], continuous over a cycle; 0 if nothing turns.
