@@ -202,7 +202,7 @@ def test_a_cycle_that_repeats_to_its_noise_is_off_by_what_is_left(moved, left, c
     peaks = {"pin": {"max_pressure": (1e7, 0.0)}}
     estimator = SimpleNamespace(
         _cycles=cycles,
-        _solved=SimpleNamespace(extremes=peaks, former=peaks),
+        _summary=SimpleNamespace(extremes=peaks, former_extremes=peaks),
         _run=SimpleNamespace(control=SimpleNamespace(tolerance=1e-3)),
     )
     _, over_cycle = Estimator._start(estimator, "pin", "max_pressure")
