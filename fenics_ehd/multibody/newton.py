@@ -27,7 +27,7 @@ step. A coarse mesh does not see the peak and goes on with pressures that are it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -51,7 +51,7 @@ from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.mechanism import FilmBinding, Motion, System
 from fenics_ehd.multibody.quantities import JointStep, joint_steps
-from fenics_ehd.multibody.step_equations import Derivative, Point, StepEquations
+from fenics_ehd.multibody.step_equations import Derivative, GapChanges, Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.tabulated import extrapolation_weights
 
@@ -376,13 +376,23 @@ class CoupledSteps:
     ----------
     system
         The mechanism.
+    weights, gap_changes
+        See `StepEquations`.
     options_prefix
         Of SNES-VI.
     """
 
-    def __init__(self, system: System, *, options_prefix: str = "motion_"):
-        self.system, self._prefix = system, options_prefix
-        self.equations = StepEquations(system)
+    def __init__(
+        self,
+        system: System,
+        *,
+        weights: np.ndarray | None = None,
+        gap_changes: Callable[[float], GapChanges] | None = None,
+        options_prefix: str = "motion_",
+    ):
+        self.system = system
+        self._prefix = options_prefix
+        self.equations = StepEquations(system, weights=weights, gap_changes=gap_changes)
         self._factors = StepFactors(self.equations, options_prefix=options_prefix)
         self._snes = self._solver(MAX_ITERATIONS)
 

@@ -25,7 +25,7 @@ as it is c / R of the pressure's too: every iteration still shrinks the error by
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -143,6 +143,10 @@ class StepEquations:
     ----------
     system
         The mechanism.
+    weights
+        Diagonal of W, shape (n,); None: that of the system.
+    gap_changes
+        Given changes of all gaps at a time [s], whose consequences are wanted; None in a run.
 
     Attributes
     ----------
@@ -164,12 +168,18 @@ class StepEquations:
         Of the joints with rough surfaces.
     filled
         Sheared share of films with friction that is kept for this step, by the joint's name.
-    disturbance
-        Given changes of all gaps, whose consequences are asked for; none in a run.
     """
 
-    def __init__(self, system: System):
+    def __init__(
+        self,
+        system: System,
+        *,
+        weights: np.ndarray | None = None,
+        gap_changes: Callable[[float], GapChanges] | None = None,
+    ):
         self.system = system
+        self._weights = system.weights if weights is None else weights
+        self._gap_changes = gap_changes
         self.responses = BoreResponses(system)
         self.films = film_models(system.films, system.n + self.responses.size)
         self.conserves_oil = any(film.conserves_oil for film in self.films)
@@ -181,7 +191,6 @@ class StepEquations:
         self.lead(0)
         bodies = self.responses.bodies.values()
         self.most_patterns = max((len(body.own) for body in bodies), default=0)
-        self.disturbance: GapChanges = ()
 
     def lead(self, count: int) -> None:
         """Take so many residual patterns of every body into the derivatives, where any are."""
@@ -235,7 +244,7 @@ class StepEquations:
         rest = u[self.rest]
         z, multipliers, drift = rest[:n], rest[n : n + m], rest[n + m :]
         instant = Instant(system, step.time, z)
-        rates = step.shift * z + step.past_x - system.weights * (drift @ instant.jacobian)
+        rates = step.shift * z + step.past_x - self._weights * (drift @ instant.jacobian)
         accelerations = step.shift * rates + step.past_rate
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
@@ -244,8 +253,9 @@ class StepEquations:
         self.responses.add(
             [film.pressure(own) for film, own in zip(self.films, values, strict=True)], gaps
         )
-        for i, change in enumerate(self.disturbance):
-            gaps[i] = gaps[i].changed(*change)
+        if self._gap_changes is not None:
+            changes = self._gap_changes(step.time)
+            gaps = [gap.changed(*change) for gap, change in zip(gaps, changes, strict=True)]
         touches = self.contacts.touch(gaps)
         films = []
         for i, place in enumerate(system.films):
@@ -288,7 +298,7 @@ class StepEquations:
             films = [film.with_matrix(block, own) for film, block, own in each]
             return Derivative(films, former.core)
         system, shift = self.system, self._step.shift
-        n, m, weights = system.n, system.m, system.weights[:, None]
+        n, m, weights = system.n, system.m, self._weights[:, None]
         jacobian, parts = point.motion.instant.jacobian, point.motion.derivatives()
         size = last = self.rest_size
         patterns = [slice(size, size)] * len(self.films)
