@@ -25,8 +25,8 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
-from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.base.extremes import FilmRows, between_points, over_time
+from fenics_ehd.film.grid import FilmGrid
 
 #: Curve over the steps of the largest value of a film: angle, height, values, shape (k, nodes).
 FilmRule = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]

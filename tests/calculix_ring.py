@@ -5,8 +5,11 @@ import subprocess
 
 import example_parts
 import numpy as np
-from bench_parts import SOLIDS, Solid, raised, write_part
 from foreign_parts import OUTER, RADIUS, ring_mesh
+
+from fenics_ehd.fem.drawn_part import write_part
+from fenics_ehd.fem.solid import Solid, raised
+from fenics_ehd.reduction.elements import SOLIDS
 
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0
 

@@ -9,9 +9,9 @@ import time
 
 import numpy as np
 import pytest
-from bench_output import main
 
 import fenics_ehd as ehd
+from fenics_ehd.cli.main import main
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 

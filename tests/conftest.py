@@ -14,7 +14,6 @@ if "PYTEST_XDIST_WORKER" in os.environ:
         del os.environ[variable]
 
 import pytest
-from bench_scenes import elastic_part
 
 # Hooks and fixture of the documentation's figures; pytest finds them here by their names.
 from figures import (  # noqa: F401
@@ -29,6 +28,7 @@ from hypothesis import settings
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes.part import elastic_part
 
 # How long an example takes says what else the machine does; the same examples for everybody, so
 # that no change fails by chance (`--hypothesis-profile=default` draws others).

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from bench_scenes import seal
+
+from fenics_ehd.base.sealed_file import seal
 
 
 @contextmanager

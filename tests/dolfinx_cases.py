@@ -3,8 +3,9 @@
 import inspect
 
 import ufl
-from bench_scenes import compat
 from dolfinx import mesh
+
+from fenics_ehd.base import compat
 
 
 def quadrature_element(cell, degree):

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from bench_film import Surface, outward_displacement, overlay, triangle_rule
 from scipy import sparse
+
+from fenics_ehd.film.transfer import Surface, outward_displacement, overlay, triangle_rule
 
 
 @dataclass(frozen=True, eq=False)

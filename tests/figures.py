@@ -54,7 +54,7 @@ def pytest_sessionfinish(session, exitstatus):
         lines = "; ".join(config.stash[SKIPPED])
         config.get_terminal_writer().line(f"\nno figures are written: {lines}")
     elif path and exitstatus == 0:
-        from bench_scenes import versions
+        from fenics_ehd.base.files import versions
 
         document = {"versions": versions(), "figures": config.stash[RECORDED]}
         Path(path).write_text(json.dumps(document, indent=1) + "\n")

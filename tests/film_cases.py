@@ -1,10 +1,12 @@
 """Bearings for the tests of the film, in the units of the paper's slider-crank."""
 
 import numpy as np
-from bench_film import FAMILIES, Gap, cavitation
+from bench_film import FAMILIES
 from petsc4py import PETSc
 
 import fenics_ehd as ehd
+from fenics_ehd.film import cavitation
+from fenics_ehd.film.kinematics import Gap
 
 __all__ = ["FAMILIES"]
 

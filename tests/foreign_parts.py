@@ -3,10 +3,10 @@
 import itertools
 
 import numpy as np
-from bench_parts import PointWeights
 from scipy import sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.structure import PointWeights
 
 RADIUS, OUTER, WIDTH = 0.02, 0.03, 0.024
 YOUNG, POISSON, DENSITY = 210e9, 0.3, 7850.0

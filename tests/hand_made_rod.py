@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from bench_film import Gap
-from bench_parts import BoreSurface, InertiaIntegrals, ResidualFlexibility
 from mechanism_cases import slider_crank
 
 import fenics_ehd as ehd
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.reduction.body import InertiaIntegrals, ResidualFlexibility
+from fenics_ehd.reduction.bore import BoreSurface
 
 RADIUS, WIDTH, CLEARANCE, VISCOSITY = 0.0225, 0.022, 17e-6, 0.01
 CRANK, ROD, SPEED, PISTON = 0.048, 0.16, 500.0, 0.5

@@ -1,10 +1,10 @@
 """Journals in one bearing under loads, for the tests."""
 
 import numpy as np
-from bench_scenes import load_curves
 from scipy.optimize import root
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes.tables import load_curves
 
 R, C, ETA, OMEGA = 0.02, 20e-6, 0.01, 300.0
 UNIT_LOAD = 6 * ETA * OMEGA * (R / C) ** 2 * R * 2 * R  # of the table for L/D = 1

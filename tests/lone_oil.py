@@ -1,9 +1,12 @@
 """A film that keeps account of its oil, alone and without PETSc: implicit Euler by active sets."""
 
 import numpy as np
-from bench_film import CavitationResult, FilmState, OilBalance
 from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
+
+from fenics_ehd.film.cavitation import CavitationResult
+from fenics_ehd.film.film import FilmState
+from fenics_ehd.film.oil_balance import OilBalance
 
 #: Of the reference speed: a step without end, in which storage is 1e-10 of transport.
 STEADY_STEP = 1e10

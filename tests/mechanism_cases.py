@@ -5,10 +5,10 @@ from pathlib import Path
 
 import attrs
 import numpy as np
-from bench_machines import JointResult
-from bench_scenes import Quantity
 
 import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.multibody.history import JointResult
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0
 REVOLUTION = 2 * np.pi / SPEED

@@ -1,7 +1,10 @@
 """A point in the middle of motion, and derivatives of a step's equations there."""
 
 import numpy as np
-from bench_machines import ImplicitStep, StepEquations, assemble
+
+from fenics_ehd.multibody.bdf import ImplicitStep
+from fenics_ehd.multibody.mechanism import assemble
+from fenics_ehd.multibody.step_equations import StepEquations
 
 
 def moving_point(system, shift, rate):

@@ -1,9 +1,9 @@
 """Small dense systems in time: steps by Newton's method, from a start to an end."""
 
 import numpy as np
-from bench_machines import BOUNDARY_FRACTION, Attempt, IntegratorState, Solved, advance
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import BOUNDARY_FRACTION, Attempt, IntegratorState, Solved, advance
 
 MAX_NEWTON = 12
 

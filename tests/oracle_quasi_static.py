@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from bench_parts import InertiaIntegrals
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.body import InertiaIntegrals
 
 
 def massless_coordinates(body: ehd.ReducedBody) -> ehd.ReducedBody:

@@ -18,11 +18,12 @@ from pathlib import Path
 
 import gmsh
 import numpy as np
-from bench_parts import BoreSurface, InertiaIntegrals
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.body import InertiaIntegrals
+from fenics_ehd.reduction.bore import BoreSurface
 
 MODEL = Path(__file__).resolve().parents[1] / "meshes" / "conrod.geo"
 GEOMETRY = {"bore_radius": 0.0225, "rod_length": 0.16, "pin_radius": 0.012}

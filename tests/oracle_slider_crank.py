@@ -9,10 +9,10 @@ first order for the eccentricity of a journal without mass in a bearing at rest.
 from __future__ import annotations
 
 import numpy as np
-from bench_machines import Table
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.forces import Table
 
 #: Local error of a step of the balance, relative to the gap, and its first steps over a radian.
 TOLERANCE, FIRST_STEP = 1e-5, 1e-5

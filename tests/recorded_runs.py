@@ -2,12 +2,15 @@
 
 from types import MappingProxyType, SimpleNamespace
 
-from bench_output import gather_part, part_of_basis, recorded, shape_of_part
-from bench_parts import BasisFile, save_basis
-from bench_scenes import as_stored, run_scene
 from scene_cases import write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.plotting.animated_bodies import shape_of_part
+from fenics_ehd.plotting.shown import recorded
+from fenics_ehd.reduction.part_files import BasisFile, save_basis
+from fenics_ehd.results.paraview import gather_part, part_of_basis
+from fenics_ehd.scenes.run import run_scene
+from fenics_ehd.scenes.scene import as_stored
 
 BASIS = "part.h5"
 

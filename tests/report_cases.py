@@ -5,12 +5,13 @@ import json
 from dataclasses import replace
 
 import numpy as np
-from bench_machines import FIELD_UNITS
-from bench_output import COLUMNS, TEXTS, StudyData, StudyRow, errors_path, read_study
-from bench_scenes import Quantity, split_unit
 from foreign_parts import ring
 
 import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity, split_unit
+from fenics_ehd.multibody.history import FIELD_UNITS
+from fenics_ehd.study.compare import COLUMNS, errors_path
+from fenics_ehd.study.report.study_data import TEXTS, StudyData, StudyRow, read_study
 
 PAPER = {"slider-crank-paper": ("big_end", 0.0125), "rotor-paper": ("bearing", 0.0105)}
 ERRORS = {"pressure_error_max": 0.01, "pressure_error_l2": 0.005, "film_error_max": 0.02,

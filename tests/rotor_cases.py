@@ -1,9 +1,10 @@
 """Bodies with a bore written down by hand, for the tests: no mesh of a part is needed."""
 
 import numpy as np
-from bench_parts import BoreSurface, InertiaIntegrals
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.body import InertiaIntegrals
+from fenics_ehd.reduction.bore import BoreSurface
 
 R, WIDTH, C, ETA, SPEED = 0.0225, 0.022, 17e-6, 0.01, 600.0
 

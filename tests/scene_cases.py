@@ -8,10 +8,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from bench_scenes import elastic_part, scene_of, shipped
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes.library import shipped
+from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.scene import scene_of
 
 #: The paper's machine with a rod of a file beside the scene, for `hand_made_rod.make_body`.
 ROD_OF_A_FILE = {

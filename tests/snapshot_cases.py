@@ -1,8 +1,8 @@
 """M3 with patterns trained on snapshots, under a name beside those of the selections."""
 
-from bench_parts import SELECTIONS, pressure_patterns, proper_orthogonal
-
 import fenics_ehd as ehd
+from fenics_ehd.reduction import SELECTIONS
+from fenics_ehd.reduction.load_dependent_basis import pressure_patterns, proper_orthogonal
 
 PROPER_ORTHOGONAL = "proper-orthogonal"
 WAYS = (*SELECTIONS, PROPER_ORTHOGONAL)

@@ -2,7 +2,8 @@
 
 import json
 
-from bench_machines import Run, Simulation
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
 
 
 def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):

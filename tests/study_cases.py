@@ -1,19 +1,9 @@
 """A study of a coarse rod over a small part of a revolution."""
 
-from bench_output import (
-    Scope,
-    StudyFolder,
-    film,
-    full,
-    m1,
-    m3,
-    m4,
-    make_study,
-    rigid,
-    run_study,
-    steps,
-)
 from sweep_cases import Inline
+
+from fenics_ehd.study.compare import StudyFolder, run_study
+from fenics_ehd.study.plan import Scope, film, full, m1, m3, m4, make_study, rigid, steps
 
 SCENE = "slider-crank-paper"
 

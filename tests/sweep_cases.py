@@ -4,10 +4,12 @@ import csv
 from concurrent.futures import Future
 
 import scene_cases
-from bench_output import FILM_PLAN as FILM
-from bench_output import Case, SweepFolder, run_sweep, values_in, with_values
-from bench_scenes import as_stored, scene_text
 from scene_cases import LOAD, tables_of, toml
+
+from fenics_ehd.scenes.scene import as_stored, scene_text
+from fenics_ehd.study.cases import Case, with_values
+from fenics_ehd.study.plan import FILM, values_in
+from fenics_ehd.study.sweep import SweepFolder, run_sweep
 
 
 def scene_as(name, values):

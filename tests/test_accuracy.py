@@ -8,13 +8,17 @@ from types import SimpleNamespace
 import attrs
 import numpy as np
 import pytest
-from bench_machines import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
-from bench_output import accuracy_lines, make_case, recorded_run
-from bench_scenes import account, begun, changed, choosable, search_of, water_level, with_counts
 from command_line import call
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.cli.run import accuracy_lines
+from fenics_ehd.multibody.trust import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
+from fenics_ehd.results import recorded_run
+from fenics_ehd.scenes.accuracy import account, begun, choosable, search_of, water_level
+from fenics_ehd.scenes.part import with_counts
+from fenics_ehd.scenes.scene import changed
+from fenics_ehd.study.cases import make_case
 
 #: A journal bearing whose runs take less than a second.
 QUICK = LOADED_JOURNAL | {"joints.bearing.cells": [16, 3], "output.plots": False}

@@ -9,17 +9,6 @@ import json
 import numpy as np
 import pytest
 import ufl
-from bench_parts import (
-    FAMILIES,
-    StaticSolver,
-    _elastic_matrices,
-    _place_centre_nodes,
-    lowest_modes,
-    multiply,
-    quadratic_element,
-    rigid_fields,
-)
-from bench_scenes import compat
 from command_line import exit_of
 from dolfinx import fem
 from dolfinx.mesh import CellType, create_box, exterior_facet_indices
@@ -30,6 +19,13 @@ from scene_cases import structure, write_scene
 from scipy import sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.base import compat
+from fenics_ehd.fem.elements import FAMILIES, quadratic_element
+from fenics_ehd.fem.structure import _elastic_matrices, _place_centre_nodes
+from fenics_ehd.reduction.bore import rigid_fields
+from fenics_ehd.reduction.eigenmodes import lowest_modes
+from fenics_ehd.reduction.matrices import multiply
+from fenics_ehd.reduction.static import StaticSolver
 
 STEEL = ehd.Material(210e9, 0.3, 7850.0)
 BORE_RADIUS, BORE_WIDTH = 0.0225, 0.022

@@ -9,26 +9,6 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
-from bench_output import (
-    Bearing,
-    RecordedMotion,
-    between_steps,
-    body_view,
-    draw,
-    draw_pin,
-    draw_slider,
-    front_faces,
-    nearest_steps,
-    outline,
-    part_of_basis,
-    recorded,
-    round_scale,
-    save_animation,
-    shape_of_bores,
-    write_run,
-)
-from bench_parts import BasisFile
-from bench_scenes import rotation
 from command_line import exit_of
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
@@ -38,6 +18,14 @@ from scene_cases import write_scene
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.plotting.animated_bodies import body_view, front_faces, outline, shape_of_bores
+from fenics_ehd.plotting.animation import Bearing, draw, draw_pin, draw_slider, save_animation
+from fenics_ehd.plotting.maps import round_scale
+from fenics_ehd.plotting.shown import recorded
+from fenics_ehd.reduction.part_files import BasisFile
+from fenics_ehd.results.motion import RecordedMotion, between_steps, nearest_steps
+from fenics_ehd.results.paraview import part_of_basis, write_run
 
 #: Clearance of the paper's machines [m].
 CLEARANCE = 17e-6

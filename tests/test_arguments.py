@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bench_machines import unusual_totals
 from hand_made_rod import Joint, make_body
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.notices import unusual_totals
 
 NAN = float("nan")
 OIL = ehd.Lubricant(0.01)

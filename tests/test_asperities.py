@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from bench_film import APART, rough_surfaces, seven_halves
 from rough_cases import MODULUS, surfaces
 from scipy.integrate import quad
 from scipy.special import gamma
+
+from fenics_ehd.film import rough_surfaces
+from fenics_ehd.film.rough_surfaces import APART, seven_halves
 
 
 def integral(order, ratio):

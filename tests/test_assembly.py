@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 import ufl
-from bench_film import GAUSS_POINTS, Assembly, Gap
-from bench_parts import quadratic_element
-from bench_scenes import compat
 from dolfinx import fem
 from dolfinx_cases import create_mesh, quadrature_element
 from film_cases import FAMILIES, OMEGA, C, R, make_film
@@ -15,6 +12,10 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
+from fenics_ehd.base import compat
+from fenics_ehd.fem.elements import quadratic_element
+from fenics_ehd.film.assembly import GAUSS_POINTS, Assembly
+from fenics_ehd.film.kinematics import Gap
 
 pytestmark = pytest.mark.kernels
 

@@ -4,18 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from bench_machines import (
-    IntegratorOptions,
-    IntegratorState,
-    blended,
-    derivative_weights,
-    extrapolation_weights,
-)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from newton_steps import integrate
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
+from fenics_ehd.multibody.tabulated import blended, derivative_weights, extrapolation_weights
 
 pytestmark = pytest.mark.kernels
 

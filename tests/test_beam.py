@@ -3,9 +3,9 @@
 import attrs
 import numpy as np
 import pytest
-from bench_machines import beam_plane
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.shaft import beam_plane
 
 LENGTH, MODULUS, DENSITY = 1.0, 210e9, 7446.0
 FORCE, BEARING_WIDTH = 3600.0, 0.022

@@ -9,10 +9,10 @@ from functools import cache
 import attrs
 import numpy as np
 import pytest
-from bench_machines import stability
-from bench_scenes import rotation
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.equilibrium import stability
+from fenics_ehd.base.plane import rotation
 
 pytestmark = pytest.mark.kernels
 

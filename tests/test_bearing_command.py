@@ -8,11 +8,11 @@ from functools import partial
 import h5py
 import numpy as np
 import pytest
-from bench_scenes import keeping_failed_film
 from command_line import exit_of
 
 import fenics_ehd as ehd
 import fenics_ehd.analysis.bearing
+from fenics_ehd.base.files import keeping_failed_film
 
 PROMISED = {
     "load_N", "attitude_angle_deg", "max_pressure_Pa", "max_pressure_angle_deg",

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import JointFilm
-from bench_scenes import LubricatedSettings, film_mesh
 from film_cases import ETA, OMEGA, C
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.scenes.films import film_mesh
+from fenics_ehd.scenes.schema import LubricatedSettings
 
 MESHES = [
     (20, 5, "serendipity"),

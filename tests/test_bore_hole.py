@@ -5,15 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_film import FilmFlows, Surface, interpolation_matrix, mean_value, solid_share
-from bench_machines import bore_surface
-from bench_parts import bore_holes
-from bench_scenes import part as elastic_part
-from bench_scenes import scene_of
 from mpi4py import MPI
 from scene_cases import LOAD, LOADED_JOURNAL, tables_of
 
 import fenics_ehd as ehd
+from fenics_ehd.film.forces import FilmFlows
+from fenics_ehd.film.transfer import Surface, interpolation_matrix, mean_value, solid_share
+from fenics_ehd.multibody.lubricated_joint import bore_surface
+from fenics_ehd.reduction.bore import bore_holes
+from fenics_ehd.scenes import part as elastic_part
+from fenics_ehd.scenes.scene import scene_of
 
 MODEL = Path(__file__).parent / "ring-with-hole.geo"
 RING = {

@@ -6,22 +6,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_machines import (
-    BoreResponses,
-    IntegratorOptions,
-    Run,
-    Simulation,
-    System,
-    bore_loads,
-)
-from bench_output import RecordedMotion, shape_of_bores
-from bench_parts import two_step_craig_bampton
 from mechanism_cases import CRANK, REVOLUTION, SPEED, recorded, slider_crank
 from mpi4py import MPI
 from oil_cases import conserved
 from test_several_bores import COARSE
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.static_correction import BoreResponses
+from fenics_ehd.multibody.trust import bore_loads
+from fenics_ehd.plotting.animated_bodies import shape_of_bores
+from fenics_ehd.reduction.fixed_interface_modes import two_step_craig_bampton
+from fenics_ehd.results.motion import RecordedMotion
 
 END = 0.1 * REVOLUTION
 JOINTS = ("big_end", "gudgeon")

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_parts import PointWeights, StaticSolver, multiply, structure, tetrahedron_mass
 from calculix_ring import (
     DENSITY,
     POISSON,
@@ -20,6 +19,11 @@ from foreign_parts import to_scipy
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.fem import structure
+from fenics_ehd.reduction.foreign_matrices import tetrahedron_mass
+from fenics_ehd.reduction.matrices import multiply
+from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.structure import PointWeights
 
 pytestmark = pytest.mark.skipif(
     shutil.which("ccx") is None, reason="ccx is not installed (Debian: calculix-ccx)"

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from bench_film import Gap, verify_complementarity
-from bench_parts import ELEMENTS
 from differences import numbers
 from film_cases import FAMILIES, OMEGA, C, R, gap_of, given_gap, make_film, shaft, solve, watch_snes
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +10,9 @@ from oracle_cavitation import block_pivot, enumerate_active_sets, projected_sor
 from petsc4py import PETSc
 
 import fenics_ehd as ehd
+from fenics_ehd.film.cavitation import verify_complementarity
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.reduction.elements import ELEMENTS
 
 pytestmark = pytest.mark.kernels
 

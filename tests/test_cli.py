@@ -9,15 +9,16 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from bench_machines import SIGNS
-from bench_output import answer, check
-from bench_parts import BasisFile
 from command_line import COMMAND, exit_of, program
 from csv_history import read_history
 from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
 from study_cases import COARSE
 
 import fenics_ehd as ehd
+from fenics_ehd.cli import check
+from fenics_ehd.cli.options import answer
+from fenics_ehd.multibody.trust import SIGNS
+from fenics_ehd.reduction.part_files import BasisFile
 
 #: The rod without elasticity over the first degrees of crank angle: everything but the many modes.
 TIMES = {"time.revolutions": 0.02, "time.tolerance": 1e-3}

@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 import pytest
-from bench_scenes import compat
 from command_line import program
 
+from fenics_ehd.base import compat
 from fenics_ehd.base.compile_lock import compiling, forms_folder, orphans
 from fenics_ehd.base.errors import CompilationError
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run
 from mechanism_cases import REVOLUTION
 from oil_cases import CLOSED, ETA, RADIUS, heights, oil_film, oscillating, rigid_slider_crank
 from oracle_compressible import CompressibleArc
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.run import Run
 
 pytestmark = pytest.mark.kernels
 

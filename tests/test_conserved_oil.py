@@ -10,16 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_machines import (
-    NEWTON_FRACTION,
-    IntegratorOptions,
-    Run,
-    Simulation,
-    StepEquations,
-    System,
-    film_models,
-)
-from bench_scenes import scene_of
 from differences import slope
 from film_cases import oval
 from hand_made_rod import CLEARANCE, Joint, flexible, make_mechanism, with_residual
@@ -44,6 +34,13 @@ from stopped_steps import assert_goes_on
 from test_coupled_steps import joined_matrix, mechanism_with, some_step
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody import film_models
+from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorOptions
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.scenes.scene import scene_of
 
 pytestmark = pytest.mark.kernels
 

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import FilmFriction, IntegratorOptions, Run, Simulation, System, step_equations
-from bench_scenes import rough_surfaces, scene_text
 from film_cases import oval
 from hand_made_rod import CLEARANCE
 from mechanism_cases import REVOLUTION, film, flexible_slider_crank, rigid_rod, slider_crank
@@ -13,6 +11,14 @@ from rough_cases import surfaces
 from test_coupled_steps import assert_derivatives, mechanism_with
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody import step_equations
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.step_equations import FilmFriction
+from fenics_ehd.scenes.films import rough_surfaces
+from fenics_ehd.scenes.scene import scene_text
 
 
 def with_surfaces(mechanism, rough, **changes):

@@ -4,19 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bench_machines import (
-    BorderedSystem,
-    ChangedSystem,
-    CoupledSteps,
-    ImplicitStep,
-    IntegratorOptions,
-    Run,
-    StepEquations,
-    StepNorm,
-    System,
-    assemble,
-)
-from bench_machines import newton as step_solver
 from differences import slope
 from hand_made_rod import (
     CLEARANCE,
@@ -34,6 +21,14 @@ from nested_film import NestedRun
 from oracle_quasi_static import massless_coordinates
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody import newton as step_solver
+from fenics_ehd.multibody.bdf import ImplicitStep, IntegratorOptions
+from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
+from fenics_ehd.multibody.mechanism import System, assemble
+from fenics_ehd.multibody.newton import CoupledSteps
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.step_norm import StepNorm
 
 pytestmark = pytest.mark.kernels
 

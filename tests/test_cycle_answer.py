@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
-from bench_film import aligned_grid
-from bench_machines import EXTREMES, Curve, JointFilm, upper_most, used_cycle
-from bench_output import joint_lines
-from bench_scenes import Quantity
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, ellipse, in_bearing, journal, make_film
 from scipy.interpolate import PchipInterpolator
 
 import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.cli.run import joint_lines
+from fenics_ehd.film.grid import aligned_grid
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.quantities import upper_most
+from fenics_ehd.multibody.simulation import EXTREMES, used_cycle
+from fenics_ehd.multibody.tabulated import Curve
 
 TURN = 2 * np.pi / OMEGA
 

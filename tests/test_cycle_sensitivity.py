@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_machines import derivatives, figure_of, smooth_extreme, smooth_mean
-from bench_output import mechanism_number, number_of, scene_sensitivity
-from bench_scenes import scene_of
 from command_line import call, exit_of
 from scene_cases import RIGID_ROD, tables_of, write_scene
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.sensitivity import derivatives, figure_of, smooth_extreme, smooth_mean
+from fenics_ehd.scenes.scene import scene_of
+from fenics_ehd.study.sensitivity import mechanism_number, number_of, scene_sensitivity
 
 #: The shipped loaded journal on a coarse film: massless, so that its orbit depends on groups only.
 JOURNAL = {"joints.bearing.cells": [16, 3], "time.tolerance": 3e-4, "time.largest_step": 0.1}

@@ -7,26 +7,19 @@ from resource import RUSAGE_CHILDREN, getrusage
 import meshio
 import numpy as np
 import pytest
-from bench_output import cli
-from bench_parts import (
-    TRIED_SIZES,
-    CellSizes,
-    NamedFaces,
-    drawing_module,
-    fit_cylinder,
-    gmsh,
-    inside_out,
-    open_part,
-    place_part,
-    read_drawing,
-    session,
-    unit_ratio,
-)
-from bench_scenes import printing_kept
 from click.testing import CliRunner
 from foreign_parts import RADIUS, ring_mesh
 
 import fenics_ehd as ehd
+from fenics_ehd.base.processes import printing_kept
+from fenics_ehd.cli.main import cli
+from fenics_ehd.fem import drawing as drawing_module
+from fenics_ehd.fem.drawing import TRIED_SIZES, CellSizes, read_drawing
+from fenics_ehd.fem.drawing_unit import unit_ratio
+from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part
+from fenics_ehd.fem.faces import fit_cylinder
+from fenics_ehd.fem.gmsh_session import gmsh, session
+from fenics_ehd.fem.solid import inside_out
 
 #: Ring of 45 and 68 mm, 22 mm wide, as a solid and as its four surfaces, by OpenCASCADE's writer.
 RING, SURFACES = (Path(__file__).parent / "parts" / f"{name}.igs" for name in ("ring", "surfaces"))

@@ -5,8 +5,6 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run, film_friction
-from bench_scenes import read_angle_table, rotation, scene_of
 from hand_made_rod import (
     CENTRE,
     CLEARANCE,
@@ -36,6 +34,12 @@ from scene_cases import RIGID_ROD, tables_of
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.step_equations import film_friction
+from fenics_ehd.scenes.scene import scene_of
+from fenics_ehd.scenes.tables import read_angle_table
 
 INERTIA, DAMPING = 2e-3, 0.01
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
-from bench_machines import Curve
 from scipy.interpolate import PPoly
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.tabulated import Curve
 
 R, C, WIDTH, SPEED, LOAD = 0.0225, 17e-6, 0.022, 500.0, 4000.0
 

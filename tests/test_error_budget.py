@@ -6,32 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_machines import (
-    COMPONENTS,
-    LONGEST,
-    NOT_APPLICABLE,
-    NOT_ESTIMATED,
-    QUANTITIES,
-    SETTLED,
-    Course,
-    ErrorCurves,
-    Estimator,
-    Extreme,
-    IntegratorOptions,
-    IntegratorState,
-    Replay,
-    Run,
-    course_of,
-    finer_grid,
-    lacking_gaps,
-    largest_between_nodes,
-    recorded,
-    summed,
-    taken_over,
-    with_finer_films,
-)
-from bench_output import beside, budget_table
-from bench_scenes import Quantity
 from command_line import call
 from hand_made_rod import driven
 from journal_cases import in_bearing, steady
@@ -41,6 +15,30 @@ from oil_cases import conserved
 from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.error_budget import (
+    SETTLED,
+    ErrorCurves,
+    Estimator,
+    Extreme,
+    lacking_gaps,
+    summed,
+)
+from fenics_ehd.analysis.replay import (
+    LONGEST,
+    Course,
+    Replay,
+    course_of,
+    finer_grid,
+    largest_between_nodes,
+    recorded,
+    taken_over,
+    with_finer_films,
+)
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.cli.run import beside, budget_table
+from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.trust import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
 
 #: Largest true error over the estimate, and least.
 WITHIN = 2.0

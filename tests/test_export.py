@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_parts import ResidualFlexibility, contents, export_npz, rigid
 from mpi4py import MPI
 from scene_cases import structure
 from scipy import sparse
 from test_demos import demo
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.body import ResidualFlexibility, contents, export_npz
+from fenics_ehd.reduction.reductor import rigid
 
 exudyn_body = demo("exudyn_body")
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_film import Constant
-from bench_machines import quantities
 from differences import slope
 
 import fenics_ehd as ehd
+from fenics_ehd.film.lubricant import Constant
+from fenics_ehd.multibody import quantities
 
 PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from bench_film import cavitation
-from bench_machines import Run, touching_film
-from bench_scenes import scene_of
 from journal_cases import in_bearing, make_film, steady
 from oracle_slider_crank import RigidSliderCrank, balanced
 from scene_cases import RIGID_ROD, tables_of
 
 import fenics_ehd as ehd
+from fenics_ehd.film import cavitation
+from fenics_ehd.multibody.run import Run, touching_film
+from fenics_ehd.scenes.scene import scene_of
 
 REDUCTION = "bodies.rod.reduction"
 

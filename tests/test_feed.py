@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from attrs import evolve
-from bench_film import EDGES, Feeds, FilmFlows
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, make_film, shaft, solve
 from lone_oil import LoneOil
 
 import fenics_ehd as ehd
+from fenics_ehd.film.forces import FilmFlows
+from fenics_ehd.film.parameters import EDGES, Feeds
 
 #: What is tried: supply pressure [Pa], a hole, a groove.
 SUPPLY = 3e5

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from bench_film import Gap
 from film_cases import ETA, FAMILIES, OMEGA, C, R, force, gap_of, given_gap, make_film, shaft, solve
 from film_grids import graded_grid
 
 import fenics_ehd as ehd
+from fenics_ehd.film.kinematics import Gap
 
 pytestmark = pytest.mark.kernels
 

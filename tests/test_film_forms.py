@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_film import Gap, compiled
 from differences import slope
 from film_cases import ETA, FAMILIES, OMEGA, C, R, make_film
 from nested_film import GapChange, residual_change
@@ -21,6 +20,8 @@ from rough_cases import surfaces
 import fenics_ehd as ehd
 from fenics_ehd.base import compat
 from fenics_ehd.base.compile_lock import orphans
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.weak_form import compiled
 
 
 def place(angle, height):

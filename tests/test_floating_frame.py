@@ -4,12 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from bench_machines import FrameInertia, in_order_of_coordinates, rigid_integrals, with_total
-from bench_parts import InertiaIntegrals
 from differences import numbers, slope
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+
+from fenics_ehd.multibody.body import (
+    FrameInertia,
+    in_order_of_coordinates,
+    rigid_integrals,
+    with_total,
+)
+from fenics_ehd.reduction.body import InertiaIntegrals
 
 pytestmark = pytest.mark.kernels
 

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from bench_film import FAMILIES, FilmFlows, film_fields
-from bench_machines import JointFilm, film_friction
-from bench_scenes import SHEAR_RULES
+from bench_film import FAMILIES
 from oracle_walls import walls
 
 import fenics_ehd as ehd
+from fenics_ehd.base.fields import SHEAR_RULES
+from fenics_ehd.film.forces import FilmFlows, film_fields
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.step_equations import film_friction
 
 pytestmark = pytest.mark.kernels
 

@@ -4,16 +4,6 @@ import dolfinx
 import numpy as np
 import pytest
 import ufl
-from bench_parts import (
-    ELEMENTS,
-    bore_load_matrix,
-    package_order,
-    quadratic_element,
-    rigid_fields,
-    surface_gram,
-)
-from bench_parts import _unrolled as unrolled
-from bench_scenes import compat, elastic_part, scene_of
 from dolfinx import fem
 from foreign_parts import RADIUS, WIDTH, to_scipy
 from hypothesis import given, settings
@@ -23,6 +13,13 @@ from petsc4py import PETSc
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
+from fenics_ehd.base import compat
+from fenics_ehd.fem.elements import quadratic_element
+from fenics_ehd.reduction.bore import _unrolled as unrolled
+from fenics_ehd.reduction.bore import bore_load_matrix, rigid_fields, surface_gram
+from fenics_ehd.reduction.elements import ELEMENTS, package_order
+from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.scene import scene_of
 
 RODS = {
     "serendipity": {"element": "serendipity"},

@@ -6,30 +6,21 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from bench_parts import (
-    ForeignMesh,
-    NamedFaces,
-    Solid,
-    compliance_errors,
-    gmsh,
-    inside_out,
-    open_part,
-    part_answers,
-    place_part,
-    read_mesh,
-    read_part,
-    rigid,
-    second_order,
-    session,
-    write_part,
-)
-from bench_scenes import printing_kept
 from calculix_ring import DENSITY, POISSON, YOUNG, ring_solid, surfaces, write_model
 from command_line import exit_of
 from foreign_parts import OUTER, RADIUS
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.base.processes import printing_kept
+from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part, write_part
+from fenics_ehd.fem.foreign_mesh import ForeignMesh
+from fenics_ehd.fem.gmsh_session import gmsh, session
+from fenics_ehd.fem.solid import Solid, inside_out, second_order
+from fenics_ehd.fem.solid_file import read_mesh, read_part
+from fenics_ehd.fem.structure import part_answers
+from fenics_ehd.reduction.mesh_error import compliance_errors
+from fenics_ehd.reduction.reductor import rigid
 
 STEEL = ehd.Material(YOUNG, POISSON, DENSITY)
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_parts import tetrahedron_mass
 from calculix_ring import DENSITY, POISSON, YOUNG, ring_solid, write_deck, write_model
 from foreign_parts import ring_arguments, ring_matrices, ring_mesh, to_scipy
 from hypothesis import given, settings
@@ -15,6 +14,7 @@ from scipy import io, sparse
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.foreign_matrices import tetrahedron_mass
 
 PAGE = (Path(__file__).parents[1] / "docs" / "reduction.md").read_text()
 

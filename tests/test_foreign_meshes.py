@@ -11,12 +11,14 @@ import h5py
 import meshio
 import numpy as np
 import pytest
-from bench_parts import Solid, read_deck, read_mesh, session
-from bench_scenes import printing_kept
 from calculix_ring import ring_solid, write_deck, write_model
 from command_line import call, exit_of, program
 
 import fenics_ehd as ehd
+from fenics_ehd.base.processes import printing_kept
+from fenics_ehd.fem.gmsh_session import session
+from fenics_ehd.fem.solid import Solid
+from fenics_ehd.fem.solid_file import read_deck, read_mesh
 
 KINDS = ("tet", "hex")
 

@@ -5,11 +5,12 @@ import subprocess
 import sys
 
 import pytest
-from bench_parts import gmsh, open_part, session
 from calculix_ring import ring_solid, write_model
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.fem.drawn_part import open_part
+from fenics_ehd.fem.gmsh_session import gmsh, session
 
 #: Where PETSc may be started from.
 MODULES = (

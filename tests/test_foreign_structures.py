@@ -6,16 +6,6 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from bench_parts import (
-    PointWeights,
-    as_matrix,
-    check_structure,
-    load_structure,
-    mean_motion,
-    reorder,
-    save_structure,
-)
-from bench_scenes import seal
 from foreign_parts import ring, ring_arguments, to_scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,6 +14,11 @@ from petsc4py import PETSc
 from scipy import io, sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.base.sealed_file import seal
+from fenics_ehd.reduction.bore import mean_motion
+from fenics_ehd.reduction.matrices import as_matrix, reorder
+from fenics_ehd.reduction.part_files import load_structure, save_structure
+from fenics_ehd.reduction.structure import PointWeights, check_structure
 
 COMM = MPI.COMM_WORLD
 

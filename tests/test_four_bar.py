@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import System, assemble
-from bench_scenes import scene_of
 from scene_cases import tables_of
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.mechanism import System, assemble
+from fenics_ehd.scenes.scene import scene_of
 
 CRANK, COUPLER, ROCKER, APART = 0.05, 0.15, 0.12, 0.14
 GRAVITY, SPEED, END = 9.81, 100.0, 0.08

@@ -11,12 +11,16 @@ from pathlib import Path
 import attrs
 import numpy as np
 import pytest
-from bench_machines import JointContact, StepEquations, StepNorm, System, joint_row
 from film_cases import oval
 from oil_cases import conserved as oil_kept
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.contact import JointContact
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.quantities import joint_row
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.step_norm import StepNorm
 
 #: c / R, 5e-4, is what thin-film equations leave out.
 R, C, WIDTH, ETA, OMEGA = 0.02, 10e-6, 0.02, 0.01, 300.0

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from bench_parts import MassOperator
 from mechanism_cases import REVOLUTION
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.matrices import MassOperator
 
 DISK = ehd.RigidBody(0.8, 4e-4, centre=(0.002, 0.001), speed=600.0, velocity=(0.2, 0.5))
 END = 0.5 * REVOLUTION

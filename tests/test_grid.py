@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from bench_film import aligned_grid, film_layout, match
 from film_cases import FAMILIES, R
 from film_grids import graded_grid
 from hypothesis import given
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
+from fenics_ehd.film.grid import aligned_grid, film_layout, match
 
 COUNTS = {"bilinear": 120, "serendipity": 340, "lagrange": 440}
 GRADED = {"focus": 1.0, "ratio": 6.0}

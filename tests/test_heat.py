@@ -5,10 +5,11 @@ from math import exp, log10, pi
 import attrs
 import numpy as np
 import pytest
-from bench_film import FilmFlows, TemperatureSearch, film_fields
 from scipy.optimize import brentq
 
 import fenics_ehd as ehd
+from fenics_ehd.film.forces import FilmFlows, film_fields
+from fenics_ehd.film.heat import TemperatureSearch
 
 OIL = ehd.Oil(46.0, 6.645)
 #: A thousand times as thin over the temperatures that it has.

@@ -4,13 +4,15 @@ import json
 from collections import deque
 
 import pytest
-from bench_machines import PeriodicSolver, Run, Simulation
-from bench_scenes import changed, scene_of, stored
 from command_line import call
 from csv_history import read_history
 from scene_cases import tables_of, toml
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.scenes.scene import changed, scene_of, stored
 
 HEAT = {"supply_temperature": 70.0}
 OIL = {"grade": "ISO VG 46"}

@@ -6,10 +6,11 @@ elasticities here are those.
 
 import numpy as np
 import pytest
-from bench_machines import extreme_around
-from bench_output import scene_sensitivity
-from bench_scenes import scene_of
 from scene_cases import RIGID_ROD, tables_of
+
+from fenics_ehd.analysis.sensitivity import extreme_around
+from fenics_ehd.scenes.scene import scene_of
+from fenics_ehd.study.sensitivity import scene_sensitivity
 
 #: The engine with a rigid rod and coarse films.
 ROD = {"position": [0.043, 0.0], "points": {"bore": [0.0, 0.0], "pin": [0.143, 0.0]}}

@@ -3,22 +3,23 @@
 import attrs
 import numpy as np
 import pytest
-from bench_machines import ENERGY_LIMIT
-from bench_parts import check_structure, rigid_body_modes
-from bench_scenes import (
-    ReductionSettings,
-    elastic_part,
-    reduce_structure,
-    reduction_provenance,
-    scene_of,
-    structure_provenance,
-)
 from foreign_parts import to_scipy
 from mpi4py import MPI
 from scene_cases import tables_of
 from scipy.sparse.linalg import eigsh
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.trust import ENERGY_LIMIT
+from fenics_ehd.reduction.static import rigid_body_modes
+from fenics_ehd.reduction.structure import check_structure
+from fenics_ehd.scenes.part import (
+    elastic_part,
+    reduce_structure,
+    reduction_provenance,
+    structure_provenance,
+)
+from fenics_ehd.scenes.part_settings import ReductionSettings
+from fenics_ehd.scenes.scene import scene_of
 
 HEIGHT, THICKNESS, FOOT = 0.060, 0.022, 0.104
 

@@ -5,15 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bench_machines import (
-    IntegratorOptions,
-    PeriodicSolver,
-    Run,
-    Simulation,
-    averaged,
-    film_friction,
-    joint_row,
-)
 from film_cases import oval
 from hand_made_rod import (
     CLEARANCE,
@@ -33,6 +24,12 @@ from mechanism_cases import rigid_rod, slider_crank
 from oracle_walls import walls
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.quantities import averaged, joint_row
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.step_equations import film_friction
 
 pytestmark = pytest.mark.kernels
 

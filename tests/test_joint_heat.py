@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, PeriodicSolver, Run, periodic
 from journal_cases import in_bearing, steady
 from mechanism_cases import REVOLUTION, SPEED, rigid_rod, slider_crank
 from scipy.optimize import brentq
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody import periodic
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.run import Run
 
 OIL = ehd.Oil(46.0, 6.645)
 SUPPLY = 76.0

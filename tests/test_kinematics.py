@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from bench_film import SurfacePoints
 from differences import numbers, slope
 from film_cases import ETA, OMEGA, C, R, make_film
 from hypothesis import given
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
+from fenics_ehd.film.kinematics import SurfacePoints
 
 WIDTH = 0.022
 SHAFT = R - C

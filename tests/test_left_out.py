@@ -4,20 +4,17 @@ import json
 import subprocess
 import sys
 
-from bench_machines import (
-    IntegratorOptions,
-    Run,
-    Simulation,
-    StepEquations,
-    System,
-    quantities,
-    step_equations,
-)
 from hand_made_rod import Joint, flexible, make_body
 from mechanism_cases import flexible_slider_crank, rigid_rod, short_films, slider_crank
 from scene_cases import ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody import quantities, step_equations
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.step_equations import StepEquations
 
 #: Modules that no run with a ready body needs, and what each is for.
 NEVER = {

@@ -3,11 +3,12 @@
 import make_single_cylinder
 import numpy as np
 import pytest
-from bench_scenes import read_angle_table, read_time_table, table_file
 from make_single_cylinder import Engine, engine_load
 from scipy.integrate import trapezoid
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes.library import table_file
+from fenics_ehd.scenes.tables import read_angle_table, read_time_table
 
 GOOD = "# a comment\n\ntime_ms, Fx [kN], Fy_N\n0,1,-5\n 1, 2 ,0\n# more\n2,0,7\n4,1,-5\n"
 

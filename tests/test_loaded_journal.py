@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run, Simulation
 from journal_cases import (
     ETA,
     OMEGA,
@@ -21,6 +20,9 @@ from journal_cases import (
 from scipy.integrate import quad, solve_ivp
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
 
 
 def test_constant_load_ends_at_the_equilibrium_of_the_table(figure):

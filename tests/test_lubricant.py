@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from bench_film import Constant
 from film_cases import ETA, FAMILIES, OMEGA, C, R, given_gap, make_film, solve
 
 import fenics_ehd as ehd
+from fenics_ehd.film.lubricant import Constant
 
 LAWS = [
     Constant(),

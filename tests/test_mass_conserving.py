@@ -4,7 +4,6 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from bench_film import Assembly, Gap, Strips, Transport
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -14,6 +13,9 @@ from oracle_mass_conserving import JournalFilm, SqueezedPlates
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
+from fenics_ehd.film.assembly import Assembly
+from fenics_ehd.film.kinematics import Gap
+from fenics_ehd.film.oil_balance import Strips, Transport
 
 pytestmark = pytest.mark.kernels
 

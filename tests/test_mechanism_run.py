@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from bench_scenes import shipped, to_json
 from command_line import call
 from csv_history import read_history
 from scene_cases import write_scene
+
+from fenics_ehd.base.files import to_json
+from fenics_ehd.scenes.library import shipped
 
 #: Rows over the crank's angle, beside the scene.
 PUSH = "angle_deg,force_N\n0,0\n90,40\n180,0\n270,-40\n360,0\n"

@@ -4,19 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from bench_machines import NOT_ESTIMATED, Instant, Motion, System, sampling_grid
-from bench_parts import (
-    PATTERNS,
-    SMOOTH,
-    StaticSolver,
-    compliance_errors,
-    excess,
-    smooth_answers,
-    smooth_fields,
-    store_mesh_error,
-    stored_mesh_error,
-)
-from bench_scenes import rotation, scene_of
 from command_line import call
 from hand_made_rod import Joint, make_body
 from mpi4py import MPI
@@ -24,6 +11,21 @@ from scene_cases import ROD_OF_A_FILE, structure, tables_of, write_scene
 from scipy import integrate
 
 import fenics_ehd as ehd
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.fem.models import store_mesh_error, stored_mesh_error
+from fenics_ehd.multibody.lubricated_joint import sampling_grid
+from fenics_ehd.multibody.mechanism import Instant, Motion, System
+from fenics_ehd.multibody.trust import NOT_ESTIMATED
+from fenics_ehd.reduction.mesh_error import (
+    PATTERNS,
+    SMOOTH,
+    compliance_errors,
+    excess,
+    smooth_answers,
+    smooth_fields,
+)
+from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.scenes.scene import scene_of
 
 ROD_OF_M1 = {"bodies.rod.reduction.method": "m1", "bodies.rod.reduction.modes": 8}
 

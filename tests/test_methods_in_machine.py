@@ -5,23 +5,22 @@ from dataclasses import replace
 import attrs
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run, Simulation, System, neglected_inertia
-from bench_parts import (
-    Basis,
-    MassOperator,
-    bore_rows,
-    centre_constraints,
-    gram_matrices,
-    rigid,
-    rigid_fields,
-    two_step_craig_bampton,
-)
-from bench_scenes import ReductionSettings, reduce_structure
 from mechanism_cases import REVOLUTION, flexible_slider_crank
 from scipy.interpolate import PchipInterpolator
 from snapshot_cases import reduce_by
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.trust import neglected_inertia
+from fenics_ehd.reduction.bore import rigid_fields
+from fenics_ehd.reduction.fixed_interface_modes import centre_constraints, two_step_craig_bampton
+from fenics_ehd.reduction.matrices import MassOperator
+from fenics_ehd.reduction.reductor import Basis, bore_rows, gram_matrices, rigid
+from fenics_ehd.scenes.part import reduce_structure
+from fenics_ehd.scenes.part_settings import ReductionSettings
 
 #: The first film build-up from no pressure at all is compared from here on [s].
 START = 2e-4
@@ -73,7 +72,8 @@ def test_frame_does_not_change_the_physics(rod_structure):
 @pytest.mark.slow
 def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body):
     """``S_res``'s own second-order term ``G_res M G_res J``, for a smooth pressure."""
-    from bench_parts import StaticSolver, load_columns
+    from fenics_ehd.reduction.matrices import load_columns
+    from fenics_ehd.reduction.static import StaticSolver
 
     whole = ehd.residual_flexibility(rod_structure, 6, truncation=0.0, keep_basis=True)
     x, y, _ = whole.pressure_nodes.T

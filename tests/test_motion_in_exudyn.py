@@ -6,14 +6,14 @@ without it, see `test_export.py`.
 
 import numpy as np
 import pytest
-from bench_machines import System, assemble
-from bench_scenes import scene_of
 from mechanism_cases import CRANK, REVOLUTION, ROD, SPEED
 from scene_cases import RIGID_ROD, tables_of
 from scipy.interpolate import CubicHermiteSpline
 from test_demos import demo
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.mechanism import System, assemble
+from fenics_ehd.scenes.scene import scene_of
 
 exudyn_body = demo("exudyn_body")
 

@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, PeriodicSolver, Run, largest_multiplier
 from journal_cases import OMEGA, UNIT_LOAD, C, in_bearing, make_film, steady
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.multiplier import largest_multiplier
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.run import Run
 
 TURN = 2 * np.pi / OMEGA
 

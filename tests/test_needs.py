@@ -4,15 +4,12 @@ import tomllib
 
 import attrs
 import pytest
-from bench_scenes import (
-    changed,
-    scene_of,
-    shipped_names,
-)
 from command_line import exit_of
 from scene_cases import RIGID_ROD, tables_of, toml
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes.library import shipped_names
+from fenics_ehd.scenes.scene import changed, scene_of
 
 CRANK, JOURNAL, PARTS = "slider-crank-paper", "loaded-journal", "rotor-two-bearings"
 FILM, ROD, SHAPE = "joints.big_end", "bodies.rod", "joints.big_end.bore_shape"

@@ -5,11 +5,14 @@ import tomllib
 
 import attrs
 import pytest
-from bench_film import make_lubricant, oil_of_grade
-from bench_scenes import NO_TEMPERATURE, OilSettings, build_film, scene_of, shipped
 from command_line import exit_of
 
 import fenics_ehd as ehd
+from fenics_ehd.base.fields import NO_TEMPERATURE, OilSettings
+from fenics_ehd.film.lubricant import make_lubricant, oil_of_grade
+from fenics_ehd.scenes.films import build_film
+from fenics_ehd.scenes.library import shipped
+from fenics_ehd.scenes.scene import scene_of
 
 TABLES = tomllib.loads(shipped("loaded-journal"))
 

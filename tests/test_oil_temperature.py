@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
-from bench_film import GRADES, LARGEST, SMALLEST, WaltherLine, grade_name, oil_of_grade
 from hypothesis import given
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
+from fenics_ehd.film.lubricant import (
+    GRADES,
+    LARGEST,
+    SMALLEST,
+    WaltherLine,
+    grade_name,
+    oil_of_grade,
+)
 
 #: Synthetic oil of ISO VG 220 [C, mm2/s, kg/m3] (github.com/MadsKirkFoged/SharpFluids,
 #: CustomFluids/SHC230.cs).

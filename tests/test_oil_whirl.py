@@ -7,13 +7,16 @@ from typing import ClassVar
 import attrs
 import numpy as np
 import pytest
-from bench_machines import Instant, IntegratorOptions, Run, System, assemble, beam_plane
 from journal_cases import in_bearing, steady
 from scipy.linalg import eig
 from scipy.optimize import brentq, least_squares
 from test_bearing import COEFFICIENTS
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.mechanism import Instant, System, assemble
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.shaft import beam_plane
 
 R, VISCOSITY, SPEED = 0.0225, 0.01, 600.0
 TURN = 2 * np.pi / SPEED

@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run, Simulation, classify_failure
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, constant, equilibrium, journal, make_film
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.newton import classify_failure
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
 
 GROUP = "oil"
 

@@ -244,7 +244,7 @@ def test_a_folder_of_results_replaces_no_input(more, workplace, capfd):
 
 
 def test_a_failed_film_replaces_no_other_file(tmp_path):
-    from bench_scenes import keeping_failed_film
+    from fenics_ehd.base.files import keeping_failed_film
 
     path = tmp_path / "failed_film.h5"
     error = ehd.errors.CavitationError("no film", {"gap": np.ones(2), "pressure": np.ones(2)})

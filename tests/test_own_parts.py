@@ -14,28 +14,6 @@ import example_parts
 import meshio
 import numpy as np
 import pytest
-from bench_film import Surface
-from bench_output import cli
-from bench_parts import (
-    SOLIDS,
-    NamedFaces,
-    Solid,
-    StaticSolver,
-    bore_holes,
-    compliance_errors,
-    corner_volumes,
-    fit_cylinder,
-    open_part,
-    part_answers,
-    place_part,
-    raised,
-    refined,
-    rigid,
-    smooth_answers,
-    stored_mesh_error,
-    write_part,
-)
-from bench_scenes import elastic_part
 from calculix_ring import run_calculix
 from click.testing import CliRunner
 from hypothesis import given
@@ -43,6 +21,19 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.cli.main import cli
+from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part, write_part
+from fenics_ehd.fem.faces import fit_cylinder
+from fenics_ehd.fem.models import stored_mesh_error
+from fenics_ehd.fem.solid import Solid, corner_volumes, raised, refined
+from fenics_ehd.fem.structure import part_answers
+from fenics_ehd.film.transfer import Surface
+from fenics_ehd.reduction.bore import bore_holes
+from fenics_ehd.reduction.elements import SOLIDS
+from fenics_ehd.reduction.mesh_error import compliance_errors, smooth_answers
+from fenics_ehd.reduction.reductor import rigid
+from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.scenes.part import elastic_part
 
 STEEL = ehd.Material(210e9, 0.3, 7850.0)
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_parts import gmsh, session
 from calculix_ring import ring_solid, write_model
 from foreign_parts import ring_arguments
 from scene_cases import write_scene
@@ -16,6 +15,7 @@ from scipy import sparse
 
 import fenics_ehd as ehd
 from fenics_ehd.base.processes import without_launcher
+from fenics_ehd.fem.gmsh_session import gmsh, session
 
 pytestmark = [
     pytest.mark.slow,

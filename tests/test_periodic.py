@@ -6,13 +6,16 @@ from types import SimpleNamespace
 import attrs
 import numpy as np
 import pytest
-from bench_machines import Curve, IntegratorState, PeriodicSolver, check_period, periodic, repeating
 from journal_cases import in_bearing, steady
 from mechanism_cases import REVOLUTION, rigid_rod, slider_crank
 from mechanism_cases import film as mechanism_film
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody import periodic
+from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.multibody.periodic import PeriodicSolver, check_period, repeating
+from fenics_ehd.multibody.tabulated import Curve
 
 #: Multipliers of a cycle: a whirl that dies away slowly, and a film's that dies at once.
 SLOW = 0.93 * np.array([[np.cos(1.3), -np.sin(1.3)], [np.sin(1.3), np.cos(1.3)]])

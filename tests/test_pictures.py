@@ -10,23 +10,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_output import (
-    MADE,
-    OF_EVERY_RUN,
-    QUANTITIES,
-    Pictures,
-    ShownJoint,
-    ShownRun,
-    plot_run,
-    plt,
-    shown,
-)
-from bench_output import maps as bores
-from bench_scenes import Quantity
 from command_line import call
 from recorded_runs import short_run
 
 import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.plotting import maps as bores
+from fenics_ehd.plotting import shown
+from fenics_ehd.plotting.picture import plt
+from fenics_ehd.plotting.pictures import OF_EVERY_RUN, QUANTITIES, Pictures, plot_run
+from fenics_ehd.plotting.shown import ShownJoint, ShownRun
+from fenics_ehd.results.recorded_run import MADE
 
 #: Steps of a cycle, short and long ones.
 TURN = 360.0 * np.linspace(0.0, 1.0, 40) ** 1.5

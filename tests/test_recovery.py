@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_parts import BasisFile, StaticSolver, StressField, save_basis, von_mises
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -14,6 +13,9 @@ from scene_cases import structure as structure_of
 from scipy.spatial import cKDTree
 
 import fenics_ehd as ehd
+from fenics_ehd.fem.stress import StressField
+from fenics_ehd.reduction.part_files import BasisFile, save_basis, von_mises
+from fenics_ehd.reduction.static import StaticSolver
 
 STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 COARSE = {"bodies.rod.geometry": {"bore_cells_around": 10, "shank_cells": 4}}

@@ -9,15 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench_parts import PRESSURE_SETS_LOAD_DEPENDENT as PRESSURE_SETS
-from bench_parts import (
-    LinearSolver,
-    MassOperator,
-    energy_orthonormal,
-    rigid,
-    rigid_body_modes,
-    without_redundancy,
-)
 from foreign_parts import ring
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -25,6 +16,14 @@ from mpi4py import MPI
 from scene_cases import structure as structure_of
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.load_dependent_basis import (
+    PRESSURE_SETS,
+    energy_orthonormal,
+    without_redundancy,
+)
+from fenics_ehd.reduction.matrices import MassOperator
+from fenics_ehd.reduction.reductor import rigid
+from fenics_ehd.reduction.static import LinearSolver, rigid_body_modes
 
 ROOT = Path(__file__).parents[1]
 
@@ -115,7 +114,7 @@ def test_every_rank_holds_the_same_body(body):
 def test_rigid_modes_are_orthonormal_and_store_no_energy(structure, figure):
     modes = rigid_body_modes(structure)
     comm = structure.comm
-    from bench_parts import inner, multiply
+    from fenics_ehd.reduction.matrices import inner, multiply
 
     gram = inner(modes, multiply(structure.mass, modes), comm)
     np.testing.assert_allclose(gram, np.eye(6), atol=1e-12)

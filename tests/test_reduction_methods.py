@@ -12,19 +12,6 @@ from functools import cache
 import numpy as np
 import oracle_reduction as oracle
 import pytest
-from bench_parts import PRESSURE_SETS_REDUCTION as PRESSURE_SETS
-from bench_parts import (
-    LinearSolver,
-    StaticSolver,
-    eigenmodes,
-    lowest_modes,
-    ranked,
-    rigid,
-    two_step_craig_bampton,
-)
-from bench_parts import matrices as distributed
-from bench_parts import reductor as loads
-from bench_parts import static as linear_solver
 from foreign_parts import ring_matrices, ring_mesh, to_scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -35,6 +22,15 @@ from scipy import linalg, sparse
 from snapshot_cases import WAYS, reduce_by
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction import PRESSURE_SETS, eigenmodes
+from fenics_ehd.reduction import matrices as distributed
+from fenics_ehd.reduction import reductor as loads
+from fenics_ehd.reduction import static as linear_solver
+from fenics_ehd.reduction.eigenmodes import lowest_modes
+from fenics_ehd.reduction.fixed_interface_modes import two_step_craig_bampton
+from fenics_ehd.reduction.load_dependent_basis import ranked
+from fenics_ehd.reduction.reductor import rigid
+from fenics_ehd.reduction.static import LinearSolver, StaticSolver
 
 pytestmark = pytest.mark.kernels
 

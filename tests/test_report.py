@@ -9,19 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_output import (
-    COLUMNS,
-    CURVES,
-    PRESSURE,
-    best_bodies,
-    first_shapes,
-    read_study,
-    render,
-    unknown_floors,
-    write_report,
-)
-from bench_output import FILM_STUDY_DATA as FILM
-from bench_output import figures_report as figures
 from command_line import exit_of
 from foreign_parts import ring
 from hypothesis import given
@@ -40,6 +27,11 @@ from report_cases import (
 )
 
 import fenics_ehd as ehd
+from fenics_ehd.study.compare import COLUMNS
+from fenics_ehd.study.report import figures
+from fenics_ehd.study.report.figures import best_bodies, first_shapes
+from fenics_ehd.study.report.study_data import CURVES, FILM, PRESSURE, read_study
+from fenics_ehd.study.report.write import render, unknown_floors, write_report
 
 UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
 STEPS = [(1e-3, 0.04), (1e-4, 0.04 / 10 ** (2 / 3)), (1e-5, 0.04 / 100 ** (2 / 3))]

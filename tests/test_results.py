@@ -10,13 +10,13 @@ from types import ModuleType
 import h5py
 import numpy as np
 import pytest
-from bench_machines import OUTPUTS
-from bench_scenes import Quantity, split_unit, with_unit
 from csv_history import edited, read_history
 from mechanism_cases import film, rigid_rod, slider_crank
 from report_cases import write_history, write_study
 
 import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity, split_unit, with_unit
+from fenics_ehd.multibody.quantities import OUTPUTS
 
 END = 2e-5
 

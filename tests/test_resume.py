@@ -15,9 +15,6 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, PeriodicSolver, Run, Simulation, fixed
-from bench_output import CsvFile, load_run_state, recorded_steps, save_run_state
-from bench_scenes import claim, digest, listed
 from command_line import (
     assert_same_results,
     call,
@@ -33,6 +30,14 @@ from mechanism_cases import film, rigid_rod, slider_crank
 from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.base.files import claim, listed
+from fenics_ehd.base.sealed_file import digest
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.history import fixed
+from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.results.recorded_run import CsvFile, load_run_state, recorded_steps, save_run_state
 
 #: Changes of a short run of a journal, by the model whose state it carries.
 MODELS = {

@@ -7,13 +7,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from bench_output import RunFolder
-from bench_scenes import HEADER, clear, complete_result
 from command_line import exit_of
 from hand_made_rod import Joint, make_body
 from scene_cases import ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.base.files import HEADER, clear, complete_result
+from fenics_ehd.results.recorded_run import RunFolder
 
 SCENE = ROD_OF_A_FILE | {"time.revolutions": 0.005, "time.tolerance": 1e-4}
 COARSER = SCENE | {"time.tolerance": 1e-3}

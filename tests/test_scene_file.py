@@ -6,24 +6,19 @@ from types import MappingProxyType
 import attrs
 import numpy as np
 import pytest
-from bench_machines import System
-from bench_parts import rigid
-from bench_scenes import (
-    fields,
-    films,
-    part_settings,
-    scene_of,
-    schema,
-    shipped,
-    shipped_names,
-    with_method,
-)
-from bench_scenes import part as elastic_part
 from mechanism_cases import GOLDEN, deviation
 from mpi4py import MPI
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
+from fenics_ehd.base import fields
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.reduction.reductor import rigid
+from fenics_ehd.scenes import films, part_settings, schema
+from fenics_ehd.scenes import part as elastic_part
+from fenics_ehd.scenes.library import shipped, shipped_names
+from fenics_ehd.scenes.part import with_method
+from fenics_ehd.scenes.scene import scene_of
 
 FOUR_BAR, SLIDER_CRANK, ROTOR = "four-bar", "slider-crank-paper", "rotor-two-bearings"
 BOTH_ENDS = "slider-crank-both-ends"

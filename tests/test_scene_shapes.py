@@ -4,13 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run
-from bench_scenes import read_shape_table, scene_of, scene_text
 from command_line import exit_of
 from scene_cases import RIGID_ROD, tables_of, write_scene
 from stopped_steps import assert_goes_on
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.scenes.films import read_shape_table
+from fenics_ehd.scenes.scene import scene_of, scene_text
 
 WIDTH, CLEARANCE = 0.022, 17e-6
 

@@ -11,21 +11,18 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from bench_parts import (
-    BasisFile,
-    as_matrix,
-    body_digest,
-    load_structure,
-    save_basis,
-    save_structure,
-)
-from bench_scenes import Quantity, seal, sealed_file
-from bench_scenes import files as whole_file
 from foreign_parts import ring
 from hand_made_rod import Joint, flexible
 from mpi4py import MPI
 
 import fenics_ehd as ehd
+from fenics_ehd.base import files as whole_file
+from fenics_ehd.base import sealed_file
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.base.sealed_file import seal
+from fenics_ehd.reduction.body import body_digest
+from fenics_ehd.reduction.matrices import as_matrix
+from fenics_ehd.reduction.part_files import BasisFile, load_structure, save_basis, save_structure
 
 TREE = {"rows": 3, "state": {"x": np.arange(12.0).reshape(4, 3), "name": "m4", "none": {}}}
 

@@ -4,22 +4,19 @@ import os
 import tomllib
 
 import pytest
-from bench_parts import FAMILIES, SELECTIONS
-from bench_parts import PRESSURE_SETS_REDUCTION as PRESSURE_SETS
-from bench_scenes import (
-    fields,
-    part_settings,
-    read_toml,
-    require_thin_film,
-    scene_of,
-    scene_text,
-    shipped_names,
-)
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
+from fenics_ehd.base import fields
+from fenics_ehd.base.fields import require_thin_film
+from fenics_ehd.base.settings import read_toml
+from fenics_ehd.fem.elements import FAMILIES
+from fenics_ehd.reduction import PRESSURE_SETS, SELECTIONS
+from fenics_ehd.scenes import part_settings
+from fenics_ehd.scenes.library import shipped_names
+from fenics_ehd.scenes.scene import scene_of, scene_text
 
 PAPER = "slider-crank-paper"
 

@@ -4,22 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_film import film_layout
-from bench_parts import (
-    body_digest,
-    check_structure,
-    load_structure,
-    outward,
-    rigid,
-    save_structure,
-    two_step_craig_bampton,
-)
-from bench_scenes import ReductionSettings, reduce_structure
 from foreign_parts import to_scipy
 from mpi4py import MPI
 from scipy import linalg, sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.film.grid import film_layout
+from fenics_ehd.reduction.body import body_digest
+from fenics_ehd.reduction.bore import outward
+from fenics_ehd.reduction.fixed_interface_modes import two_step_craig_bampton
+from fenics_ehd.reduction.part_files import load_structure, save_structure
+from fenics_ehd.reduction.reductor import rigid
+from fenics_ehd.reduction.structure import check_structure
+from fenics_ehd.scenes.part import reduce_structure
+from fenics_ehd.scenes.part_settings import ReductionSettings
 
 #: A mesh that a dense eigenvalue problem takes.
 COARSE = {

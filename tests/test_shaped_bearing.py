@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from attrs import evolve
-from bench_machines import minimum_film
 from film_cases import oval
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.bearing import minimum_film
 
 pytestmark = pytest.mark.kernels
 

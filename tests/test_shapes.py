@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from attrs import evolve
-from bench_machines import IntegratorOptions, JointFilm, Run, System, stepped_shapes
 from film_cases import oval
 from hand_made_rod import Joint, flexible, make_mechanism, run, with_residual
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, in_bearing, make_film
@@ -13,6 +12,11 @@ from moving_point import assert_derivatives
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.notices import stepped_shapes
+from fenics_ehd.multibody.run import Run
 
 pytestmark = pytest.mark.kernels
 

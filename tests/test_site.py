@@ -12,12 +12,13 @@ import click
 import numpy as np
 import pytest
 import tables
-from bench_output import cli
 from drawings import DRAWINGS, draw_all
 from drawings.gap import CLEARANCE, DIRECTION, RATIO, ends_of_gap
 from drawings.rod import CRANK, PHI, ROD, rod_motion
 from drawings.sketch import point, save
 from light_cells import markdown
+
+from fenics_ehd.cli.main import cli
 
 TESTS = Path(__file__).parent
 DOCS = TESTS.parent / "docs"

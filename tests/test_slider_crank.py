@@ -4,18 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import (
-    ImplicitStep,
-    IntegratorOptions,
-    Run,
-    StepEquations,
-    System,
-    balance_error,
-    columns_of,
-    energy_row,
-    step_powers,
-)
-from bench_scenes import rotation
 from differences import slope
 from film_cases import watch_snes
 from hand_made_rod import (
@@ -48,6 +36,13 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 import fenics_ehd as ehd
+from fenics_ehd.base.plane import rotation
+from fenics_ehd.multibody.bdf import ImplicitStep, IntegratorOptions
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import columns_of
+from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.trust import balance_error, energy_row, step_powers
 
 pytestmark = pytest.mark.kernels
 

@@ -15,16 +15,6 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from bench_output import continue_from, load_run_state, save_run_state
-from bench_parts import (
-    BasisFile,
-    Recovery,
-    check_structure,
-    load_structure,
-    save_basis,
-    save_structure,
-)
-from bench_scenes import as_stored, seal
 from foreign_parts import ring
 from hand_made_rod import Joint, flexible, with_residual
 from mpi4py import MPI
@@ -32,9 +22,14 @@ from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, write_scene
 from scipy import sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.reduction.part_files import BasisFile, load_structure, save_basis, save_structure
+from fenics_ehd.reduction.structure import Recovery, check_structure
+from fenics_ehd.results.recorded_run import continue_from, load_run_state, save_run_state
+from fenics_ehd.scenes.scene import as_stored
 
 FILE = "history.h5"
 

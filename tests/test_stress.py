@@ -7,10 +7,6 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
-from bench_output import cycle_stress, write_fields
-from bench_output import figures_stress as figures
-from bench_parts import NodalStress, basis_of, largest_half_range, largest_principal, von_mises
-from bench_parts import stress as stress_module
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -21,6 +17,11 @@ from scipy import linalg
 from test_recovery import STEEL, ring_under_pressure
 
 import fenics_ehd as ehd
+from fenics_ehd.fem import stress as stress_module
+from fenics_ehd.fem.stress import NodalStress, largest_half_range, largest_principal
+from fenics_ehd.reduction.part_files import von_mises
+from fenics_ehd.reduction.residual_completion import basis_of
+from fenics_ehd.results.stress import cycle_stress, figures, write_fields
 
 #: Length, and half of height and width, of the bar along x.
 LENGTH, HEIGHT, WIDTH = 0.1, 0.01, 0.006

@@ -8,9 +8,6 @@ import attrs
 import meshio
 import numpy as np
 import pytest
-from bench_output import gather_part, instants_of, last_rows, recorded
-from bench_parts import von_mises
-from bench_scenes import Quantity, as_stored, elastic_part, listed
 from command_line import call, exit_of
 from hand_made_rod import Joint, make_body
 from mpi4py import MPI
@@ -18,6 +15,14 @@ from scene_cases import RIGID_ROD, ROD_OF_A_FILE, write_scene
 from test_stress import all_nodes
 
 import fenics_ehd as ehd
+from fenics_ehd.base.columns import Quantity
+from fenics_ehd.base.files import listed
+from fenics_ehd.cli.stress import instants_of, last_rows
+from fenics_ehd.plotting.shown import recorded
+from fenics_ehd.reduction.part_files import von_mises
+from fenics_ehd.results.paraview import gather_part
+from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.scene import as_stored
 
 #: The paper's machine for a tenth of a revolution, its rod coarse.
 SHORT = {

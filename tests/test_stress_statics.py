@@ -4,15 +4,6 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from bench_machines import IntegratorOptions, Run
-from bench_output import RecordedMotion
-from bench_parts import (
-    NodalStress,
-    missing_fields,
-    pattern_fields,
-    two_step_craig_bampton,
-    von_mises,
-)
 from mechanism_cases import REVOLUTION, film, recorded, slider_crank
 from mpi4py import MPI
 from oracle_stress import ROD, StaticRod
@@ -20,6 +11,13 @@ from rough_cases import surfaces
 from scene_cases import structure as structure_of
 
 import fenics_ehd as ehd
+from fenics_ehd.fem.stress import NodalStress
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.reduction.fixed_interface_modes import two_step_craig_bampton
+from fenics_ehd.reduction.part_files import von_mises
+from fenics_ehd.reduction.residual_completion import missing_fields, pattern_fields
+from fenics_ehd.results.motion import RecordedMotion
 
 KEPT = {"keep_basis": True, "estimate_error": False}
 METHODS = {

@@ -3,11 +3,10 @@
 import attrs
 import numpy as np
 import pytest
-from bench_machines import minimum_film
-from bench_output import report_bearing as report
-from bench_output import summary
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.bearing import minimum_film
+from fenics_ehd.cli.bearing import report, summary
 
 LOAD, ROUGHNESS = 8000.0, 0.5e-6
 ROUGH = ehd.BearingSettings(

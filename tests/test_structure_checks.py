@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_parts import check_structure
 from foreign_parts import ring, ring_arguments
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,6 +12,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.structure import check_structure
 
 ARGUMENTS = ring_arguments()
 K, M, BORE = ARGUMENTS["stiffness"], ARGUMENTS["mass"], ARGUMENTS["bores"]

@@ -9,32 +9,28 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_output import (
-    COLUMNS,
-    ERROR_COLUMNS,
-    REFERENCE,
-    Case,
-    StoredRun,
-    StudyFolder,
-    errors_path,
-    film,
-    full,
-    m3,
-    m4,
-    make_study,
-    make_sweep,
-    read_errors,
-    rigid,
-    run_study,
-    steps,
-)
-from bench_scenes import claim, planned_cells, scene_text, shipped_names
 from command_line import exit_of
 from csv_history import edited, read_history
 from study_cases import COARSE, SCENE, START, TINY, TOO_MANY, run_tiny, tiny_study
 from sweep_cases import Inline, scene_as, sweep_inline
 
 import fenics_ehd as ehd
+from fenics_ehd.base.files import claim
+from fenics_ehd.scenes.films import planned_cells
+from fenics_ehd.scenes.library import shipped_names
+from fenics_ehd.scenes.scene import scene_text
+from fenics_ehd.study.cases import Case
+from fenics_ehd.study.compare import (
+    COLUMNS,
+    ERROR_COLUMNS,
+    StoredRun,
+    StudyFolder,
+    errors_path,
+    read_errors,
+    run_study,
+)
+from fenics_ehd.study.plan import REFERENCE, film, full, m3, m4, make_study, rigid, steps
+from fenics_ehd.study.sweep import make_sweep
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from bench_film import aligned_grid
 from film_cases import ETA, FAMILIES, OMEGA, R, given_gap, make_film, solve
 from film_grids import graded_grid
 
 import fenics_ehd as ehd
+from fenics_ehd.film.grid import aligned_grid
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -5,13 +5,14 @@ from copy import deepcopy
 
 import numpy as np
 import pytest
-from bench_machines import System
-from bench_scenes import build_film, scene_of
 from command_line import call
 from scene_cases import LOAD, LOADED_JOURNAL, tables_of, write_scene
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.scenes.films import build_film
+from fenics_ehd.scenes.scene import scene_of
 
 AT = "joints.bearing.supply"
 

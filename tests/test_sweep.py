@@ -6,18 +6,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from bench_output import (
-    FIGURES,
-    JOINT_FIGURES,
-    PROCESSOR_SECONDS,
-    Case,
-    OtherFolderError,
-    Outcome,
-    SweepFolder,
-    make_sweep,
-    run_sweep,
-)
-from bench_scenes import scene_text
 from command_line import call, exit_of
 from mpi4py import MPI
 from scene_cases import LOAD
@@ -36,6 +24,10 @@ from sweep_cases import (
 )
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes.scene import scene_text
+from fenics_ehd.study.cases import Case
+from fenics_ehd.study.pool import PROCESSOR_SECONDS, OtherFolderError, Outcome
+from fenics_ehd.study.sweep import FIGURES, JOINT_FIGURES, SweepFolder, make_sweep, run_sweep
 
 THICKER = SLIDER_CRANK.replace("viscosity = 0.01", "viscosity = 0.02")
 

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from bench_output import MOST_CASES, make_sweep, parse_values, resolve_key
-from bench_scenes import as_stored
 from hypothesis import given
 from hypothesis import strategies as st
 from sweep_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes.scene import as_stored
+from fenics_ehd.study.cases import MOST_CASES, parse_values, resolve_key
+from fenics_ehd.study.sweep import make_sweep
 
 
 @pytest.fixture(scope="module")

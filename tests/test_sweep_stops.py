@@ -8,10 +8,11 @@ import time
 from pathlib import Path
 
 import pytest
-from bench_output import ProcessPool, outcomes
 from command_line import program as call
 from command_line import start
 from sweep_cases import MANY, rows_of, write_scene
+
+from fenics_ehd.study.pool import ProcessPool, outcomes
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from bench_machines import Instant, Motion, System, assemble
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanism_cases import film
 from scipy.integrate import solve_ivp
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.mechanism import Instant, Motion, System, assemble
 
 
 def wave(angle):

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 import attrs
 import numpy as np
 import pytest
-from bench_machines import Curve, IntegratorOptions, TabulatedLoad, tabulated
-from bench_scenes import angle_table, load_curves
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from journal_cases import in_bearing
@@ -17,6 +15,10 @@ from stopped_steps import assert_goes_on
 from test_bdf import control, oscillator, profile
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody import tabulated
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
+from fenics_ehd.scenes.tables import angle_table, load_curves
 
 
 def curve_through(rows, values):

@@ -7,31 +7,27 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
-from bench_film import Surface, interpolation_matrix
-from bench_output import gather_part, part_block, write_series
-from bench_parts import (
-    GMSH_HEX,
-    GMSH_TET,
-    SOLIDS,
-    Solid,
-    StaticSolver,
-    _columns,
-    _hats,
-    bearing_shapes,
-    bore_rows,
-    inside_out,
-    load_columns,
-    no_cells,
-    rigid,
-    session,
-    unit_pressures,
-)
 from exact_transfer import conservative_load, intersection_points
 from mpi4py import MPI
 from scene_cases import structure as structure_of
 from scipy import sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.fem.gmsh_session import session
+from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET, Solid, inside_out
+from fenics_ehd.film.transfer import Surface, interpolation_matrix
+from fenics_ehd.reduction.bore import no_cells
+from fenics_ehd.reduction.elements import SOLIDS
+from fenics_ehd.reduction.load_dependent_basis import (
+    _columns,
+    _hats,
+    bearing_shapes,
+    unit_pressures,
+)
+from fenics_ehd.reduction.matrices import load_columns
+from fenics_ehd.reduction.reductor import bore_rows, rigid
+from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.results.paraview import gather_part, part_block, write_series
 
 
 def rod_of_tetrahedra(comm):

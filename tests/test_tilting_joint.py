@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench_machines import JointFilm, System
 from moving_point import assert_derivatives
 from rotor_cases import SPEED, C, R, flexible, held_body, make_film, shifted
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.lubricated_joint import JointFilm
+from fenics_ehd.multibody.mechanism import System
 
 pytestmark = pytest.mark.kernels
 

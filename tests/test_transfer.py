@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from bench_film import Mortar, Surface, interpolation_matrix, overlay, unwrap
 from exact_transfer import intersection_points
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fenics_ehd as ehd
+from fenics_ehd.film.transfer import Mortar, Surface, interpolation_matrix, overlay, unwrap
 
 pytestmark = pytest.mark.kernels
 

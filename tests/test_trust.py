@@ -8,23 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_machines import (
-    COMPONENTS,
-    ENERGY_LIMIT,
-    QUANTITIES,
-    BasisErrorEstimate,
-    IntegratorOptions,
-    Run,
-    Simulation,
-    energy_row,
-    estimate_at,
-    in_one_step,
-    rings,
-    simulation,
-    slowest_pattern,
-    summed,
-)
-from bench_output import report_run as report
 from command_line import call
 from hand_made_rod import SPEED, Joint, flexible, make_body, with_residual
 from journal_cases import OMEGA, ellipse, journal, make_film
@@ -32,6 +15,23 @@ from mechanism_cases import flexible_slider_crank
 from scene_cases import ROD_OF_A_FILE, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.error_budget import summed
+from fenics_ehd.cli.run import report
+from fenics_ehd.multibody import simulation
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.trust import (
+    COMPONENTS,
+    ENERGY_LIMIT,
+    QUANTITIES,
+    BasisErrorEstimate,
+    energy_row,
+    estimate_at,
+    in_one_step,
+    rings,
+    slowest_pattern,
+)
 
 # --- What is printed
 

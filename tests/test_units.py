@@ -6,12 +6,13 @@ import tomllib
 from math import pi
 
 import pytest
-from bench_scenes import in_unit, scene_of, scene_text
 from hypothesis import given
 from hypothesis import strategies as st
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
+from fenics_ehd.base.fields import in_unit
+from fenics_ehd.scenes.scene import scene_of, scene_text
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ from pathlib import Path
 from random import Random
 
 from attempt import Outcome, attempt, finish, launch
-from bench_scenes import compat
 from judge import Verdict, figures, judge
 from scene_cases import write_scene
 from test_ranks import COMMAND, TOO_LONG, two_ranks
 from world import COARSE, RESUME, World, command
 
+from fenics_ehd.base import compat
 from fenics_ehd.base.compile_lock import orphans
 
 Found = Iterator[tuple[str, str, Verdict]]

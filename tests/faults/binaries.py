@@ -7,10 +7,11 @@ from random import Random
 
 import h5py
 import numpy as np
-from bench_scenes import seal
 from cases import Case
 from texts import PLACES, put_in_place
 from world import CALLS, World
+
+from fenics_ehd.base.sealed_file import seal
 
 
 def _flipped(content: bytes, random: Random) -> bytes:

@@ -6,13 +6,13 @@ from itertools import pairwise
 from pathlib import Path
 from random import Random
 
-from bench_parts import gmsh, session
-from bench_scenes import printing_kept
 from cases import Case
 from mpi4py import MPI
 from world import World, command
 
 import fenics_ehd as ehd
+from fenics_ehd.base.processes import printing_kept
+from fenics_ehd.fem.gmsh_session import gmsh, session
 
 DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n*ELEMENT,TYPE=C3D4\n1,1,2,3,4\n"
 POINTS = '<Geometry GeometryType="XYZ"><DataItem Dimensions="4 3" Format="{}">{}</DataItem>'

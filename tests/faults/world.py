@@ -12,8 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from attempt import attempt, finish, launch
-from bench_output import main
-from bench_parts import as_matrix, load_structure, save_structure
 from hand_made_rod import Joint, make_body
 from judge import figures
 from mpi4py import MPI
@@ -22,6 +20,9 @@ from scene_cases import LOADED_JOURNAL, ROD_OF_A_FILE, structure, write_scene
 from scipy import io, sparse
 
 import fenics_ehd as ehd
+from fenics_ehd.cli.main import main
+from fenics_ehd.reduction.matrices import as_matrix
+from fenics_ehd.reduction.part_files import load_structure, save_structure
 
 #: The paper's machine with a rod of a file under two tables.
 SCENE = ROD_OF_A_FILE | {
@@ -82,7 +83,7 @@ def read_matrix(name: str) -> Callable[[], None]:
 
 def read_structure() -> None:
     """Read and check ``part.h5``, the digest of what was read in ``figures.json``."""
-    from bench_parts import check_structure
+    from fenics_ehd.reduction.structure import check_structure
 
     part = load_structure("part.h5", MPI.COMM_SELF)
     check_structure(part)
