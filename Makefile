@@ -72,11 +72,11 @@ pictures: set-up  ## draw the pictures of docs/pictures again
 docs: set-up $(VENV)/docs-stamp  ## build the documentation site into build/site
 	$(VENV)/bin/python -m sphinx -q -W --keep-going docs build/site
 
-lint: set-up $(LINT_VENV)/stamp  ## ruff, mypy, and which room knows which
+lint: set-up $(LINT_VENV)/stamp  ## ruff, mypy, and the rules of the house: layers, sizes, words
 	$(LINT_VENV)/bin/ruff check .
 	$(LINT_VENV)/bin/ruff format --check .
 	$(LINT_VENV)/bin/mypy --python-executable $(VENV)/bin/python
-	$(VENV)/bin/python tests/lint_rooms.py
+	$(VENV)/bin/python tests/lint_house.py
 
 clean:  ## remove the environments and everything built, but no results
 	rm -rf $(VENV) $(LINT_VENV) build *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache

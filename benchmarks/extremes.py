@@ -6,12 +6,12 @@ The rules for a film are the largest node (for the gap Gauss points, too, as a s
 interpolation of the finite elements, parabolas through the largest node and its neighbours in both
 directions, cubics around through the row of the largest node, and cubics around and then along
 (`fenics_ehd.base.extremes`). Those for the time are the largest step, the parabola through it
-and its neighbours, Akima's curve and the cubics. A rule is judged by the error of the extreme against
-that of a reference: the root mean square and the largest over all meshes of a row.
+and its neighbours, Akima's curve and the cubics. A rule is judged by the error of the extreme
+against that of a reference: the root mean square and the largest over all meshes of a row.
 
-The reference of a bearing has 256 x 48 cells, that of a machine twice as many cells either way and a
-thirtieth of the tolerance. Its own extreme is that of the cubics; other rules change it by less than
-the digits that are printed.
+The reference of a bearing has 256 x 48 cells, that of a machine twice as many cells either way and
+a thirtieth of the tolerance. Its own extreme is that of the cubics; other rules change it by less
+than the digits that are printed.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from bench_golden import FOLDER, SHIPPED, SMALL, compared, make
+from golden_curves import FOLDER, SHIPPED, SMALL, compared, make
 
 
 def line(name: str, held_only: bool) -> str:

@@ -72,7 +72,10 @@ _NAMES = {
     "scenes.scene": ("Scene", "read_scene"),
     "scenes.tables": ("read_load",),
 }
-_public = lazily(__name__, _NAMES)
+#: Present names of former ones, which are accepted with a warning until 0.5.
+_FORMER: dict[str, str] = {}
+
+_public = lazily(__name__, _NAMES, _FORMER)
 
 __all__ = ["__version__", "errors", *(name for names in _NAMES.values() for name in names)]
 

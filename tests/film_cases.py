@@ -1,14 +1,15 @@
 """Bearings for the tests of the film, in the units of the paper's slider-crank."""
 
 import numpy as np
-from bench_film import FAMILIES
 from petsc4py import PETSc
 
 import fenics_ehd as ehd
+from fenics_ehd.base.fields import FILM_ELEMENTS
 from fenics_ehd.film import cavitation
 from fenics_ehd.film.kinematics import Gap
 
-__all__ = ["FAMILIES"]
+#: Film elements from the lowest order to the highest.
+FAMILIES = FILM_ELEMENTS[::-1]
 
 R, C, OMEGA, ETA = 0.0225, 17e-6, 500.0, 0.01
 

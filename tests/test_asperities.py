@@ -53,14 +53,14 @@ def test_force_of_a_rough_plane_on_a_tilted_one(offset):
     expected = quad(
         lambda x: factor * integral(2.5, (ends[0] + slope * x) / rough.roughness - offset), 0, width
     )[0]
-    potential = rough.touch(ends).potential
+    potential = rough.contact(ends).potential
     assert (potential[0] - potential[1]) / slope == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("offset", [0.0, 2.0])
 def test_contact_is_conservative_and_its_stiffness_exact(offset):
     rough, gap, step = surfaces(offset=offset), np.linspace(-1e-6, 3.9e-6, 40), 1e-11
-    low, middle, high = (rough.touch(gap + x) for x in (-step, 0.0, step))
+    low, middle, high = (rough.contact(gap + x) for x in (-step, 0.0, step))
     for value, slope in (("potential", -middle.pressure), ("pressure", middle.slope)):
         difference = (getattr(high, value) - getattr(low, value)) / (2 * step)
         np.testing.assert_allclose(difference, slope, rtol=1e-4, atol=1e-8 * np.abs(slope).max())

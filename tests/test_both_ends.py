@@ -152,7 +152,10 @@ def test_two_rods_answer_their_films_as_each_alone():
             pressures.append(1e7 * (1 + np.cos(nodes + ord(place.name))))
             forces.append(ord(place.name) * np.sin(place.film.film.points.angle.ravel()) ** 2)
         responses.begin(SimpleNamespace(shift=2e3, past_x=past))
-        gaps = responses.moved(pressures), responses.pushed(np.concatenate(forces))
+        gaps = (
+            responses.gap_change_from_pressure(pressures),
+            responses.gap_change_from_forces(np.concatenate(forces)),
+        )
         y, rate = responses.state(responses.static(pressures, np.concatenate(forces)))
         found = {
             name: [part[responses.bodies[name].patterns] for part in (y, rate)] for name in moving
@@ -160,8 +163,11 @@ def test_two_rods_answer_their_films_as_each_alone():
         for i, (place, own) in enumerate(zip(system.films, responses.points, strict=True)):
             some = np.arange(own.start, own.stop, 7)
             found[place.name] = [gap[own] for gap in (*gaps, responses.past_gap, responses.share)]
-            found[place.name] += [responses.pressed_at(i, some), *responses.leading(9)[i]]
-            found[place.name].append(responses.pushed_by(some)[own])
+            found[place.name] += [
+                responses.unit_pressure_response(i, some),
+                *responses.retained_patterns(9)[i],
+            ]
+            found[place.name].append(responses.unit_force_response(some)[own])
         return found
 
     together = answers("abc", "one", "other")
@@ -212,7 +218,7 @@ def test_what_presses_in_one_bore_moves_the_other(pin_cells, transfer, limit):
         load = np.zeros(body.load_projection.shape[1])
         own = body.rows_of(places[j].bore).pressures
         load[own] = places[j].film.bore.structure_pressure(pressures[j])
-        moved = responses.moved(pressures)[responses.points[i]]
+        moved = responses.gap_change_from_pressure(pressures)[responses.points[i]]
         residual = body.residual
         nodes = body.rows_of(places[i].bore).nodes
         expected = residual.displacement[nodes] @ (residual.patterns @ load)

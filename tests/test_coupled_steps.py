@@ -154,7 +154,7 @@ def test_derivatives_with_supplies_equal_central_differences(family):
 def assert_derivatives(mechanism, most=1e-7):
     """Of all equations along all unknowns and along their kinds; returns where."""
     equations = StepEquations(System(mechanism))
-    equations.lead(100)
+    equations.retain_patterns(100)
     start, sizes, rng = some_step(equations)
     point = equations.evaluate(start)
     matrix = whole_matrix(equations, equations.linearise(point))
@@ -180,7 +180,7 @@ def linearised(family, residual, seed=0):
     """Equations with their derivatives somewhere, and blocks to factorise."""
     system = System(mechanism_with(family, residual))
     equations = StepEquations(system)
-    equations.lead(100)
+    equations.retain_patterns(100)
     start, _, rng = some_step(equations, seed=seed)
     derivative = equations.linearise(equations.evaluate(start))
     block = equations.films[0].system(f"test_{family}_")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bench_film import FAMILIES
+from film_cases import FAMILIES
 from oracle_walls import walls
 
 import fenics_ehd as ehd
@@ -64,7 +64,7 @@ def test_friction_is_that_of_the_two_walls_as_they_are(family, clearance):
     )
     for rule in SHEAR_RULES:
         _, friction = friction_of(film, state, rule)
-        found = walls(film, state, motion.eccentricity, friction.filled)
+        found = walls(film, state, motion.eccentricity, friction.sheared_fraction)
         # The film's push on an eccentric shaft has no arm about its axis; c / R is left out.
         assert friction.torque == pytest.approx(found.shaft_torque, rel=3 * clearance / R)
         size = np.abs(found.on_bore).max()
@@ -117,7 +117,7 @@ def test_supply_pressure_pumps():
 def test_streamers_carry_the_flow_of_the_rupture():
     motion = eccentric(0.7)
     film, state = solved(motion)
-    filled = film_fields(film, state, "streamers").filled
+    filled = film_fields(film, state, "streamers").sheared_fraction
     pressure = film.assembly.at_points(state.pressure)[0]
     section = np.isclose(film.points.height, film.points.height[0, 0])
     order = np.argsort(film.points.angle[section])
@@ -144,7 +144,7 @@ def test_streamers_come_from_upstream_as_the_cavity_sees_it(share):
     lost = []
     for motion in (going, standing):
         film, state = solved(motion, clearance=C / 100)
-        filled = film_fields(film, state).filled
+        filled = film_fields(film, state).sheared_fraction
         lost.append(film.powers(state)[0] + friction_of(film, state)[1].sheared)
     assert lost[0] == pytest.approx(lost[1], rel=1e-4)
     # At half speed, pure squeeze, cavities are alike on both sides.
@@ -157,7 +157,7 @@ def test_shear_rules_are_in_order_and_grooves_are_free_of_it():
     drag = {rule: -friction_of(film, state, rule)[1].torque for rule in SHEAR_RULES}
     assert drag["none"] < drag["streamers"] < drag["full"]
     film, state = solved(motion, regions=GROOVES)
-    filled = film_fields(film, state, "full").filled
+    filled = film_fields(film, state, "full").sheared_fraction
     inside = np.abs(np.abs(film.points.angle - np.pi) - np.pi / 2) < np.pi / 16
     assert np.all(filled[inside] == 0.0)
     assert np.all(filled[~inside] == 1.0)

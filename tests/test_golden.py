@@ -1,7 +1,7 @@
 """Whole machines still give their golden curves."""
 
 import pytest
-from bench_golden import SMALL, Golden, compared
+from golden_curves import SMALL, Golden, compared
 
 #: Of a column's largest value, in held steps; of extremes and numbers of steps otherwise.
 HELD, LOOSER, EXTREMES, COUNTS = 1e-6, 1e-5, 1e-5, 0.02

@@ -103,7 +103,7 @@ def test_a_warmed_film_is_one_of_that_temperature(law):
     changes = {} if law is None else {"viscosity_law": law}
     lubricant = attrs.evolve(ehd.Lubricant.of(OIL, 70.0), **changes)
     film = film_of(lubricant)
-    warmed = film.apart()
+    warmed = film.with_own_temperature()
     warmed.equation.warm(110.0)
     expected, found = film_of(lubricant.at(110.0)), None
     state, found = state_of(expected), state_of(warmed)

@@ -103,7 +103,7 @@ def test_the_bodies_lose_what_goes_into_the_joint(name):
         elastic = place.film.thickness[:, 2:] @ step.rate[place.xi[2:]]
         residual = film.gap.thickness_rate.ravel() - place.film.thickness @ step.rate[place.xi]
         if place.film.shape is not None:
-            turned = place.film.shape.turned(
+            turned = place.film.shape.rotated(
                 place.relative_angle(step.x), place.relative_angle(step.rate)
             )
             residual = residual - turned.slope * place.relative_angle(step.rate)
@@ -119,7 +119,7 @@ def test_torques_on_journal_and_bore_are_those_of_the_walls():
     mechanism = machines()["rigid"]
     *_, (going, step, (rates,)) = rows_of(mechanism, 0.3 * REVOLUTION, 1e-3)
     (place,), (film,) = going.equations.system.films, step.solution.films
-    filled = step.solution.joints[0].friction.filled
+    filled = step.solution.joints[0].friction.sheared_fraction
     found = walls(place.film.film, film, step.x[place.xi[:2]], filled)
     size = rates["friction_torque_Nm"]
     assert size == pytest.approx(-found.shaft_torque, rel=2e-3)

@@ -203,7 +203,7 @@ def test_a_part_may_come_from_a_file(rod_structure, tmp_path):
             None,
             "points = .* no effect with",
         ),
-        (SLIDER_CRANK, {"joints.gudgeon.between": ["rod.pni", "piston"]}, None, "no point pni"),
+        (SLIDER_CRANK, {"joints.gudgeon.between": ["rod.pni", "piston"]}, None, "no point 'pni'"),
         (BOTH_ENDS, {"bodies.rod": rod | both}, None, r"small_end\.bore: .*h5 has the bores bore"),
     ):
         with pytest.raises(ehd.errors.SettingsError, match=message):

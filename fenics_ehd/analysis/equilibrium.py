@@ -42,7 +42,6 @@ from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.film.supply import CircumferentialGrooveSupply, Supply
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.body import POSITION, PlanarBody
-from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.mechanism import (
     FilmBinding,
     Instant,
@@ -218,16 +217,16 @@ def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
 def _without_rotating_forces(mechanism: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
     """The mechanism under its other forces, and a notice of each one that is left out."""
     rotating = {
-        name: force
+        name: force.left_out_of_equilibrium
         for name, force in mechanism.forces.items()
-        if isinstance(force, RotatingForce) and (force.speed or force.ramp)
+        if force.left_out_of_equilibrium
     }
     if not rotating:
         return mechanism, ()
     constant = {name: f for name, f in mechanism.forces.items() if name not in rotating}
     notices = (
-        f"the equilibrium is without the rotating force {name} of {force.amplitude:g} N"
-        for name, force in rotating.items()
+        f"the equilibrium is without the rotating force {name} {description}"
+        for name, description in rotating.items()
     )
     return replace(mechanism, forces=constant), tuple(notices)
 
@@ -384,7 +383,7 @@ def linearise(found: Equilibrium | Mechanism) -> Linearisation:
     mass = basis.T @ found.state.motion.derivatives().acceleration @ basis
     slow = SLOW * _rate(system)
     still, moving = (
-        np.linalg.inv(basis.T @ solver.answers(found.x, found.rate, shift, basis))
+        np.linalg.inv(basis.T @ solver.response_to_forces(found.x, found.rate, shift, basis))
         for shift in (0.0, slow)
     )
     return Linearisation(basis, mass, (moving - still) / slow - slow * mass, still)

@@ -4,8 +4,8 @@ The last cycle of a periodic run, or all of another run, is solved again (`Repla
 difference at a time:
 
 step size
-    in steps as long as two or more of the run's: the change is a multiple of the error, by the order
-    of the formula (Richardson); of a run of many cycles by another formula;
+    in steps as long as two or more of the run's: the change is a multiple of the error, by the
+    order of the formula (Richardson); of a run of many cycles by another formula;
 film mesh
     in the same long steps, on films of half as many cells again in both directions;
 basis
@@ -20,9 +20,10 @@ start
 Errors so travel along the motion as they do in the run. The perturbed run is continued until it is
 periodic; a change is then the one of the second cycle.
 
-Long steps meet an extreme on either side of it, and the change there has both signs: trajectories are
-compared as smooth curves (`ErrorCurves`). Values of a run are those between its nodes, and its extremes
-lie between its steps (`fenics_ehd.base.extremes`), so that sampling is no component of the errors.
+Long steps meet an extreme on either side of it, and the change there has both signs: trajectories
+are compared as smooth curves (`ErrorCurves`). Values of a run are those between its nodes, and its
+extremes lie between its steps (`fenics_ehd.base.extremes`), so that sampling is no component of the
+errors.
 """
 
 from __future__ import annotations
@@ -387,9 +388,10 @@ LONG_ERROR = 0.03
 #: Least and most steps of the run in a long step.
 STRIDES = (2, 4)
 
-#: Tolerance of a step from which on shorter steps are taken in place of longer ones. By steps twice as
-#: long the error of a crank that a torque drives is estimated as 0.7 %, where 3.4 % is true (3e-3,
-#: order 3), that of a journal as 26 % in place of 0.7 %; by steps half as long as 4.2 and 8.8 %.
+#: Tolerance of a step from which on shorter steps are taken in place of longer ones. By steps twice
+#: as long the error of a crank that a torque drives is estimated as 0.7 %, where 3.4 % is true
+#: (3e-3, order 3), that of a journal as 26 % in place of 0.7 %; by steps half as long as 4.2 and
+#: 8.8 %.
 COARSE = 2e-3
 
 #: Share of the run's steps in the trajectory below which the error of the steps is estimated with a
@@ -560,10 +562,10 @@ class Estimator:
         return self._curves.change(before, after, factor, self._remaining(before, after))
 
     def _remaining(self, before: Trajectory, after: Trajectory) -> float:
-        """Share of the difference after one cycle that the next cycle keeps, negative if it changes sign.
+        """Share of the difference after one cycle that the next cycle adds, of either sign.
 
-        The contraction of a cycle does not contain this sign: a whirl at half the speed returns with
-        the other sign, and most of the error is then the change of one cycle.
+        The contraction of a cycle does not contain this sign: a whirl at half the speed returns
+        with the other sign, and most of the error is then the change of one cycle.
         """
         cycles = self._cycles
         norm = self._run.norm

@@ -1,10 +1,10 @@
 """Replay: the recorded steps of a run taken again by another mechanism, or in longer steps.
 
-A run leaves a trajectory, the solutions at its steps. Errors and derivatives are differences between
-it and the trajectory of a run that differs a little: longer steps, a finer film, a gap with the
-flexibility that a basis lacks, a parameter one per cent larger, another start. A replay computes such a
-trajectory. At chosen times it starts Newton's method from the recorded solution, interpolated to the
-nodes of the other film, plus the difference at the time before,
+A run leaves a trajectory, the solutions at its steps. Errors and derivatives are differences
+between it and the trajectory of a run that differs a little: longer steps, a finer film, a gap with
+the flexibility that a basis lacks, a parameter one per cent larger, another start. A replay
+computes such a trajectory. At chosen times it starts Newton's method from the recorded solution,
+interpolated to the nodes of the other film, plus the difference at the time before,
 
     u_k = trajectory_k + (u_(k-1) - trajectory_(k-1)).
 
@@ -25,15 +25,15 @@ from scipy import sparse
 
 from fenics_ehd.base.arguments import require_class, require_count
 from fenics_ehd.base.errors import InputError, StepSizeError
+from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step
-from fenics_ehd.base.extremes import film_extremes
 from fenics_ehd.multibody.history import History, fixed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.newton import (
-    LEADING,
+    FEWEST_PATTERNS,
     CoupledState,
     CoupledSteps,
     MechanismStep,
@@ -104,11 +104,15 @@ class Trajectory(History):
 
     @cached_property
     def extremes(self) -> np.ndarray:
-        """`QUANTITIES` of every film at every step, between its nodes, shape (2, k, films) [Pa], [m].
+        """`QUANTITIES` of every film at every step, shape (2, k, films) [Pa], [m].
 
-        See `fenics_ehd.base.extremes`.
+        They lie between the nodes, see `fenics_ehd.base.extremes`.
         """
-        each = [film_extremes(joint.film) for joint in self.joints.values()]
+        films = [joint.film for joint in self.joints.values()]
+        each = [
+            FilmRows.of(film.angle, film.height).film_extremes(film.pressure, film.gap)
+            for film in films
+        ]
         return np.array(each).transpose(1, 2, 0)
 
     def with_next(self, share: float) -> Trajectory:
@@ -296,7 +300,7 @@ def transferred_state(state: RunState, source: Run, target: Run, span: float = 1
         gaps, wanted = (run.norm.film_gaps(run.norm.observe(point)) for run in (source, target))
         volumes = []
         for i, film in enumerate(target.equations.films):
-            void = matrices[i] @ source.equations.films[i].void_shares(point, gaps[i])
+            void = matrices[i] @ source.equations.films[i].void_fractions(point, gaps[i])
             volumes.append(film.volumes_with(void, point, wanted[i]))
         points.append(np.concatenate([point[:size], *volumes]))
     x = np.array(points)
@@ -540,7 +544,10 @@ class _GapHistory:
 def _between(
     values: np.ndarray, row: int, share: float, first: np.ndarray | None = None
 ) -> np.ndarray:
-    """Values at a share of the way to a row; before row 0 are the first values, or those of row 0."""
+    """Values at a share of the way to a row.
+
+    Before row 0 are the first values, or those of row 0 if none are given.
+    """
     if share == 1.0:
         return values[row]
     before = values[row - 1] if row else values[0] if first is None else first
@@ -566,7 +573,7 @@ class _Guess:
     def __init__(self, run: Run, trajectory: Trajectory):
         equations = run.equations
         self._trajectory = trajectory
-        self.patterns = LEADING
+        self.patterns = FEWEST_PATTERNS
         self._pressures = equations.lower == 0.0
         self._voids = ~self._pressures
         self._voids[equations.rest] = False

@@ -1,17 +1,17 @@
 """Derivatives of extremes and means of a run, or of its periodic cycle, along its parameters.
 
-With a parameter p changed by a share of its scale s to either side the steps of the run are taken once
-more (`Replay`),
+With a parameter p changed by a share of its scale s to either side the steps of the run are taken
+once more (`Replay`),
 
     dq/dp = (q(p + eps s) - q(p - eps s)) / (2 eps s).
 
-Runs that choose their steps differ by the noise of this choice, 1e-4 of an extreme at a tolerance of
-1e-4, which is a hundredth of a derivative along 1 %. In the same steps, solved to round-off, objectives
-are as smooth as the equations. A cycle is repeated until it is periodic.
+Runs that choose their steps differ by the noise of this choice, 1e-4 of an extreme at a tolerance
+of 1e-4, which is a hundredth of a derivative along 1 %. In the same steps, solved to round-off,
+objectives are as smooth as the equations. A cycle is repeated until it is periodic.
 
-Extremes lie between nodes and between steps (`fenics_ehd.base.extremes`): the largest nodal value jumps
-where the peak passes a node, a saw-tooth along any parameter, whose slopes are wrong by the distance of
-nodes. A mean is the integral of cubics through four steps.
+Extremes lie between nodes and between steps (`fenics_ehd.base.extremes`): the largest nodal value
+jumps where the peak passes a node, a saw-tooth along any parameter, whose slopes are wrong by the
+distance of nodes. A mean is the integral of cubics through four steps.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from fenics_ehd.analysis.replay import (
     with_finer_films,
 )
 from fenics_ehd.base.columns import split_unit
-from fenics_ehd.base.extremes import over_time
 from fenics_ehd.base.errors import SensitivityError, VerificationError
+from fenics_ehd.base.extremes import over_time
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -44,12 +44,12 @@ from fenics_ehd.multibody.periodic import PeriodicSolver, repeats
 from fenics_ehd.multibody.quantities import joint_row
 from fenics_ehd.multibody.trust import integral
 
-#: Change of a parameter over its scale. Differences have errors of its square; friction, whose oil in
-#: cavities appears and disappears point by point, has a derivative only over such a share.
+#: Change of a parameter over its scale. Differences have errors of its square; friction, whose oil
+#: in cavities appears and disappears point by point, has a derivative only over such a share.
 SHARE = 0.01
 
-#: Tolerance of Newton's last update. The squeeze velocity has its error over the step: in steps of a
-#: degree 1e-6 puts a peak pressure's derivative 0.9 % off, 1e-8 less than 0.01 %.
+#: Tolerance of Newton's last update. The squeeze velocity has its error over the step: in steps of
+#: a degree 1e-6 puts a peak pressure's derivative 0.9 % off, 1e-8 less than 0.01 %.
 NEWTON = 1e-8
 
 #: Tolerance of a periodic cycle, as a share of the gaps.
@@ -360,12 +360,14 @@ def check_periods(
     for parameter in parameters:
         changed, span = parameter.make(TINY)
         after = repeats(changed, span * period)
-        off = [key for key in before if abs(after[key] - before[key]) > SAME * max(1.0, before[key])]
+        off = [
+            key for key in before if abs(after[key] - before[key]) > SAME * max(1.0, before[key])
+        ]
         if off:
             raise SensitivityError(
-                f"{parameter.name}: along it alone {', '.join(off)} would not repeat with the cycle "
-                "any more, and no derivative exists: ask along a parameter that does not change any "
-                "period, or run the scene with both changed together"
+                f"{parameter.name}: along it alone {', '.join(off)} would not repeat with the "
+                "cycle any more, and no derivative exists: ask along a parameter that does not "
+                "change any period, or run the scene with both changed together"
             )
 
 

@@ -1,4 +1,4 @@
-"""Largest values between nodes and between steps: peak pressure, thinnest film, their cycle extremes.
+"""Extremes between nodes and between steps: peak pressure, thinnest film, extremes of a cycle.
 
 A film is solved at nodes, a run at steps, and the extreme of a smooth curve lies between them. The
 largest of nodal values rises and falls as a peak passes from node to node, by more than meshes and
@@ -8,10 +8,10 @@ curve is the cubic that has the values v and slopes v' of both,
     v'_i = slope at i of the parabola through i - 1, i, i + 1,
 
 and the extreme is that of the cubic beside the largest point, on the side to which it rises. Curve
-and slope are continuous, so that the extreme does not jump as it passes a point. Where data are not
-concave, at the edge of a groove or a step of a surface, a cubic overshoots: the extreme is limited
-by the lines through the two points before, and the two points after the interval, which a concave
-curve never exceeds.
+and slope are continuous, so that the extreme does not jump as it passes a point. At the edge of a
+groove, or of a step in a surface, a cubic overshoots: towards the extreme the curve is at most
+`STEEPER` times as steep as between the points at this side. A pressure that is level in a groove
+has no higher maximum.
 
 On a film the rule is applied to every row of nodes around, then to the extremes of these rows along
 the width: ``max_z max_phi p(phi, z)``. Errors beside those of other rules: `docs/measurements.md`.
@@ -20,9 +20,11 @@ the width: ``max_z max_phi p(phi, z)``. Errors beside those of other rules: `doc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
+
+#: Largest slope towards an extreme over the slopes between the points at this side of it.
+STEEPER = 1.5
 
 #: Relative difference of heights, over the width, and of angles [rad], that is rounding.
 EQUAL = 1e-9
@@ -76,14 +78,22 @@ def between_points(
         width * slopes[curves, begin],
     )
     limit = np.minimum(
-        first + width * secants[curves, begin - 1], last - width * secants[curves, begin + 1]
+        first + STEEPER * width * _steepest(secants, curves, begin - 1, begin),
+        last + STEEPER * width * _steepest(-secants, curves, begin, begin + 1),
     )
-    found = np.minimum(first + rise, limit)
-    inside = found > top
+    largest = np.minimum(first + rise, limit)
+    inside = largest > top
     if period is None:
         inside &= (peak > 0) & (peak < count - 1)
     where = np.where(inside, x[curves, begin] + share * width, x[:, 2])
-    return np.where(inside, found, top), where
+    return np.where(inside, largest, top), where
+
+
+def _steepest(
+    secants: np.ndarray, curves: np.ndarray, one: np.ndarray, other: np.ndarray
+) -> np.ndarray:
+    """Larger of two slopes of every curve, at least 0, shape (k,)."""
+    return np.maximum(np.maximum(secants[curves, one], secants[curves, other]), 0.0)
 
 
 def _padded(
@@ -100,8 +110,8 @@ def _padded(
         points = [positions[before] - period, positions, positions[after] + period]
         padded = [values[:, before], values, values[:, after]]
         return np.concatenate(points), np.concatenate(padded, axis=1)
-    parts = [_beyond(positions[2::-1], values[:, 2::-1]), _beyond(positions[-3:], values[:, -3:])]
-    (start, early), (end, late) = parts
+    start, early = _beyond(positions[2::-1], values[:, 2::-1])
+    end, late = _beyond(positions[-3:], values[:, -3:])
     points = np.concatenate([start[::-1], positions, end])
     return points, np.concatenate([early[:, ::-1], values, late], axis=1)
 
@@ -217,25 +227,12 @@ class FilmRows:
         row = np.argmax(around, axis=1)
         return largest, angles.reshape(k, rows)[np.arange(k), row], height
 
+    def film_extremes(self, pressure: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """Peak pressures and thinnest films at k instants, shape (2, k) [Pa], [m].
 
-class NodalFilm(Protocol):
-    """A film at its nodes over the steps of a run, `fenics_ehd.multibody.history.FilmResult`.
-
-    Attributes
-    ----------
-    angle, height
-        Of the nodes, shape (nodes,) [rad], [m].
-    pressure, gap
-        Shape (steps, nodes) [Pa], [m].
-    """
-
-    angle: np.ndarray
-    height: np.ndarray
-    pressure: np.ndarray
-    gap: np.ndarray
-
-
-def film_extremes(film: NodalFilm) -> tuple[np.ndarray, np.ndarray]:
-    """Peak pressure [Pa] and thinnest film [m] at every step, between the nodes, shape (steps,)."""
-    rows = FilmRows.of(film.angle, film.height)
-    return rows.largest(film.pressure)[0], -rows.largest(-np.asarray(film.gap))[0]
+        Parameters
+        ----------
+        pressure, gap
+            Shape (k, points) [Pa], [m].
+        """
+        return np.array([self.largest(pressure)[0], -self.largest(-np.asarray(gap))[0]])

@@ -7,6 +7,9 @@ in small letters are the same in every state of one model (`sizes_of`).
 
 Headers of all values are checked before the first one is read, so that no memory is spent on what
 does not fit; content is checked as it is read.
+
+Names in files are the keys of a layout. They are those of attributes unless an entry has `member`,
+so that an attribute can be renamed and files stay as they are.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -59,6 +62,8 @@ class Value:
         Whether an array of as many axes, one of them of size 0, means that it is unknown.
     attribute
         Whether it is an attribute of its group, not a dataset.
+    member
+        Python attribute that holds the value; empty: the one named as the key.
     """
 
     kind: str
@@ -68,6 +73,7 @@ class Value:
     least: float = -math.inf
     empty: bool = False
     attribute: bool = False
+    member: str = ""
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
         """Check kind and shape of a dataset or value, and add what they tell to the sizes.
@@ -137,6 +143,8 @@ class Group:
         Whether other programs may add what is not read.
     scoped
         Whether symbols that are new in it are its own.
+    member
+        Python attribute that holds the group's object; empty: the one named as the key.
     """
 
     entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
@@ -144,6 +152,37 @@ class Group:
     required: bool = True
     foreign: bool = False
     scoped: bool = False
+    member: str = ""
+
+    def tree(self, record: Any, **others: Any) -> dict[str, Any]:
+        """Values of an object by the keys of this layout, to be stored or checked.
+
+        Parameters
+        ----------
+        record
+            Object whose attributes have the values, or a mapping with the same keys. Attributes
+            that are None, and keys that the mapping lacks, are left out.
+        others
+            Values of keys that are no attributes of the object.
+        """
+        values = dict(others)
+        for key, entry in self.entries.items():
+            if key in others:
+                continue
+            if isinstance(record, Mapping):
+                value = record.get(key)
+            else:
+                value = getattr(record, entry.member or key)
+            if value is not None:
+                values[key] = _tree(entry, value)
+        if isinstance(record, Mapping):
+            for key in self._others(record):
+                values[key] = _tree(self.each, record[key])
+        return values
+
+    def arguments(self, tree: Mapping[str, Any]) -> dict[str, Any]:
+        """Content of a group as keyword arguments of the constructor of its object."""
+        return {self.entries[key].member or key: value for key, value in tree.items()}
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
         """Check a group and all that is in it, see `Value.check`.
@@ -153,7 +192,6 @@ class Group:
         ValueError
             Naming what is missing, unknown, or of another kind or shape.
         """
-        item = vars(item) if is_dataclass(item) else item
         if not isinstance(item, Mapping | h5py.Group):
             raise ValueError(f"{path or '/'} is no group")
         for name, entry in self.entries.items():
@@ -210,6 +248,11 @@ class Group:
 
 
 Entry = Value | Group
+
+
+def _tree(entry: Entry | None, value: Any) -> Any:
+    """A value as it is, an object as the tree of its layout."""
+    return entry.tree(value) if isinstance(entry, Group) else value
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
@@ -312,11 +355,11 @@ def _parsed(axis: str) -> tuple[int, str, int]:
 
 
 class Stateful:
-    """Something that carries some of its attributes, those in `carried`, from step to step.
+    """An object with a state: those of its attributes that are carried from step to step.
 
-    Its state is a dictionary of them; attributes that are stateful themselves, or dictionaries of
-    such, appear by their states. A state is never changed: what it was taken from replaces its
-    arrays and dictionaries. `carried` is the layout of a state, in a file too.
+    Its state is a dictionary by the keys of `carried`, which is the layout of a state, in a file
+    too. Attributes that are stateful themselves, or dictionaries of such, appear by their states.
+    A state does not change with its object, which replaces its arrays and dictionaries.
     """
 
     carried: ClassVar[Mapping[str, Entry]]
@@ -334,7 +377,8 @@ class Stateful:
         for name, entry in self.carried.items():
             if isinstance(entry, Group) and (start[name] is None) != (state.get(name) is None):
                 raise ValueError(f"/{name} is in one of stored state and start alone")
-        layout.check(state, "", sizes_of(layout, start) | self.known_sizes())
+        sizes = sizes_of(layout, layout.tree(start)) | self.known_sizes()
+        layout.check(layout.tree(state), "", sizes)
 
     def known_sizes(self) -> Sizes:
         """Sizes, by symbols of `carried`, that the state at the start does not have."""
@@ -342,25 +386,29 @@ class Stateful:
 
     @property
     def state(self) -> dict[str, Any]:
-        """All that it carries, by name."""
-        return {name: _state_of(getattr(self, name)) for name in self.carried}
+        """Values of the carried attributes by the keys of `carried`."""
+        return {
+            key: _state_of(getattr(self, entry.member or key))
+            for key, entry in self.carried.items()
+        }
 
     @state.setter
     def state(self, state: dict[str, Any]) -> None:
-        for name in self.carried:
+        for key, layout in self.carried.items():
+            name = layout.member or key
             part = getattr(self, name)
-            value: Any = state.get(name)
+            value: Any = state.get(key)
             if isinstance(part, Stateful):
                 part.state = value
             elif isinstance(part, dict) and any(isinstance(x, Stateful) for x in part.values()):
-                for key, entry in part.items():
-                    entry.state = value[key]
+                for label, member in part.items():
+                    member.state = value[label]
             else:
                 setattr(self, name, dict(value) if isinstance(value, dict) else value)
         self._resume()
 
     def _resume(self) -> None:
-        """Have what else depends on the state follow it."""
+        """Update other attributes that depend on the state; called once it is set."""
 
 
 def _state_of(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Public names of a package that import their module when they are asked for."""
+"""Public names of a package that import their module when they are first used."""
 
 from __future__ import annotations
 
@@ -6,16 +6,22 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
+from fenics_ehd.base.renamed import warn_renamed
 
-def lazily(package: str, modules: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
+
+def lazily(
+    package: str, modules: Mapping[str, tuple[str, ...]], former: Mapping[str, str] | None = None
+) -> Callable[[str], Any]:
     """Function ``__getattr__`` of a package.
 
     Parameters
     ----------
     package
-        Its name.
+        Name of the package.
     modules
         Public names by the module that defines them, relative to the package.
+    former
+        Present name of every former one, which is accepted with a warning.
 
     Raises
     ------
@@ -23,10 +29,14 @@ def lazily(package: str, modules: Mapping[str, tuple[str, ...]]) -> Callable[[st
         From that function: the package has no such name.
     """
     homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names}
+    present = dict(former or {})
 
-    def found(name: str) -> Any:
+    def public_name(name: str) -> Any:
+        if name in present:
+            warn_renamed(f"{package}.{name}", f"{package}.{present[name]}", depth=2)
+            name = present[name]
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(import_module(homes[name]), name)
 
-    return found
+    return public_name

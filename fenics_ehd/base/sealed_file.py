@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import is_dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -68,7 +67,8 @@ def put_tree(group: h5py.Group, tree: Mapping[str, Any]) -> None:
     group
         Empty.
     tree
-        Dictionaries or dataclasses, of the same, arrays, numbers, text and tuples of text.
+        Dictionaries of the same, arrays, numbers, text and tuples of text; see `Group.tree` in
+        `fenics_ehd.base.layout`.
     """
     for name, value in _flat(tree):
         if isinstance(value, Mapping):
@@ -83,8 +83,6 @@ def _flat(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]
     for name, value in sorted(tree.items()):
         if value is None:
             continue
-        if is_dataclass(value):
-            value = vars(value)
         if isinstance(value, Mapping):
             yield place + name, {}
             yield from _flat(value, f"{place}{name}/")

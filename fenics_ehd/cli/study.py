@@ -301,7 +301,8 @@ def _table(scene: str, found: SceneSensitivity) -> str:
             relative = "        -" if elasticity is None else f"{elasticity:9.4f}"
             lines.append(
                 f"    {parameter.key:{width}} = {parameter.value:<12.6g} "
-                f"{found.derivatives[objective, parameter.key]:12.5g} {_units(objective, parameter):12} "
+                f"{found.derivatives[objective, parameter.key]:12.5g} "
+                f"{_units(objective, parameter):12} "
                 f"{relative}  {_finer(found, objective, parameter)}"
                 f"{METHODS[parameter.key in found.reduced]}"
             )

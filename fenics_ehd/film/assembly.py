@@ -37,7 +37,8 @@ class Pattern:
     """
 
     def __init__(self, indptr: np.ndarray, indices: np.ndarray):
-        self.indptr, self.indices = indptr, indices
+        self.indptr = indptr
+        self.indices = indices
         self.size = len(indptr) - 1
         self.rows = np.repeat(np.arange(self.size), np.diff(indptr))
         self.diagonal = np.flatnonzero(self.rows == indices)
@@ -100,7 +101,8 @@ class Assembly:
         self.size = len(grid.node_positions)
         cells, k = grid.cell_nodes.shape
         rows = np.repeat(grid.cell_nodes[:, None, :], len(weights), axis=1).ravel()
-        values, starts = np.tile(self.value.ravel(), cells), np.arange(self.area.size + 1) * k
+        values = np.tile(self.value.ravel(), cells)
+        starts = np.arange(self.area.size + 1) * k
         shape = (self.area.size, self.size)
         self._values = sparse.csr_matrix((values, rows.astype(np.int32), starts), shape)
         self._values.sort_indices()

@@ -84,7 +84,8 @@ class ActiveSetSystem:
         self._counts = np.diff(pattern.indptr)
         self._columns = pattern.indices.astype(np.intp)
         self._diagonal = pattern.diagonal
-        self._weighted, self._size = weighted, pattern.size
+        self._weighted = weighted
+        self._size = pattern.size
         # PETSc uses these arrays themselves.
         self._csr = (
             np.array(pattern.indptr, dtype=PETSc.IntType),
@@ -235,7 +236,8 @@ class SnesVi:
         bounds = [PETSc.Vec().createSeq(len(lower), comm=PETSc.COMM_SELF) for _ in range(2)]
         bounds[0].array = lower
         bounds[1].set(PETSc.INFINITY)
-        self._unknown, self._function = bounds[0].duplicate(), bounds[0].duplicate()
+        self._unknown = bounds[0].duplicate()
+        self._function = bounds[0].duplicate()
         self._callbacks = callbacks = _Callbacks(system)
         jacobian = _Jacobian(np.arange(len(lower))).matrix()
         self._snes = snes = PETSc.SNES().create(comm=PETSc.COMM_SELF)
@@ -271,8 +273,10 @@ class SnesVi:
         """
         self._unknown.array = start
         self._snes.solve(None, self._unknown)
-        reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
-        x, function = self._unknown.array.copy(), self._function.array.copy()
+        reason = self._snes.getConvergedReason()
+        iterations = self._snes.getIterationNumber()
+        x = self._unknown.array.copy()
+        function = self._function.array.copy()
         failure = self._callbacks.take_failure()
         if failure is not None:
             if isinstance(failure, CavitationError):
@@ -303,7 +307,8 @@ class _Callbacks:
 
     def take_failure(self) -> BaseException | None:
         """Exception since the last call, or None."""
-        failure, self._failure = self._failure, None
+        failure = self._failure
+        self._failure = None
         return failure
 
     def _call(self, name: str, argument: np.ndarray | int) -> np.ndarray | float | None:
@@ -459,7 +464,8 @@ class CavitationSolver:
         options_prefix: str = "film_",
         tolerance: float = 1e-10,
     ):
-        self._pattern, self._every = pattern, np.arange(pattern.size)
+        self._pattern = pattern
+        self._every = np.arange(pattern.size)
         self.system = ActiveSetSystem(
             pattern,
             weighted=weighted,
@@ -535,7 +541,8 @@ class CavitationSolver:
             error.state["pressure"] = error.state.pop("x") * problem.unit
             error.state["flux"] = error.state.pop("function") * problem.scale
             raise
-        pressure, flux = x * problem.unit, function * problem.scale
+        pressure = x * problem.unit
+        flux = function * problem.scale
         verify_complementarity(pressure, flux, problem.scale)
         # Round-off leaves pressures of 1e-17 in the cavitated zone: the larger of the two, each in
         # its own scale, tells which equation a node follows.
@@ -561,7 +568,8 @@ def verify_complementarity(
             "sizes that go together?"
         )
     tiny = float(np.finfo(float).tiny)
-    largest, scale = max(float(pressure.max(initial=0.0)), tiny), max(scale, tiny)
+    largest = max(float(pressure.max(initial=0.0)), tiny)
+    scale = max(scale, tiny)
     violations = {
         "negative pressure": -pressure.min(initial=0.0) / largest,
         "negative flux": -flux.min(initial=0.0) / scale,

@@ -20,6 +20,7 @@ from fenics_ehd.base.errors import (
     SettingsError,
     ViscosityError,
 )
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.cavitation import CavitationResult, CavitationSolver, Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FilmParameters
@@ -62,6 +63,7 @@ class FilmState:
     outflow: np.ndarray | None = None
 
 
+@renamed_attributes(apart="with_own_temperature")
 class Film:
     """Reynolds equation on one bore, solved again and again.
 
@@ -102,7 +104,8 @@ class Film:
 
         self.equation = ReynoldsEquation(parameters)
         self.assembly = self.equation.assembly
-        self.free, self.points = self.equation.free, self.equation.points
+        self.free = self.equation.free
+        self.points = self.equation.points
         self.cavitation = CavitationSolver(
             self.equation.pattern,
             weighted=self.equation.weights is not None,
@@ -111,7 +114,7 @@ class Film:
             tolerance=tolerance,
         )
 
-    def apart(self) -> Film:
+    def with_own_temperature(self) -> Film:
         """The same film with a temperature of its own."""
         film = copy(self)
         film.equation = copy(self.equation)
@@ -180,7 +183,8 @@ class Film:
         So is what compresses the oil, which comes back as it expands.
         """
         p = self.parameters
-        q, area = self.flow(state), self.assembly.area
+        q = self.flow(state)
+        area = self.assembly.area
         pressure, around, along = self.assembly.at_points(state.pressure / p.pressure_scale)
         loss = np.sum(area * q.conductance * (around**2 + along**2))
         drag = np.sum(area * q.density * q.thickness * q.velocity * around)
@@ -213,7 +217,8 @@ class Film:
     @cached_property
     def supplied_points(self) -> np.ndarray:
         """Mask of the Gauss points in a region of given pressure."""
-        p, points = self.parameters, self.points
+        p = self.parameters
+        points = self.points
         return in_regions(p.regions, points.angle, points.height, p.grid.radius)
 
     @cached_property

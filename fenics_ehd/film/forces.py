@@ -83,13 +83,13 @@ class FilmFields:
         Derivative of the pressure along the circumference [Pa/m].
     viscosity
         [Pa s].
-    filled
+    sheared_fraction
         theta, the share of the width that is sheared [-].
     """
 
     slope_around: np.ndarray
     viscosity: np.ndarray
-    filled: np.ndarray
+    sheared_fraction: np.ndarray
 
 
 def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFields:
@@ -107,11 +107,11 @@ def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFi
     return FilmFields(
         around / p.grid.radius,
         p.lubricant.viscosity * np.broadcast_to(film.flow(state).viscosity, pressure.shape),
-        _filled(film, state, pressure, rule),
+        _sheared_fraction(film, state, pressure, rule),
     )
 
 
-def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
+def _sheared_fraction(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
     """Share of the width that is sheared."""
     full = pressure > PRESSURE_FLOOR * pressure.max()
     groove = film.supplied_points
@@ -133,7 +133,8 @@ def _filled(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np
 def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
     """``h_rupture / h``, the rupture being the last of the `source` points upstream."""
     # Rows: the sections of one height, once around.
-    angle, radius = film.points.angle.ravel(), film.parameters.grid.radius
+    angle = film.points.angle.ravel()
+    radius = film.parameters.grid.radius
     height = np.round(film.points.height.ravel() / radius, 12)
     order = np.lexsort((angle, height)).reshape(len(np.unique(height)), -1)
     thickness = film.equation.flow(state.gap).thickness.ravel()[order]
@@ -163,7 +164,8 @@ def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> f
 
     `angle` and `order` have the points of one height in a row, once around.
     """
-    thickness, rate = gap.thickness.ravel()[order], gap.thickness_rate.ravel()[order]
+    thickness = gap.thickness.ravel()[order]
+    rate = gap.thickness_rate.ravel()[order]
     rise = np.roll(thickness, -1, axis=1) - thickness
     apart = np.mod(np.roll(angle, -1, axis=1) - angle, 2 * np.pi)
     # dh/dt by steps around: Omega is -turned / slopes, and no gap without slopes turns.
@@ -216,15 +218,19 @@ class FilmFlows:
     """
 
     def __init__(self, film: Film, state: FilmState):
-        self._film, self._state = film, state
+        self._film = film
+        self._state = state
         # As conserved oil is balanced, node by node.
         self._lumped = state.outflow is not None
 
     @cached_property
     def balance(self) -> FlowBalance:
         """All flows; of a film that keeps account of its oil no cavity makes any."""
-        film, inflow, feeds = self._film, self._inflow, self._feeds
-        grid, conserved = film.parameters.grid, self._lumped
+        film = self._film
+        inflow = self._inflow
+        feeds = self._feeds
+        grid = film.parameters.grid
+        conserved = self._lumped
         supply = float(inflow[film.supplied_nodes].sum()) + sum(feeds.values())
         cavities = 0.0 if conserved else float(inflow[film.free].sum())
         sides = {}
@@ -241,7 +247,8 @@ class FilmFlows:
                 cavity = float(np.maximum(entering, 0.0).sum())
             cavities += cavity
             sides[name] = cavity - float(entering.sum())
-        lower, upper = sides["lower"], sides["upper"]
+        lower = sides["lower"]
+        upper = sides["upper"]
         squeeze = supply - lower - upper if conserved else self._defects[1]
         return FlowBalance(lower, upper, supply, cavities, squeeze, feeds)
 
@@ -262,9 +269,12 @@ class FilmFlows:
         cycle that comes to nothing, but for the oil that condition (8) makes where the film forms,
         which is fresh.
         """
-        p, inflow = self._film.parameters, self._inflow
+        p = self._film.parameters
+        inflow = self._inflow
         angle, height = p.grid.node_positions.T
-        leaving, taken, supplied = 0.0, 0.0, np.zeros(len(angle), dtype=bool)
+        leaving = 0.0
+        taken = 0.0
+        supplied = np.zeros(len(angle), dtype=bool)
         for region in p.regions:
             own = region.contains(angle, height, p.grid.radius) & ~supplied
             supplied |= own
@@ -286,7 +296,9 @@ class FilmFlows:
     @cached_property
     def feed_power(self) -> float:
         """Power that the oil of `FilmParameters.feeds` brings into the film [W]: ``int p dQ``."""
-        film, p, feed = self._film, self._film.parameters, self._fed
+        film = self._film
+        p = self._film.parameters
+        feed = self._fed
         assert feed is not None
         nodal = self._state.pressure / p.pressure_scale
         if self._lumped:
@@ -314,7 +326,9 @@ class FilmFlows:
     @cached_property
     def _feeds(self) -> dict[str, float]:
         """Into the film through everything in `FilmParameters.feeds`, by name [m3/s]."""
-        film, p, feed = self._film, self._film.parameters, self._fed
+        film = self._film
+        p = self._film.parameters
+        feed = self._fed
         if feed is None:
             return {}
         pressure = film.assembly.at_points(self._state.pressure / p.pressure_scale)[0]
@@ -338,13 +352,17 @@ class FilmFlows:
     @cached_property
     def _defects(self) -> tuple[np.ndarray, float]:
         """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
-        film, p, feed = self._film, self._film.parameters, self._fed
-        gap, nodal = self._state.gap, self._state.pressure / p.pressure_scale
+        film = self._film
+        p = self._film.parameters
+        feed = self._fed
+        gap = self._state.gap
+        nodal = self._state.pressure / p.pressure_scale
         inputs = film.equation.inputs(gap, supplied=not self._lumped)
         defect = film.equation.balance(inputs, nodal)
         if feed is not None and self._lumped:
             defect += feed.lumped(film.assembly, nodal)
-        flow, unit = film.flow(self._state), p.grid.radius**2
+        flow = film.flow(self._state)
+        unit = p.grid.radius**2
         growth = np.sum(film.assembly.area * flow.density * flow.slope * gap.thickness_rate)
         return p.clearance * p.rate * unit * defect, float(unit * growth)
 
@@ -374,5 +392,6 @@ def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float)
     inflow = np.where(region[nodes], 0.0, defect[nodes])[np.argsort(angle[nodes])]
     if grid.family == "bilinear":
         return inflow
-    corner, middle = inflow[::2], inflow[1::2]
+    corner = inflow[::2]
+    middle = inflow[1::2]
     return 0.5 * (corner + np.roll(corner, -1)) + middle

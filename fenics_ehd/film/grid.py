@@ -132,14 +132,16 @@ class FilmGrid:
         around, along = self.cells
         i, j = np.meshgrid(np.arange(around), np.arange(along), indexing="ij")
         a, b = self._halves.T
-        i, j = 2 * i.reshape(-1, 1) + a, 2 * j.reshape(-1, 1) + b
+        i = 2 * i.reshape(-1, 1) + a
+        j = 2 * j.reshape(-1, 1) + b
         return self._numbers[i % (2 * around), j]
 
     @cached_property
     def cell_sizes(self) -> tuple[np.ndarray, np.ndarray]:
         """Extent of every cell in angle and in height over radius, each shape (cells,)."""
         around, along = self.cells
-        widths, heights = np.diff(self.angles), np.diff(self.heights) / self.radius
+        widths = np.diff(self.angles)
+        heights = np.diff(self.heights) / self.radius
         return np.repeat(widths, along), np.tile(heights, around)
 
     def interpolation(self, angle: np.ndarray, height: np.ndarray) -> sparse.csr_matrix:
@@ -199,12 +201,14 @@ def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:
     """
     if not len(edges):
         return grid
-    start, relative = grid.angles[0], grid.angles[:-1] - grid.angles[0]
+    start = grid.angles[0]
+    relative = grid.angles[:-1] - grid.angles[0]
     wanted = _offsets(start, edges)
     apart = np.mod(wanted - relative[:, None] + np.pi, TURN) - np.pi
     nearest = np.argmin(np.abs(apart), axis=0)
     order = np.argsort(nearest, kind="stable")
-    fixed, wanted = nearest[order], wanted[order]
+    fixed = nearest[order]
+    wanted = wanted[order]
     clash = np.flatnonzero(np.diff(fixed) == 0)
     if clash.size:
         first, second = np.degrees(start + wanted[clash[0] :][:2])

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar
 import attrs
 import numpy as np
 
-from fenics_ehd.base.errors import HeatError
+from fenics_ehd.base.errors import HeatError, SettingsError
 from fenics_ehd.base.fields import NO_TEMPERATURE, REQUIRED, number
 from fenics_ehd.base.layout import Stateful, Value
 
@@ -97,6 +97,43 @@ class Heat:
         return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
 
 
+def require_graded(graded: bool, *, key: str = "heat", lubricant: str = "the lubricant") -> None:
+    """Refuse a balance of heat if the viscosity does not depend on the temperature.
+
+    Parameters
+    ----------
+    graded
+        Whether the lubricant is an oil of a grade or of two kinematic viscosities.
+    key, lubricant
+        Setting of the heat, and name of the lubricant.
+
+    Raises
+    ------
+    SettingsError
+        Naming both.
+    """
+    if not graded:
+        raise SettingsError(
+            f"{key}: the viscosity of {lubricant} does not depend on its temperature: use a "
+            "lubricant with a grade, or with viscosity_40 and viscosity_100"
+        )
+
+
+def require_cycle(periodic: bool, key: str) -> None:
+    """Refuse a balance of heat in a run without a cycle.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key of the heat.
+    """
+    if not periodic:
+        raise SettingsError(
+            f"{key}: heat is balanced over a cycle, and a run with time.periodic = false has none: "
+            "give a period, or leave the heat out: the oil then has its lubricant's temperature"
+        )
+
+
 class TemperatureSearch(Stateful):
     """Effective temperature of a film, from power and flow at one temperature after the other.
 
@@ -132,9 +169,12 @@ class TemperatureSearch(Stateful):
     }
 
     def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
-        self.heat, self.oil, self._telling = heat, oil, telling
+        self.heat = heat
+        self.oil = oil
+        self._telling = telling
         oil.viscosity(heat.supply_temperature)  # refused here if it is out of range
-        self.temperature, self.without_balance = heat.supply_temperature, False
+        self.temperature = heat.supply_temperature
+        self.without_balance = False
         self.power = self.flow = float("nan")
         self.last: np.ndarray | None = None
         self.exponent = FIRST_EXPONENT
@@ -162,12 +202,18 @@ class TemperatureSearch(Stateful):
         bool
             False where the balance asks for more than the highest temperature of the oil, there.
         """
-        heat, oil, here = self.heat, self.oil, self.temperature
-        supply, hottest = heat.supply_temperature, oil.hottest - ROUNDING
+        heat = self.heat
+        oil = self.oil
+        here = self.temperature
+        supply = heat.supply_temperature
+        hottest = oil.hottest - ROUNDING
         rise = heat.balanced(oil, here, power, flow) - supply
-        self.power, self.flow, self.without_balance = power, flow, False
+        self.power = power
+        self.flow = flow
+        self.without_balance = False
         if not rise > 0.0:
-            self.temperature, self.last = supply, None
+            self.temperature = supply
+            self.last = None
             return True
         viscosity = oil.viscosity(here)
         if rise < np.inf:

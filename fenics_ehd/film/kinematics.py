@@ -124,7 +124,8 @@ class ShapeTable:
     @cached_property
     def overshoot(self) -> np.ndarray:
         """Largest overshoot of the spline that is not an extreme of its own, shape (k,) [m]."""
-        spline, rows = self._spline, self.deviations
+        spline = self._spline
+        rows = self.deviations
         following = np.roll(rows, -1, axis=0)
         extremes = spline.derivative().roots(extrapolate=False)
         largest = np.zeros(len(self.heights))
@@ -149,7 +150,8 @@ class ShapeTable:
             return self._spline
         from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, PPoly
 
-        closed, turn = self._spline.x, 2 * np.pi
+        closed = self._spline.x
+        turn = 2 * np.pi
         around = np.concatenate([self.angles - turn, closed, self.angles[1:3] + turn])
         rows = np.vstack([*[self.deviations] * 2, self.deviations[:3]])
         slopes = PchipInterpolator(around, rows).derivative()(closed)
@@ -188,6 +190,33 @@ def require_read(table: str, read: object, key: str = "table", given: str = "a c
     """
     if table != NONE and read is None:
         raise SettingsError(f"{key} = {table!r} is read with a scene: give {given} in Python")
+
+
+def require_inside(
+    eccentricity: tuple[float, float], *, rough: bool, key: str = "eccentricity"
+) -> None:
+    """Refuse a journal that lies on its bore or beyond, unless the surfaces are rough.
+
+    Parameters
+    ----------
+    eccentricity
+        In clearances.
+    rough
+        Whether the surfaces are rough: the mean surfaces of rough ones may overlap.
+    key
+        Setting of the eccentricity.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key.
+    """
+    share = float(np.hypot(*eccentricity))
+    if not (rough or share < 1.0):
+        raise SettingsError(
+            f"{key} = {share:.3g} of the clearance must be below 1: the journal lies on the bore "
+            "or beyond"
+        )
 
 
 @attrs.frozen(kw_only=True, slots=False)

@@ -531,7 +531,8 @@ def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lub
             "temperature is missing: that of the oil of a grade or of kinematic viscosities [C]"
         )
     else:
-        viscosity, density = oil.viscosity(temperature), oil.density(temperature)
+        viscosity = oil.viscosity(temperature)
+        density = oil.density(temperature)
     return Lubricant(
         viscosity,
         _pressure_law(settings, viscosity),

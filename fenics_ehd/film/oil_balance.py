@@ -131,11 +131,13 @@ class Strips:
     def __init__(self, assembly: Assembly, unknown: np.ndarray):
         nodes = assembly.grid.cell_nodes
         around, along = assembly.grid.cell_sizes
-        self.assembly, self.unknown = assembly, unknown
+        self.assembly = assembly
+        self.unknown = unknown
         self._length = along[:, None]
         #: Flow through the lower and upper half of a cell, from every Gauss point.
         self._flow = -assembly.slopes_around[:, LEFT]
-        self._from, ascending = nodes[:, LEFT], np.argsort(nodes, axis=1)
+        self._from = nodes[:, LEFT]
+        ascending = np.argsort(nodes, axis=1)
         self.beside = np.take_along_axis(nodes[:, [0, 0, 2, 2]], ascending, axis=1)
         self._own = np.arange(assembly.size)
         self.following = np.empty(assembly.size, dtype=int)
@@ -193,7 +195,9 @@ class Transport:
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``s_u``, x, and y over x + y, 0 where x y <= 0; and where flows lead on."""
-        on, void, strips = self.flows > 0, self.void, self.strips
+        on = self.flows > 0
+        void = self.void
+        strips = self.strips
         start = np.where(on, void, void[strips.following])
         behind = np.where(on, void[strips.preceding], void[strips.second])
         x = np.where(on, *strips.ratio) * (start - behind)
@@ -222,7 +226,8 @@ class Transport:
     @cached_property
     def entries(self) -> np.ndarray:
         """Entries of ``dt/ds`` on these, in the order of `Strips.pattern`."""
-        strips, (_, x, share, on) = self.strips, self._slopes
+        strips = self.strips
+        (_, x, share, on) = self._slopes
         behind = -np.where(on, *strips.ratio) * share**2
         ahead = np.where(share > 0, 1.0 - share, 0.0) ** 2
         start = 1.0 - behind - ahead
@@ -412,7 +417,9 @@ class OilBalance:
 
         Entries of the matrices of `Assembly.tested`, shape (c, q, k).
         """
-        equation, flow, drag = self.film.equation, step.flow, self.assembly.drag
+        equation = self.film.equation
+        flow = step.flow
+        drag = self.assembly.drag
         if equation.laws.dragging:
             none = np.zeros_like(equation.given)
             found = equation.gap_derivatives(step.gap, none, inputs=step.driven)

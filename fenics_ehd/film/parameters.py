@@ -190,8 +190,11 @@ class Feeds:
         area: np.ndarray,
         mobility: np.ndarray | float,
     ):
-        self.parameters, self._points, self._area = parameters, points, area
-        grid, feeds = parameters.grid, parameters.feeds
+        self.parameters = parameters
+        self._points = points
+        self._area = area
+        grid = parameters.grid
+        feeds = parameters.feeds
         names = [feed.name for feed in feeds]
         if len(set(names)) < len(names):
             raise SettingsError(
@@ -223,7 +226,9 @@ class Feeds:
 
         `turn` is that angle less the bore's [rad].
         """
-        grid, values, slopes = self.parameters.grid, [], []
+        grid = self.parameters.grid
+        values = []
+        slopes = []
         for feed in self.parameters.feeds:
             value, slope = covered(feed, grid, self._points, turn * feed.on_journal)
             values.append(value)

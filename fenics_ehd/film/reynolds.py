@@ -88,7 +88,9 @@ class ReynoldsEquation:
 
     def _thicken(self, ratio: float) -> None:
         """Take so many times the given viscosity, in supplies and recesses, too."""
-        p, oil, surfaces = self.parameters, self.lubricant, self.parameters.surfaces
+        p = self.parameters
+        oil = self.lubricant
+        surfaces = self.parameters.surfaces
         viscosity, density = (self._field(name) for name in FIELDS)
         if p.recesses:
             viscosity = viscosity * recess_viscosity(p, self.points)
@@ -280,7 +282,8 @@ class ReynoldsEquation:
 def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:
     """Gauss points of every cell, each array (cells, points)."""
     around, along = grid.cells
-    widths, heights = np.diff(grid.angles), np.diff(grid.heights)
+    widths = np.diff(grid.angles)
+    heights = np.diff(grid.heights)
     angle = grid.angles[:-1, None] + widths[:, None] * reference[:, 0]
     height = grid.heights[:-1, None] + heights[:, None] * reference[:, 1]
     return SurfacePoints(np.repeat(angle, along, axis=0), np.tile(height, (around, 1)))

@@ -64,6 +64,7 @@ import numpy as np
 from scipy.special import erfc
 
 from fenics_ehd.base.fields import REQUIRED, Roughness, number
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.lubricant import ARRAYS, Functions
 
@@ -101,7 +102,8 @@ def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
     share = 0.5 * (1 + f.erf(ratio / math.sqrt(2)))
     deep = ratio < DEEP
     x = -f.where(deep, ratio, DEEP)
-    square, tail = x * x, 0.0
+    square = x * x
+    tail = 0.0
     for k in range(LEVELS, 0, -1):
         tail = 2 * k * (2 * k - 1) / (square + (4 * k + 1) - tail)
     below = density / (square + 1 - tail)
@@ -137,7 +139,8 @@ def mobility(ratio: Any, average: Any, continuation: Any, f: Functions = ARRAYS)
 def continuation_below() -> tuple[float, float, float]:
     """``h_T / sigma`` and mobility at the end of what is published, and the power from there."""
     average, share = mean_gap(PUBLISHED)
-    factor, (c, r) = pressure_factor(PUBLISHED), PRESSURE
+    factor = pressure_factor(PUBLISHED)
+    (c, r) = PRESSURE
     slope = r * c * math.exp(-r * PUBLISHED)
     power = average / share * (3 / PUBLISHED + slope / factor)
     return float(average), float(PUBLISHED**3 * factor), float(power)
@@ -146,7 +149,8 @@ def continuation_below() -> tuple[float, float, float]:
 def shear_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
     """phi_s of a rough on a smooth surface; 0 for H below 0."""
     a, power, decay, growth = SHEAR
-    is_open, above = ratio > 0.0, ratio > SHEAR_END
+    is_open = ratio > 0.0
+    above = ratio > SHEAR_END
     inside = f.where(is_open, f.where(above, SHEAR_END, ratio), 1.0)
     near = a * inside**power * f.exp(-decay * inside + growth * inside * inside)
     far = SHEAR_ABOVE * f.exp(-0.25 * ratio)
@@ -161,7 +165,8 @@ def stress_factor(ratio: np.ndarray) -> np.ndarray:
     """
     z = np.asarray(ratio, dtype=float) / 3
     result = np.zeros(z.shape)
-    below, far = z <= 1, np.asarray(ratio) > SERIES_FROM
+    below = z <= 1
+    far = np.asarray(ratio) > SERIES_FROM
     x = np.clip(z[below], -1 + LEAST_FILM / 3, None)
     polynomial = np.polynomial.polynomial.polyval(x, [-55, 132, 345, -160, -405, 60, 147])
     inside = (1 - x**2) ** 3 * np.log((x + 1) / (LEAST_FILM / 3)) + polynomial / 60
@@ -203,7 +208,7 @@ SPACING, ORDER = 1.0 / 16.0, 10
 STEP, END = 0.02, 5.0
 
 
-class Touch(NamedTuple):
+class AsperityContact(NamedTuple):
     """Contact of nominal gaps: energy per area [J/m2], pressure [Pa], its derivative [Pa/m]."""
 
     potential: np.ndarray
@@ -272,6 +277,7 @@ DEEPEST_ITERATE = -4.0
 FULL_SLIDING = 1e-3
 
 
+@renamed_attributes(touch="contact", apart="separation", rubbing="boundary_friction_factor")
 @attrs.frozen(kw_only=True, slots=False)
 class RoughSurfaces(Roughness):
     """Rough surfaces of a journal and its bore with elastic asperities."""
@@ -284,7 +290,7 @@ class RoughSurfaces(Roughness):
         own = {field.name: getattr(settings, field.name) for field in attrs.fields(Roughness)}
         return cls(**own, modulus=modulus) if settings.roughness else None
 
-    def apart(self, gap: np.ndarray) -> np.ndarray:
+    def separation(self, gap: np.ndarray) -> np.ndarray:
         """Distance of the mean planes of the tips at nominal gaps [m], over the roughness."""
         return gap / self.roughness - self.summit_offset
 
@@ -292,20 +298,21 @@ class RoughSurfaces(Roughness):
     def strength(self) -> float:
         """Factor of F_5/2 [Pa]."""
         factor = 16 * np.sqrt(2) * np.pi / 15
-        product, slenderness = self.asperity_product, self.asperity_slenderness
+        product = self.asperity_product
+        slenderness = self.asperity_slenderness
         return float(factor * product**2 * np.sqrt(slenderness) * self.modulus)
 
-    def touch(self, gap: np.ndarray) -> Touch:
+    def contact(self, gap: np.ndarray) -> AsperityContact:
         """Contact of the asperities at nominal gaps [m] of any shape."""
-        potential, slope, curvature = seven_halves(self.apart(gap))
+        potential, slope, curvature = seven_halves(self.separation(gap))
         scale = self.strength * 2 / 7
-        return Touch(
+        return AsperityContact(
             scale * self.roughness * potential, -scale * slope, -scale / self.roughness * curvature
         )
 
     def contact_share(self, gap: np.ndarray) -> np.ndarray:
         """Share of the nominal area in true contact, 1 at most."""
-        share = np.pi**2 * self.asperity_product**2 * _two(self.apart(gap))
+        share = np.pi**2 * self.asperity_product**2 * _two(self.separation(gap))
         return np.minimum(share, 1.0)
 
     @property
@@ -322,7 +329,7 @@ class RoughSurfaces(Roughness):
         """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
         return self.roughness * mean_gap(-thickness / self.roughness)[0]
 
-    def rubbing(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def boundary_friction_factor(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Boundary friction over contact pressure at sliding velocities [m/s], its derivative."""
         size = np.hypot(speed, FULL_SLIDING)
         mu = self.boundary_friction

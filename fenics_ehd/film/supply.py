@@ -353,7 +353,8 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
     SettingsError
         Naming value and limit.
     """
-    low, high = grid.heights[0], grid.heights[-1]
+    low = grid.heights[0]
+    high = grid.heights[-1]
     bottom, top = region.reach
     land = _land(region, grid)
     if not land > 0.0:
@@ -363,7 +364,8 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
             "its oil runs out there and no film says how much"
         )
     around, along = region.sizes(grid.radius)
-    counts, told = list(grid.cells), ""
+    counts = list(grid.cells)
+    told = ""
     for direction, what, value in (
         (0, "a size", around),
         (1, "a size", along),

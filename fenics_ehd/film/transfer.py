@@ -381,9 +381,13 @@ def overlay(structure: Surface, film: Surface) -> Overlay:
     shift = np.stack([near, np.zeros_like(near)], axis=1)[:, None]
     polygons = structure.reference(cell, polygons + shift)
     touching = (polygons.min(axis=1) < 1).all(axis=1) & (polygons.max(axis=1) > 0).all(axis=1)
-    cell, other, shift = cell[touching], other[touching], shift[touching]
+    cell = cell[touching]
+    other = other[touching]
+    shift = shift[touching]
     triangles, pair = _triangulate(_clip_to_cell(polygons[touching], structure.triangular))
-    cell, other, shift = cell[pair], other[pair], shift[pair]
+    cell = cell[pair]
+    other = other[pair]
+    shift = shift[pair]
     plane = structure.corners[cell][:, :1] + triangles @ structure.jacobians[cell].swapaxes(1, 2)
     result = Overlay(
         structure_cells=cell,
@@ -427,7 +431,8 @@ def _clip(polygons: np.ndarray, side: np.ndarray) -> np.ndarray:
     at most one vertex; polygons with fewer repeat their first kept one.
     """
     count, size = side.shape
-    following, next_side = np.roll(polygons, -1, axis=1), np.roll(side, -1, axis=1)
+    following = np.roll(polygons, -1, axis=1)
+    next_side = np.roll(side, -1, axis=1)
     crosses = (side >= 0) != (next_side >= 0)
     share = side / np.where(crosses, side - next_side, 1.0)
     crossing = polygons + share[:, :, None] * (following - polygons)
@@ -440,7 +445,8 @@ def _clip(polygons: np.ndarray, side: np.ndarray) -> np.ndarray:
 
 
 def _areas(triangles: np.ndarray) -> np.ndarray:
-    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    a = triangles[:, 1] - triangles[:, 0]
+    b = triangles[:, 2] - triangles[:, 0]
     return 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 

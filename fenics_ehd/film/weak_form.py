@@ -99,7 +99,8 @@ class Laws:
     @classmethod
     def of(cls, p: FilmParameters) -> Laws:
         """Laws of one film."""
-        oil, surfaces = p.lubricant, p.surfaces
+        oil = p.lubricant
+        surfaces = p.surfaces
         return cls(
             p.grid.family,
             type(oil.viscosity_law),
@@ -212,12 +213,15 @@ def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Fun
     if laws.fields:
         density = density * q["density_field"]
         viscosity = viscosity * q["viscosity_field"]
-    thickness, slope = q["thickness"] / n.clearance, 1.0
-    velocity, sliding = q["mean_velocity"], q["sliding_velocity"]
+    thickness = q["thickness"] / n.clearance
+    slope = 1.0
+    velocity = q["mean_velocity"]
+    sliding = q["sliding_velocity"]
     mobility = thickness * thickness * thickness
     if laws.rough:
         sigma, weight, *continuation = n.surfaces
-        ratio, unit = q["thickness"] / sigma, sigma / n.clearance
+        ratio = q["thickness"] / sigma
+        unit = sigma / n.clearance
         average, slope = rough_surfaces.mean_gap(ratio, f)
         thickness = unit * average
         mobility = thickness * thickness * thickness
@@ -264,7 +268,8 @@ class WeakForm:
     """
 
     def __init__(self, laws: Laws, layout: Sequence[int | None]):
-        self.laws, domain = laws, compat.plane_domain()
+        self.laws = laws
+        domain = compat.plane_domain()
         gauss = ufl.FunctionSpace(domain, compat.quadrature_element(DEGREE))
         nodes = ufl.FunctionSpace(domain, pressure_element(laws.family))
         count = sum(1 if n is None else n for n in layout)
@@ -273,7 +278,9 @@ class WeakForm:
         q = {name: compat.Coefficient(gauss) for name in laws.values}
         pressure = compat.Coefficient(nodes)
         self.coefficients = {"pressure": pressure, **q}
-        u, v, w = ufl.TrialFunction(nodes), ufl.TestFunction(nodes), ufl.TrialFunction(gauss)
+        u = ufl.TrialFunction(nodes)
+        v = ufl.TestFunction(nodes)
+        w = ufl.TrialFunction(gauss)
         dx = ufl.dx(domain, metadata={"quadrature_degree": DEGREE, "quadrature_rule": "default"})
         residual = self._integrand(laws, n, q, pressure, v) * dx
         thickness, rate = (ufl.derivative(residual, q[name], w) for name in GAP[:2])
@@ -371,7 +378,8 @@ class FilmForms:
 
     def vector(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
         """Residual tested with every node, shape (nodes,), of dimensionless nodal pressures."""
-        form, values = self._forms["residual"], np.zeros(self._size)
+        form = self._forms["residual"]
+        values = np.zeros(self._size)
         cpp.fem.assemble_vector(values, form, inputs.numbers, self._packed(form, inputs, nodal))
         return values
 
@@ -398,7 +406,8 @@ class FilmForms:
         One that it has not is behind its last.
         """
         matrix = self._matrices["nodes"]
-        starts, columns = np.array(matrix.indptr), np.array(matrix.indices)
+        starts = np.array(matrix.indptr)
+        columns = np.array(matrix.indices)
         rows = np.repeat(np.arange(self._size), np.diff(starts))
         codes = rows * self._size + columns
         order = np.argsort(codes)

@@ -166,8 +166,7 @@ def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
     """With the fields in the order ``(x, y, theta, q)``: the position moves with the angle."""
     order = np.arange(len(integrals.mass))
     order[:3] = 1, 2, 0
-    parts = vars(integrals).items()
-    return InertiaIntegrals(**{name: part[np.ix_(order, order)] for name, part in parts})
+    return InertiaIntegrals(*(matrix[np.ix_(order, order)] for matrix in integrals.matrices))
 
 
 def rigid_integrals(mass: float, inertia: float, centre: np.ndarray) -> InertiaIntegrals:
@@ -204,11 +203,9 @@ def with_total(
         own[1] if inertia is None else inertia,
         own[2] if centre is None else centre,
     )
-    parts = {}
-    for name, part in vars(integrals).items():
-        change = getattr(wanted, name) - getattr(present, name)
-        parts[name] = part + np.pad(change, (0, len(part) - 3))
-    return InertiaIntegrals(**parts)
+    elastic = (0, len(integrals.mass) - 3)
+    matrices = zip(integrals.matrices, wanted.matrices, present.matrices, strict=True)
+    return InertiaIntegrals(*(part + np.pad(new - old, elastic) for part, new, old in matrices))
 
 
 #: Weight of multipliers on coordinates that the films see, next to 1 on frames: about the square
@@ -279,6 +276,11 @@ class Body(ABC):
         """Largest distance of a point from the body's origin [m]."""
 
     @property
+    def axisymmetric(self) -> bool:
+        """True if the points and the centre of mass lie on the axis that the body turns about."""
+        return False
+
+    @property
     def least_damping(self) -> float:
         """Smallest damping ratio of its modes, infinite without any."""
         return np.inf
@@ -346,6 +348,9 @@ class PlanarBody(Pose, Body):
     #: Structural damping zeta of ``D_e = zeta K_e`` [s].
     damping_time: float
 
+    #: Centre of mass in the body's frame [m]; None: as `integrals` have it.
+    centre: tuple[float, float] | None
+
     @property
     @abstractmethod
     def integrals(self) -> InertiaIntegrals:
@@ -404,6 +409,11 @@ class PlanarBody(Pose, Body):
     def reach(self) -> float:
         """Largest distance of a point from the origin [m]."""
         return max((float(np.hypot(*f[:, 0])) for f in self.fields.values()), default=0.0)
+
+    @property
+    def axisymmetric(self) -> bool:
+        """True if all points and the centre of mass are at the origin."""
+        return not (self.reach or any(self.centre or ()))
 
     @property
     def point_names(self) -> tuple[str, ...]:

@@ -58,8 +58,10 @@ class FilmBlock:
         """Some rows and columns of A, dense."""
         pattern = self.pattern
         row, column = (np.full(pattern.size, -1) for _ in range(2))
-        row[rows], column[columns] = np.arange(len(rows)), np.arange(len(columns))
-        i, j = row[pattern.rows], column[pattern.indices]
+        row[rows] = np.arange(len(rows))
+        column[columns] = np.arange(len(columns))
+        i = row[pattern.rows]
+        j = column[pattern.indices]
         inside = (i >= 0) & (j >= 0)
         block = np.zeros((len(rows), len(columns)))
         block[i[inside], j[inside]] = self.entries[inside]
@@ -108,7 +110,7 @@ class BorderedSystem:
         Of every film.
     core
         S, shape (x, x).
-    answers
+    responses
         ``A^-1 B`` of every film where it is known, shape (m, b).
 
     Attributes
@@ -127,15 +129,18 @@ class BorderedSystem:
         blocks: Sequence[ActiveSetSystem],
         borders: Sequence[FilmBlock],
         core: np.ndarray,
-        answers: Sequence[np.ndarray] | None = None,
+        responses: Sequence[np.ndarray] | None = None,
     ):
-        self.blocks, self.borders, self.core, self.size = blocks, borders, core, len(core)
-        if answers is None:
-            answers = [b.solution(d.inputs) for b, d in zip(blocks, borders, strict=True)]
-        self.answers = answers
+        self.blocks = blocks
+        self.borders = borders
+        self.core = core
+        self.size = len(core)
+        if responses is None:
+            responses = [b.solution(d.inputs) for b, d in zip(blocks, borders, strict=True)]
+        self.responses = responses
         matrix = core.copy()
-        for border, answer in zip(borders, answers, strict=True):
-            matrix[border.rows] -= (border.outputs @ answer) @ border.spread
+        for border, response in zip(borders, responses, strict=True):
+            matrix[border.rows] -= (border.outputs @ response) @ border.spread
         # Forces, lengths and rates side by side: pivots are chosen among equals.
         self._row_scale = 1.0 / np.abs(matrix).max(axis=1)
         matrix *= self._row_scale[:, None]
@@ -159,8 +164,8 @@ class BorderedSystem:
         found = linalg.lapack.dgetrs(*self._factor, given * self._row_scale)[0]
         x = found * self._column_scale
         pressures = [
-            p - answer @ (border.spread @ x)
-            for p, answer, border in zip(alone, self.answers, self.borders, strict=True)
+            p - response @ (border.spread @ x)
+            for p, response, border in zip(alone, self.responses, self.borders, strict=True)
         ]
         return pressures, x
 
@@ -192,11 +197,15 @@ class ChangedSystem:
         total = first + sum(len(a) + len(e) for a, e in self._filled)
         core = np.zeros((total, total))
         core[:first, :first] = former.core
-        borders, answers, self._places = [], [], []
-        for block, border, answer, (added, emptied) in zip(
-            former.blocks, former.borders, former.answers, changes, strict=True
+        borders = []
+        responses = []
+        self._places = []
+        for block, border, response, (added, emptied) in zip(
+            former.blocks, former.borders, former.responses, changes, strict=True
         ):
-            m, a, e = len(border.inputs), len(added), len(emptied)
+            m = len(border.inputs)
+            a = len(added)
+            e = len(emptied)
             new = slice(first, first + a)
             last = first + a + e
             everywhere = np.arange(m)
@@ -214,11 +223,12 @@ class ChangedSystem:
             still = np.zeros((len(border.gap), a + e))
             rows = np.arange(first, last)
             borders.append(wide.extended(inputs, np.eye(total)[rows], still, (outputs, rows)))
-            answers.append(np.hstack([answer, block.solution(inputs)]))
+            responses.append(np.hstack([response, block.solution(inputs)]))
             self._places.append(new)
             first = last
-        self._total, self.borders = total, former.borders
-        self._system = BorderedSystem(former.blocks, borders, core, answers)
+        self._total = total
+        self.borders = former.borders
+        self._system = BorderedSystem(former.blocks, borders, core, responses)
 
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
@@ -232,5 +242,6 @@ class ChangedSystem:
         for pressure, place, (added, emptied) in zip(
             pressures, self._places, self._filled, strict=True
         ):
-            pressure[added], pressure[emptied] = x[place], 0.0
+            pressure[added] = x[place]
+            pressure[emptied] = 0.0
         return pressures, x[: self.size]

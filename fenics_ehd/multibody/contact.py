@@ -29,10 +29,10 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.film.rough_surfaces import Touch
+from fenics_ehd.film.rough_surfaces import AsperityContact
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.film_models import FilmModel, FilmPoint
-from fenics_ehd.multibody.lubricated_joint import Turned
+from fenics_ehd.multibody.lubricated_joint import RotatedShape
 from fenics_ehd.multibody.mechanism import FilmBinding, System
 from fenics_ehd.multibody.static_correction import BoreResponses
 
@@ -77,64 +77,66 @@ class JointContact:
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
 
-    def touch(self, thickness: np.ndarray) -> Touch:
+    def touch(self, thickness: np.ndarray) -> AsperityContact:
         """Contact of nominal gaps at the Gauss points, of any shape that has g values [m]."""
-        found = self.surfaces.touch(thickness.ravel())
-        return Touch(*(np.where(self.area > 0.0, values, 0.0) for values in found))
+        found = self.surfaces.contact(thickness.ravel())
+        return AsperityContact(*(np.where(self.area > 0.0, values, 0.0) for values in found))
 
     def rubbing(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
         """``mu s`` and its derivative along U, shape (g,)."""
-        return self.surfaces.rubbing(gap.sliding_velocity.ravel())
+        return self.surfaces.boundary_friction_factor(gap.sliding_velocity.ravel())
 
-    def braking(self, touch: Touch, gap: Gap) -> float:
+    def braking(self, touch: AsperityContact, gap: Gap) -> float:
         """Torque of boundary friction against the journal's turning [N m]."""
         rubbing = touch.pressure * self.rubbing(gap)[0]
         return float(self._shaft_radius * np.sum(self.area * rubbing))
 
-    def rubbing_power(self, touch: Touch, gap: Gap) -> float:
+    def rubbing_power(self, touch: AsperityContact, gap: Gap) -> float:
         """Lost by boundary friction [W]."""
         rubbing = self.area * touch.pressure * self.rubbing(gap)[0]
         return float(np.sum(rubbing * gap.sliding_velocity.ravel()))
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
         """Gauss points whose contact counts in derivatives, shape (g,)."""
-        return (self.surfaces.apart(thickness.ravel()) < REACH) & (self.area > 0.0)
+        return (self.surfaces.separation(thickness.ravel()) < REACH) & (self.area > 0.0)
 
-    def outward(self, turned: Turned | None) -> np.ndarray:
+    def outward(self, rotated: RotatedShape | None) -> np.ndarray:
         """Change of the gap for unit values of all coordinates, shape (g, k)."""
-        if turned is None:
+        if rotated is None:
             return self.normal
         found = self.normal.copy()
-        found[:, found.shape[1] - len(self._signs) :] = turned.slope[:, None] * self._signs
+        found[:, found.shape[1] - len(self._signs) :] = rotated.slope[:, None] * self._signs
         return found
 
-    def forces(self, touch: Touch, gap: Gap, turned: Turned | None = None) -> np.ndarray:
+    def forces(
+        self, touch: AsperityContact, gap: Gap, rotated: RotatedShape | None = None
+    ) -> np.ndarray:
         """Generalised forces on `rows`, shape (k,)."""
         force = self.area * touch.pressure
-        found = force @ self.outward(turned)
+        found = force @ self.outward(rotated)
         if self.friction:
             found -= (force * self.rubbing(gap)[0]) @ self.sliding
         return found
 
-    def bent(self, touch: Touch, turned: Turned) -> np.ndarray:
+    def bent(self, touch: AsperityContact, rotated: RotatedShape) -> np.ndarray:
         """Change of the forces on `rows` as the shape of the journal turns, shape (k, k)."""
         found, size = np.zeros((len(self.rows),) * 2), len(self._signs)
-        factor = float(self.area @ (touch.pressure * turned.curve))
+        factor = float(self.area @ (touch.pressure * rotated.second_derivative))
         found[len(found) - size :, len(found) - size :] = factor * np.outer(
             self._signs, self._signs
         )
         return found
 
     def per_pressure(
-        self, gap: Gap, points: np.ndarray, turned: Turned | None = None
+        self, gap: Gap, points: np.ndarray, rotated: RotatedShape | None = None
     ) -> np.ndarray:
         """Forces on `rows` of unit contact pressures at some points, shape (k, points)."""
-        forces = self.outward(turned)[points]
+        forces = self.outward(rotated)[points]
         if self.friction:
             forces = forces - self.rubbing(gap)[0][points, None] * self.sliding[points]
         return (self.area[points, None] * forces).T
 
-    def rubbing_per_rate(self, touch: Touch, gap: Gap, points: np.ndarray) -> np.ndarray:
+    def rubbing_per_rate(self, touch: AsperityContact, gap: Gap, points: np.ndarray) -> np.ndarray:
         """Minus the derivative of the forces on `rows` along the rates of these, shape (k, k)."""
         factor = (self.area * touch.pressure * self.rubbing(gap)[1])[points]
         return self.sliding[points].T @ (factor[:, None] * self.sliding[points])
@@ -192,7 +194,7 @@ class Contacts:
         self._last = np.zeros(len(self.areas))
         self._reached, self._moved = np.zeros(0, dtype=int), np.zeros((len(self.areas), 0))
 
-    def touch(self, gaps: list[Gap]) -> list[Touch | None]:
+    def touch(self, gaps: list[Gap]) -> list[AsperityContact | None]:
         """Contact of all films; where it moves a bore at once the gaps are changed by it."""
         if self.answering:
             self._settle(gaps)
@@ -201,11 +203,11 @@ class Contacts:
             for joint, gap in zip(self.joints, gaps, strict=True)
         ]
 
-    def take(self, i: int, film: FilmPoint, residual: np.ndarray) -> None:
+    def subtract_from_residual(self, i: int, film: FilmPoint, residual: np.ndarray) -> None:
         """Take a film's contact forces from the residual of motion."""
         joint = self.joints[i]
-        if joint is not None and film.touch is not None:
-            residual[joint.rows] -= joint.forces(film.touch, film.gap, film.turned)
+        if joint is not None and film.contact is not None:
+            residual[joint.rows] -= joint.forces(film.contact, film.gap, film.rotated)
 
     def _settle(self, gaps: list[Gap]) -> None:
         """Contact that bores answer, with the gaps that it makes."""
@@ -213,7 +215,7 @@ class Contacts:
         open_ = np.concatenate([gap.thickness.ravel() for gap in gaps])
         least = min(joint.surfaces.roughness for joint in self.joints if joint is not None)
         for _ in range(MAX_ITERATIONS):
-            thickness = open_ + responses.pushed(self.areas * pressure)
+            thickness = open_ + responses.gap_change_from_forces(self.areas * pressure)
             found, slope = self._pressures(thickness)
             step = found - pressure
             points = self.near(thickness)
@@ -222,12 +224,12 @@ class Contacts:
                 matrix[np.diag_indices_from(matrix)] += 1.0
                 step[points] = np.linalg.solve(matrix, step[points])
             pressure = pressure + step
-            if np.abs(responses.pushed(self.areas * step)).max() <= SETTLED * least:
+            if np.abs(responses.gap_change_from_forces(self.areas * step)).max() <= SETTLED * least:
                 break
         else:
             raise SolverError("the contact of a bore that answers it at once was not found")
         self._last = pressure
-        moved = responses.pushed(self.areas * pressure)
+        moved = responses.gap_change_from_forces(self.areas * pressure)
         for i, own in enumerate(responses.points):
             gaps[i] = gaps[i].changed(moved[own], responses.shift * moved[own])
 
@@ -251,7 +253,7 @@ class Contacts:
         """Gap change of all Gauss points for unit contact pressures at some, (g, a) [m/Pa]."""
         new = np.setdiff1d(points, self._reached, assume_unique=True)
         if len(new):
-            found = self._responses.pushed_by(new) * self.areas[new]
+            found = self._responses.unit_force_response(new) * self.areas[new]
             self._reached = np.concatenate([self._reached, new])
             self._moved = np.hstack([self._moved, found])
         order = np.argsort(self._reached)
@@ -294,8 +296,8 @@ class ContactColumns:
             self._points = contacts.near(thickness)
             slopes = np.zeros(len(thickness))
             for film, own in zip(films, responses.points, strict=True):
-                if film.touch is not None:
-                    slopes[own] = film.touch.slope
+                if film.contact is not None:
+                    slopes[own] = film.contact.slope
             self._slopes = slopes[self._points]
             self._moved = contacts.moved_by(self._points)
         self.size = first + len(self._points)
@@ -312,19 +314,19 @@ class ContactColumns:
             Derivative of all rates along the unknowns of motion.
         """
         for i, (film, joint) in enumerate(zip(self._films, self._contacts.joints, strict=True)):
-            touch = film.touch
+            touch = film.contact
             if joint is None or touch is None:
                 continue
             points, unknowns = self._own(i, joint)
-            stiffness = touch.slope[points, None] * joint.outward(film.turned)[points]
-            forces = joint.per_pressure(film.gap, points, film.turned)
+            stiffness = touch.slope[points, None] * joint.outward(film.rotated)[points]
+            forces = joint.per_pressure(film.gap, points, film.rotated)
             if unknowns is None:
                 core[np.ix_(joint.rows, joint.rows)] -= forces @ stiffness
             else:
                 core[np.ix_(joint.rows, unknowns)] -= forces
                 core[np.ix_(unknowns, joint.rows)] -= stiffness
-            if film.turned is not None:
-                core[np.ix_(joint.rows, joint.rows)] -= joint.bent(touch, film.turned)
+            if film.rotated is not None:
+                core[np.ix_(joint.rows, joint.rows)] -= joint.bent(touch, film.rotated)
             if joint.friction:
                 along = joint.rubbing_per_rate(touch, film.gap, points)
                 core[joint.rows, : speed.shape[1]] += along @ speed[joint.rows]
@@ -349,7 +351,7 @@ class ContactColumns:
         moved, unknowns = moved[:, near], self._unknowns[near]
         spread = np.zeros((len(near), found.spread.shape[1]))
         spread[np.arange(len(near)), unknowns] = 1.0
-        answered = model.of_pressures(self._responses.pressed_at(i, self._points[near]))
+        answered = model.of_pressures(self._responses.unit_pressure_response(i, self._points[near]))
         return found.extended(
             (found.along_gap @ moved)[model.nodes] / model.scale,
             spread,

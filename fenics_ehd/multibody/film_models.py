@@ -56,10 +56,10 @@ from fenics_ehd.film.oil_balance import (
     Transport,
     require_monotone,
 )
-from fenics_ehd.film.rough_surfaces import Touch
+from fenics_ehd.film.rough_surfaces import AsperityContact
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
-from fenics_ehd.multibody.lubricated_joint import Turned
+from fenics_ehd.multibody.lubricated_joint import RotatedShape
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.static_correction import BoreResponses
 
@@ -103,7 +103,7 @@ class FilmPoint:
         The `Gap` it is of, and the `Complementarity` that the equation makes of it.
     defect
         Equations of all unknowns, of order one.
-    touch
+    contact
         Contact at the Gauss points, None between smooth surfaces.
     turned
         Of a joint's shape that turns, else None.
@@ -114,8 +114,8 @@ class FilmPoint:
     gap: Gap
     problem: Complementarity
     defect: np.ndarray
-    touch: Touch | None = field(default=None, kw_only=True)
-    turned: Turned | None = field(default=None, kw_only=True)
+    contact: AsperityContact | None = field(default=None, kw_only=True)
+    rotated: RotatedShape | None = field(default=None, kw_only=True)
 
     @property
     def fluid_fraction(self) -> np.ndarray | None:
@@ -155,8 +155,8 @@ class FilmModel(ABC, Generic[PointT]):
         Lower bounds of the unknowns.
     scale
         What the equations are divided by, from the first point of a step on.
-    leading
-        Columns of the leading residual patterns of the bore among the film's inputs.
+    retained
+        Columns of the retained residual patterns of the bore among the film's inputs.
     volumes
         Places in the state of the integration of what the oil's contents of all nodes lack.
     """
@@ -164,7 +164,10 @@ class FilmModel(ABC, Generic[PointT]):
     #: True of a matrix W that comes with the derivatives, of these being symmetric, of equations
     #: that are nearly linear on an active set, so that factors serve on, and of oil that is
     #: conserved, so that the state of the integration has its void volumes.
-    weighted, symmetric, nearly_linear, conserves_oil = True, False, False, False
+    weighted = True
+    symmetric = False
+    nearly_linear = False
+    conserves_oil = False
 
     volumes = slice(0, 0)
 
@@ -176,18 +179,23 @@ class FilmModel(ABC, Generic[PointT]):
         pattern: Pattern,
         contents: int = 0,
     ):
-        self.place, self.nodes, self.inside, self.pattern = place, nodes, inside, pattern
+        self.place = place
+        self.nodes = nodes
+        self.inside = inside
+        self.pattern = pattern
         self.contents = contents
         joint = place.film
-        self.film, self.scale, self.lower = joint.film, 1.0, np.zeros(len(nodes))
+        self.film = joint.film
+        self.scale = 1.0
+        self.lower = np.zeros(len(nodes))
         turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
         self._velocity = np.hstack([joint.mean_velocity, turning])
         self._sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
         self._moving = np.hstack([joint.thickness, np.zeros_like(turning)])
         self._forces = -self.of_pressures(joint.load)
 
-    def lead(self, gap: np.ndarray, shares: np.ndarray) -> None:
-        """Take leading residual patterns into the derivatives.
+    def retain_patterns(self, gap: np.ndarray, shares: np.ndarray) -> None:
+        """Take retained residual patterns into the derivatives.
 
         Parameters
         ----------
@@ -199,7 +207,7 @@ class FilmModel(ABC, Generic[PointT]):
         first = self._moving.shape[1]
         self._gap = np.hstack([self._moving, gap])
         self._shares = -self.of_pressures(shares)
-        self.leading = slice(first, first + len(shares))
+        self.retained = slice(first, first + len(shares))
 
     def system(self, options_prefix: str) -> ActiveSetSystem:
         """Factors of the film's matrix on its full nodes, and of W on the others."""
@@ -227,7 +235,8 @@ class FilmModel(ABC, Generic[PointT]):
 
     def nodal_change(self, values: np.ndarray, full: np.ndarray) -> np.ndarray:
         """Change of the pressure at all nodes [Pa] with that of the full ones."""
-        nodal, pressed = np.zeros(self.film.assembly.size), full[self.inside[full]]
+        nodal = np.zeros(self.film.assembly.size)
+        pressed = full[self.inside[full]]
         nodal[self.nodes[pressed]] = self.film.parameters.pressure_scale * values[pressed]
         return nodal
 
@@ -251,7 +260,7 @@ class FilmModel(ABC, Generic[PointT]):
         """The state's volumes [m^3] at a point with coordinates z, and their rates."""
         return np.zeros(0), np.zeros(0)
 
-    def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
         """Void fractions of all nodes in a state of a gap, where it is observed."""
         return np.zeros(self.film.assembly.size)
 
@@ -323,23 +332,26 @@ class FilmModel(ABC, Generic[PointT]):
         speed
             Derivative of all rates along all unknowns x but the patterns.
         patterns, share
-            Places of the leading patterns in x, and how they answer within the step.
+            Places of the retained patterns in x, and how they answer within the step.
         size
             Number of unknowns x.
         """
-        place, n = self.place, self.place.film.size
+        place = self.place
+        n = self.place.film.size
         along_h, along_v, along_u = self.along_gap(point, shift)
-        inputs, velocity = along_h @ self._gap, along_v @ self._velocity
+        inputs = along_h @ self._gap
+        velocity = along_v @ self._velocity
         if along_u is not None:
             velocity += along_u @ self._sliding
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
-        spread, ahead = np.zeros((inputs.shape[1], size)), np.zeros((2, size))
+        spread = np.zeros((inputs.shape[1], size))
+        ahead = np.zeros((2, size))
         ahead[0, place.turning] = place.signs
         ahead[1, : speed.shape[1]] = place.signs @ speed[place.turning]
         spread[np.arange(n), place.xi] = 1.0
         spread[n] = ahead[1]
-        spread[self.leading, patterns] = np.eye(patterns.stop - patterns.start)
+        spread[self.retained, patterns] = np.eye(patterns.stop - patterns.start)
         found = FilmBlock(
             self.pattern,
             self._entries(point),
@@ -362,13 +374,14 @@ class FilmModel(ABC, Generic[PointT]):
         if self.film.equation.feeds is not None and self.film.equation.feeds.turning:
             along = self.along_turn(point)[self.nodes, None] / self.scale
             found = found.extended(along, ahead[:1], np.zeros((len(self._gap), 1)))
-        if point.turned is not None:
+        if point.rotated is not None:
             # The gap's rate follows the angle otherwise than the gap.
-            slope, along_rate = point.turned.slope, self._along_rate(point, shift, along_h)
-            along = along_h @ slope + along_rate @ (point.turned.rate_slope - shift * slope)
+            slope = point.rotated.slope
+            along_rate = self._along_rate(point, shift, along_h)
+            along = along_h @ slope + along_rate @ (point.rotated.rate_slope - shift * slope)
             inputs = np.stack([along, along_rate @ slope], axis=-1)[self.nodes] / self.scale
             gap = np.stack([slope, np.zeros_like(slope)], axis=-1)
-            outputs = -place.signs[:, None] * self.of_pressures(point.turned.torque)
+            outputs = -place.signs[:, None] * self.of_pressures(point.rotated.torque)
             found = found.extended(inputs, ahead, gap, (outputs, place.turning))
         return found
 
@@ -387,10 +400,11 @@ class FilmModel(ABC, Generic[PointT]):
 
     def twist(self, point: PointT, core: np.ndarray) -> None:
         """Add to the core how the torque of the pressures changes with the angle of the journal."""
-        if point.turned is not None:
+        if point.rotated is not None:
             pressure = self.film.parameters.pressure_scale * point.nodal
-            stiffness = point.turned.stiffness @ pressure
-            turning, signs = self.place.turning, self.place.signs
+            stiffness = point.rotated.stiffness @ pressure
+            turning = self.place.turning
+            signs = self.place.signs
             core[np.ix_(turning, turning)] -= stiffness * np.outer(signs, signs)
 
 
@@ -429,7 +443,8 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
 
     def given(self, point: FilmPoint, full: np.ndarray) -> np.ndarray:
         """Defects that are to vanish, W put back in."""
-        left, weights = self._left(point), point.weights
+        left = self._left(point)
+        weights = point.weights
         return left if weights is None else self.pattern.multiply(weights, left)
 
     def settled(self, point: FilmPoint, tolerance: float) -> bool:
@@ -443,7 +458,8 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
 
     def end(self, point: FilmPoint, tolerance: float) -> FilmState:
         """The end of a step, its complementarity verified."""
-        found, limit = self.state(point), 10 * self._limit(point, tolerance)
+        found = self.state(point)
+        limit = 10 * self._limit(point, tolerance)
         result = found.cavitation
         verify_complementarity(result.pressure, result.flux, self.scale, limit)
         return found
@@ -515,7 +531,8 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def _full(self, thickness: np.ndarray) -> np.ndarray:
         """``int rho h N`` at all nodes of a gap at the Gauss points, over the volume scale."""
-        shape, clearance = self.film.assembly.area.shape, self.film.parameters.clearance
+        shape = self.film.assembly.area.shape
+        clearance = self.film.parameters.clearance
         thickness = thickness.reshape(shape) / clearance
         return self.film.assembly.source(self.film.equation.factors[1] * thickness)
 
@@ -525,10 +542,11 @@ class ConservedOil(FilmModel[OilPoint]):
         A turning journal's shape takes it; between rough surfaces the average gap adds what it has
         beyond the `nominal` one (Gauss points).
         """
-        shape, surfaces = self.place.film.shape, self.film.parameters.surfaces
+        shape = self.place.film.shape
+        surfaces = self.film.parameters.surfaces
         taken = np.zeros(nominal.size)
         if shape.turning:
-            taken += shape.closing(self.place.relative_angle(z))[: nominal.size]
+            taken += shape.gap_reduction(self.place.relative_angle(z))[: nominal.size]
         if surfaces is not None:
             taken -= surfaces.excess(nominal).ravel()
         return self._full(taken)
@@ -569,7 +587,7 @@ class ConservedOil(FilmModel[OilPoint]):
         full, void = self._observed(state, observed)
         return float(self.balance.volume_scale * full.sum() - void.sum())
 
-    def void_shares(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
         """Void fractions of all nodes in a state of a gap, where it is observed."""
         full, void = self._observed(state, observed)
         shares = np.zeros(self.balance.assembly.size)
@@ -586,14 +604,16 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def begin(self, step: ImplicitStep, responses: BoreResponses, i: int) -> None:
         """Take another step; the film is the i-th."""
-        joint, rate = self.place.film, self.film.parameters.rate
+        joint = self.place.film
+        rate = self.film.parameters.rate
         # The rate of the gap that is affine in the state is ``shift h + past``.
         constant = joint.clearance + joint.shape.fixed[: len(joint.thickness)]
         past = (
             joint.thickness @ step.past_x[self.place.xi] + responses.past_gap[responses.points[i]]
         )
         past = past - step.shift * constant
-        self._shift, self._length = step.shift, rate / step.shift
+        self._shift = step.shift
+        self._length = rate / step.shift
         self._past_volumes = step.past_x[self.volumes]
         self._past_void = self._past_volumes / (self.balance.volume_scale * rate)
         self._former = self._past_void - self._full(past) / rate
@@ -603,7 +623,8 @@ class ConservedOil(FilmModel[OilPoint]):
         """The balance, and the equations of the pressures before it."""
         pressures, void = np.split(values, 2)
         step = self.balance.ending(gap, self._length, self._former)
-        problem, transport = self.balance.problem(step), self.balance.transport(step, void)
+        problem = self.balance.problem(step)
+        transport = self.balance.transport(step, void)
         defect = problem.residual(pressures) - transport.values
         if not len(self._rows):
             source = (problem.source + self._past_void[self.nodes])[self.inside]
@@ -662,7 +683,8 @@ class ConservedOil(FilmModel[OilPoint]):
         volumes = point.step.full * point.transport.void
         volumes[self.nodes] += point.balance
         if not self.film.parameters.lubricant.density_law.constant:
-            flow, denser = point.step.flow, self.film.equation.flow(point.gap, point.nodal).density
+            flow = point.step.flow
+            denser = self.film.equation.flow(point.gap, point.nodal).density
             denser = (denser - self.film.equation.factors[1]) * flow.thickness / point.step.length
             volumes -= self.film.assembly.source(denser)
         return self.balance.volume_scale * point.step.length * volumes
@@ -675,7 +697,9 @@ class ConservedOil(FilmModel[OilPoint]):
         CavitationError
             It violates complementarity, oil is lost, or a void fraction is above 1.
         """
-        balance, step, rate = self.balance, point.step, self.film.parameters.rate
+        balance = self.balance
+        step = point.step
+        rate = self.film.parameters.rate
         verify_complementarity(point.values, point.void, 1.0, 10 * tolerance)
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:

@@ -15,6 +15,7 @@ from fenics_ehd.base.fields import NONE, REQUIRED, choice, names, number, text
 from fenics_ehd.base.needs import only_with
 from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.joints import SECOND
+from fenics_ehd.multibody.tabulated import Variation, variations_of
 
 #: What a torque's table may be over.
 BASES = ("angle", "time")
@@ -50,13 +51,23 @@ class Force(ABC):
         """Whose values and rates it depends on or acts on."""
 
     @property
-    def tabulated(self) -> tuple[Table, str] | None:
-        """Its curve and the body whose angle it is read at, empty: at the time; None without."""
-        return None
+    def variations(self) -> tuple[Variation, ...]:
+        """Variations over the time or over an angle: periods, and tables no step may cross."""
+        return ()
+
+    @property
+    def turned_body(self) -> str:
+        """Body that the force turns by a torque; empty: none."""
+        return ""
+
+    @property
+    def left_out_of_equilibrium(self) -> str:
+        """Description of a force that an equilibrium is computed without; empty: with it."""
+        return ""
 
     @abstractmethod
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
-        """Force on the values of its markers, at their values and rates."""
+        """Generalised force on the values u of its markers, at u and its rates."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +103,9 @@ class PointForce(Force):
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
 
     @property
-    def tabulated(self) -> tuple[Table, str]:
-        """Its size and the body of the angle, see `Force`."""
-        return self.size, self.angle_of
+    def variations(self) -> tuple[Variation, ...]:
+        """Variation of the size, see `Force`."""
+        return variations_of(self.size, angle_of=self.angle_of.partition(".")[0])
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Force on the point, see `Force`."""
@@ -142,10 +153,14 @@ class Torque(Force):
         return (self.body,)
 
     @property
-    def tabulated(self) -> tuple[Table, str] | None:
-        """Its curve, None without one; see `Force`."""
-        over_angle = self.over == "angle"
-        return None if self.curve is None else (self.curve, self.body if over_angle else "")
+    def turned_body(self) -> str:
+        """Body that the torque acts on."""
+        return self.body.partition(".")[0]
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Variation of the curve, see `Force`."""
+        return variations_of(self.curve, angle_of=self.turned_body if self.over == "angle" else "")
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Torque on the body, see `Force`."""
@@ -178,6 +193,17 @@ class RotatingForce(Force):
     def markers(self) -> tuple[str, ...]:
         """Marker of the point."""
         return (self.point,)
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """A turn of the force, and the time over which it grows; see `Force`."""
+        period = 2 * np.pi / abs(self.speed) if self.speed else 0.0
+        return Variation(period=period), Variation(settled=self.ramp, setting="ramp")
+
+    @property
+    def left_out_of_equilibrium(self) -> str:
+        """Description of the force, unless it is constant; see `Force`."""
+        return f"of {self.amplitude:g} N" if self.speed or self.ramp else ""
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Force at a time, see `Force`."""

@@ -11,7 +11,7 @@ a mechanism behind one another, ``U = du/dz``, and constraints ``phi(u) = h(t)``
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -20,10 +20,108 @@ import numpy as np
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_class, require_number
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import NONE, REQUIRED, flag, names, number, pair, text
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import ANGLE, WIDTH
-from fenics_ehd.multibody.tabulated import Curve
+from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of
+
+#: Attributes of joints and forces, and keys of scenes, that name points or bodies.
+POINT_ATTRIBUTES = ("between", "line", "point", "journal", "bore", "body", "angle_of")
+
+
+def named_points(source: object) -> list[tuple[str, str]]:
+    """Attribute and marker of every point that a joint or force names."""
+    names: list[tuple[str, str]] = []
+    for attribute in POINT_ATTRIBUTES:
+        value = getattr(source, attribute, ())
+        markers = (value,) if isinstance(value, str) else value
+        names += [(attribute, marker) for marker in markers if marker]
+    return names
+
+
+#: Names of every body's points; None: unknown until the body's file is read.
+PointNames = Mapping[str, Collection[str] | None]
+
+
+def require_body(key: str, name: str, points: PointNames) -> None:
+    """Refuse the name of a body that does not exist.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key and all bodies.
+    """
+    if name not in points:
+        known = ", ".join(sorted(points))
+        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
+
+
+def require_point(key: str, marker: str, points: PointNames) -> None:
+    """Refuse a marker of a body or point that does not exist.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key, and all bodies or all points of the body.
+    """
+    name, dot, point = marker.partition(".")
+    require_body(key, name, points)
+    known = points[name]
+    if dot and known is not None and point not in known:
+        hint = f"its points: {', '.join(known)}" if known else "it has none but its origin"
+        raise SettingsError(f"{key} = {marker!r}: body {name} has no point {point!r}, {hint}")
+
+
+def require_two_bodies(key: str, markers: Sequence[str]) -> None:
+    """Refuse two different points of one body.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key and both points.
+    """
+    first: dict[str, str] = {}
+    for marker in markers:
+        other = first.setdefault(marker.partition(".")[0], marker)
+        if other is not marker:
+            raise SettingsError(f"{key}: {other} and {marker} are points of one body")
+
+
+def require_single_bores(bores: Mapping[str, str]) -> None:
+    """Refuse a bore of two joints.
+
+    Parameters
+    ----------
+    bores
+        Marker of the bore of every lubricated joint.
+
+    Raises
+    ------
+    SettingsError
+        Naming both joints.
+    """
+    first: dict[str, str] = {}
+    for name, bore in bores.items():
+        other = first.setdefault(bore, name)
+        if other != name:
+            raise SettingsError(
+                f"joints.{name}.bore = {bore!r} is the bore of joints.{other} already: a bore "
+                "holds one journal; give the second a point of its own"
+            )
+
+
+def require_turning(key: str, name: str, *, turns: bool) -> None:
+    """Refuse a body that cannot turn.
+
+    Raises
+    ------
+    SettingsError
+        Naming the key and the body.
+    """
+    if not turns:
+        raise SettingsError(f"{key}: body {name} cannot turn")
+
 
 #: Where the values of a relation's second marker begin, and own coordinates of a joint of two.
 SECOND, OWN = WIDTH, 2 * WIDTH
@@ -206,6 +304,11 @@ class Speed:
     def __attrs_post_init__(self) -> None:
         require_number("start", self.start)
         require_class("curve", self.curve, Curve, optional=True)
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Variation of the speed."""
+        return variations_of(self.curve, setting="table")
 
     def __call__(self, time: float) -> tuple[float, float]:
         """Angle and speed at a time."""

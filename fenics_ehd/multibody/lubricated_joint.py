@@ -53,23 +53,24 @@ from fenics_ehd.base.arguments import (
     require_pair,
     require_word,
 )
-from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
+from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.base.fields import CAVITATIONS, SHEAR_RULES, TRANSFERS
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
-from fenics_ehd.film.heat import Heat
-from fenics_ehd.film.kinematics import Gap, Shape, require_shape
+from fenics_ehd.film.heat import Heat, require_graded
+from fenics_ehd.film.kinematics import Gap, Shape, require_inside, require_shape
 from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
 from fenics_ehd.multibody.joints import OWN, SECOND, Geometry, Joint
+from fenics_ehd.multibody.tabulated import Variation, variations_of
 from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
 
 
 @dataclass(frozen=True, eq=False)
-class Turned:
+class RotatedShape:
     """A turning journal's shape at one angle ahead of its bore, at the g Gauss points.
 
     Attributes
@@ -79,7 +80,7 @@ class Turned:
     torque, stiffness
         Torque on the journal of unit nodal pressures [N m/Pa] and its derivative along the angle,
         shape (nodes,).
-    curve
+    second_derivative
         Second derivative of the gap along the angle, shape (g,) [m/rad2].
     """
 
@@ -87,7 +88,7 @@ class Turned:
     rate_slope: np.ndarray
     torque: np.ndarray
     stiffness: np.ndarray
-    curve: np.ndarray
+    second_derivative: np.ndarray
 
 
 class JointShape:
@@ -108,7 +109,7 @@ class JointShape:
         Change of the gap at Gauss points and nodes that does not turn, shape (w,) [m].
     turning
         Whether the journal's shape does.
-    bend
+    largest_second_derivative
         Bound of the shapes' second derivative along the angle [m].
     """
 
@@ -121,36 +122,37 @@ class JointShape:
         self.turning = not self._journal.round
         if not self.turning:
             self.fixed -= self._journal.radial(self._angle, self._height)
-        self.bend = sum(
+        self.largest_second_derivative = sum(
             float(np.abs(shape.radial(self._angle, self._height, 2)).max())
             for shape in (bore, self._journal)
         )
 
-    def _turned(self, ahead: float, order: int = 0) -> np.ndarray:
+    def _deviation_of_journal(self, relative_angle: float, order: int = 0) -> np.ndarray:
         """Radial deviation of the turned journal at the Gauss points."""
         angle, height = self._angle[: self._inside], self._height[: self._inside]
-        return self._journal.radial(angle - ahead, height, order)
+        return self._journal.radial(angle - relative_angle, height, order)
 
-    def closing(self, ahead: float) -> np.ndarray:
+    def gap_reduction(self, relative_angle: float) -> np.ndarray:
         """Gap taken by the turning shape at Gauss points and nodes, shape (w,) [m]."""
-        return self._journal.radial(self._angle - ahead, self._height)
+        return self._journal.radial(self._angle - relative_angle, self._height)
 
-    def added(self, gap: Gap, ahead: float, speed: float) -> Gap:
+    def added(self, gap: Gap, relative_angle: float, speed: float) -> Gap:
         """A round joint's gap with the shapes, the journal at an angle [rad] and speed [rad/s]."""
         if self.plain:
             return gap
         added, rate = self.fixed[: self._inside], np.zeros(self._inside)
         if self.turning:
-            added = added - self._turned(ahead)
-            rate = speed * self._turned(ahead, 1)
+            added = added - self._deviation_of_journal(relative_angle)
+            rate = speed * self._deviation_of_journal(relative_angle, 1)
         return gap.changed(added, rate)
 
-    def turned(self, ahead: float, speed: float) -> Turned:
+    def rotated(self, relative_angle: float, speed: float) -> RotatedShape:
         """Derivatives there."""
-        slope, curve = self._turned(ahead, 1), self._turned(ahead, 2)
-        fields = np.stack([slope, -curve], axis=-1)
+        slope = self._deviation_of_journal(relative_angle, 1)
+        curvature = self._deviation_of_journal(relative_angle, 2)
+        fields = np.stack([slope, -curvature], axis=-1)
         torque, stiffness = self._film.load(fields.reshape(*self._film.points.angle.shape, 2))
-        return Turned(slope, -speed * curve, torque, stiffness, -curve)
+        return RotatedShape(slope, -speed * curvature, torque, stiffness, -curvature)
 
 
 def observed_places(film: Film) -> tuple[np.ndarray, np.ndarray]:
@@ -378,17 +380,12 @@ class LubricatedJoint:
 
     def __post_init__(self) -> None:
         self._check_arguments()
-        if self.heat is not None and self.film.parameters.lubricant.oil is None:
-            raise SettingsError(
-                f"heat of {self.journal} in {self.bore}: the lubricant's viscosity does not depend "
-                "on its temperature: give it a grade, or viscosity_40 and viscosity_100"
-            )
-        share = np.hypot(*self.eccentricity) / self.film.parameters.clearance
-        if not (share < 1.0 or self.film.parameters.surfaces is not None):  # rough ones overlap
-            raise SettingsError(
-                f"eccentricity = {self.eccentricity} m of {self.journal} in {self.bore} is "
-                f"{share:.3g} of the clearance: it must be below 1"
-            )
+        parameters = self.film.parameters
+        if self.heat is not None:
+            require_graded(parameters.lubricant.oil is not None)
+        x, y = self.eccentricity
+        share = x / parameters.clearance, y / parameters.clearance
+        require_inside(share, rough=parameters.surfaces is not None)
 
     def _check_arguments(self) -> None:
         """Words, numbers and classes of the arguments, each by itself."""
@@ -410,6 +407,15 @@ class LubricatedJoint:
     def markers(self) -> tuple[str, ...]:
         """Markers of bore and journal."""
         return self.bore, self.journal
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Variations of the pressures of its supplies."""
+        return tuple(
+            variation
+            for feed in self.film.parameters.feeds
+            for variation in variations_of(feed.curve, setting=f"supply.{feed.name}")
+        )
 
 
 @dataclass(frozen=True)
@@ -492,7 +498,7 @@ class JointFilm:
 
     def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
         # Joints may share a film, not its temperature.
-        film = self.film = joint.film if joint.heat is None else joint.film.apart()
+        film = self.film = joint.film if joint.heat is None else joint.film.with_own_temperature()
         p = film.parameters
         self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
         self.friction, self.own = joint.friction, 4 if tilting else 2
@@ -552,7 +558,7 @@ class JointFilm:
         xi: np.ndarray,
         xi_rate: np.ndarray,
         shaft_rate: float,
-        ahead: float = 0.0,
+        relative_angle: float = 0.0,
         time: float = 0.0,
     ) -> Gap:
         """Gap and velocities at the Gauss points, residual patterns left out.
@@ -561,7 +567,7 @@ class JointFilm:
         ----------
         xi, xi_rate
             shape (n,).
-        shaft_rate, ahead
+        shaft_rate, relative_angle
             Speed of the journal relative to the bore [rad/s] and its angle, which matters where
             the journal is not round, or carries supplies [rad].
         time
@@ -574,10 +580,10 @@ class JointFilm:
             (self.thickness @ xi_rate).reshape(shape),
             (0.5 * speed + self.mean_velocity @ xi_rate).reshape(shape),
             (speed + self.sliding_velocity @ xi_rate).reshape(shape),
-            ahead,
+            relative_angle,
             time,
         )
-        return self.shape.added(gap, ahead, shaft_rate)
+        return self.shape.added(gap, relative_angle, shaft_rate)
 
 
 def _journal_fields(

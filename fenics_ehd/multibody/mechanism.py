@@ -37,9 +37,25 @@ from fenics_ehd.multibody.body import (
     ground,
 )
 from fenics_ehd.multibody.forces import Force, Load, Torque
-from fenics_ehd.multibody.joints import AngleDrive, AngleOverTime, Joint, Speed
-from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint, Turned
-from fenics_ehd.multibody.tabulated import Curve, TabulatedLoad
+from fenics_ehd.multibody.joints import (
+    AngleDrive,
+    AngleOverTime,
+    Joint,
+    Speed,
+    named_points,
+    require_body,
+    require_point,
+    require_single_bores,
+    require_turning,
+    require_two_bodies,
+)
+from fenics_ehd.multibody.lubricated_joint import (
+    Eccentric,
+    JointFilm,
+    LubricatedJoint,
+    RotatedShape,
+)
+from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_of
 
 
 def _require_drive(name: str, value: Any) -> None:
@@ -83,6 +99,15 @@ class Mechanism:
         for name, check in checks.items():
             object.__setattr__(self, name, copied(name, getattr(self, name), check))
         require_pair("gravity", self.gravity)
+
+    def variations(self) -> Iterator[tuple[str, Variation]]:
+        """Variations of all forces, drives and supplies, with the key of each."""
+        for kind in ("forces", "drives", "joints"):
+            for name, source in getattr(self, kind).items():
+                # A force of two components has two names: "wind.x" and "wind.y".
+                key = f"{kind}.{name.partition('.')[0]}"
+                for variation in variations_of(source):
+                    yield ".".join(filter(None, (key, variation.setting))), variation
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +156,11 @@ class FilmBinding:
         speed, ahead = self.relative_speed(rates), self.relative_angle(z)
         return self.film.gap(z[self.xi], rates[self.xi], speed, ahead, time)
 
-    def turned(self, z: np.ndarray, rates: np.ndarray) -> Turned | None:
+    def rotated_shape(self, z: np.ndarray, rates: np.ndarray) -> RotatedShape | None:
         """Shape of a turning journal there; None of one whose turning changes nothing."""
         if not self.film.shape.turning:
             return None
-        return self.film.shape.turned(self.relative_angle(z), self.relative_speed(rates))
+        return self.film.shape.rotated(self.relative_angle(z), self.relative_speed(rates))
 
     @cached_property
     def turning(self) -> np.ndarray:
@@ -235,6 +260,7 @@ class System:
         bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         # By name: results do not depend on the order in which things are listed.
         self._bodies = {name: bodies[name] for name in sorted(bodies)}
+        self._check_names()
         self.bodies: dict[str, slice] = {}
         self.n = self.m = self.k = 0
         self.angles: dict[str, int] = {}
@@ -290,16 +316,6 @@ class System:
     def _film(self, name: str, joint: LubricatedJoint) -> FilmBinding:
         bore_name, bore, point = self._named(joint.bore)
         journal_name, journal, _ = self._named(joint.journal)
-        if journal_name == bore_name:
-            raise SettingsError(
-                f"joint {name}: journal and bore are points of one body, {bore_name}"
-            )
-        for other in self.films:
-            if other.joint.bore == joint.bore:
-                raise SettingsError(
-                    f"joint {name}: {joint.bore} is the bore of {other.name} already; a bore holds "
-                    "one journal: give the second a point of its own"
-                )
         part = None
         if isinstance(bore, FlexibleBody) and point in bore.reduced.bores:
             part = bore.reduced.at_bore(point)
@@ -326,24 +342,38 @@ class System:
             return f"{place.bore_body}.{body.at_rest(place.bore)}"
         return place.joint.bore
 
-    def _named(self, marker: str) -> tuple[str, Body, str]:
-        """Body and point of a marker.
+    def _check_names(self) -> None:
+        """Refuse names of bodies and points that do not exist, and a bore of two joints.
 
         Raises
         ------
         SettingsError
-            There is no such body or point.
+            Naming the key of the joint, force or drive as a scene has it.
         """
+        points = {name: body.point_names for name, body in self._bodies.items()}
+        mechanism = self.mechanism
+        for kind, sources in (("joints", mechanism.joints), ("forces", mechanism.forces)):
+            for name, source in sources.items():
+                key = f"{kind}.{name}"
+                for attribute, marker in named_points(source):
+                    require_point(f"{key}.{attribute}", marker, points)
+                for marker in source.markers:
+                    require_point(key, marker, points)
+        for name in mechanism.drives:
+            require_body(f"drives.{name}", name, points)
+            turns = self._bodies[name].angle_index is not None
+            require_turning(f"drives.{name}", name, turns=turns)
+        bores: dict[str, str] = {}
+        for name, joint in mechanism.joints.items():
+            if isinstance(joint, LubricatedJoint):
+                require_two_bodies(f"joints.{name}", (joint.journal, joint.bore))
+                bores[name] = joint.bore
+        require_single_bores(bores)
+
+    def _named(self, marker: str) -> tuple[str, Body, str]:
+        """Name of the body, body and point of a marker."""
         name, _, point = marker.partition(".")
-        if name not in self._bodies:
-            raise SettingsError(f"{marker!r}: no body {name}, there are {', '.join(self._bodies)}")
-        body = self._bodies[name]
-        if point and point not in body.point_names:
-            known = ", ".join(body.point_names) or "none but its origin"
-            raise SettingsError(
-                f"{marker!r}: body {name} has no point {point}, its points: {known}"
-            )
-        return name, body, point
+        return name, self._bodies[name], point
 
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
         """Places, body and its share of some arrays over z, body by body."""
@@ -354,21 +384,13 @@ class System:
 
     @cached_property
     def tables(self) -> list[TabulatedLoad]:
-        """Loads whose rows no step may jump over."""
-        found = [
-            TabulatedLoad(drive.curve)
-            for drive in self.mechanism.drives.values()
-            if isinstance(drive, Speed) and drive.curve is not None
+        """Tables whose rows no step may cross, with the angles that they are read at."""
+        return [
+            TabulatedLoad(variation.curve, self.angles.get(variation.angle_of))
+            for _, variation in self.mechanism.variations()
+            if variation.curve is not None
+            and (not variation.angle_of or variation.angle_of in self.angles)
         ]
-        for force in self.mechanism.forces.values():
-            table, body = force.tabulated or (None, "")
-            if isinstance(table, Curve):
-                found.append(TabulatedLoad(table, self.angles.get(body.partition(".")[0])))
-        for film in self.films:
-            for feed in film.joint.film.parameters.feeds:
-                if isinstance(feed.curve, Curve):
-                    found.append(TabulatedLoad(feed.curve))
-        return found
 
     @cached_property
     def rough_pose(self) -> tuple[np.ndarray, np.ndarray]:

@@ -129,7 +129,7 @@ LARGEST_BORDER, MOST_NODES = 0.25, 700
 #: others add to an update is found by repeated substitution, until it changes by less than this
 #: share. Where that shrinks changes by less than `SLOW`, twice the patterns are taken, by more
 #: than `FAST` half of them in the next step.
-LEADING = 30
+FEWEST_PATTERNS = 30
 REFINED = 0.02
 MAX_REFINEMENTS = 8
 SLOW, FAST = 0.4, 0.02
@@ -142,15 +142,15 @@ class Update(NamedTuple):
     ----------
     films, rest
         Of every film at its nodes, pressures where the film is full; and of ``(z, l, m)``.
-    closing
-        Largest closing of a gap, relative.
+    gap_reduction
+        Largest gap_reduction of a gap, relative.
     size
         Largest change of a gap, relative, or of a coordinate in the norm of the steps.
     """
 
     films: list[np.ndarray]
     rest: np.ndarray
-    closing: float
+    gap_reduction: float
     size: float
 
 
@@ -173,24 +173,25 @@ class StepFactors:
     def __init__(self, equations: StepEquations, *, options_prefix: str):
         self._equations = equations
         self._blocks = [film.system(options_prefix) for film in equations.films]
-        self.lead(LEADING)
+        self.retain_patterns(FEWEST_PATTERNS)
 
-    def lead(self, patterns: int) -> None:
+    def retain_patterns(self, patterns: int) -> None:
         """Take so many residual patterns into the derivatives."""
-        self.patterns, self._reduction = max(patterns, LEADING), 0.0
-        self._equations.lead(self.patterns)
+        self.patterns = max(patterns, FEWEST_PATTERNS)
+        self._reduction = 0.0
+        self._equations.retain_patterns(self.patterns)
 
     @property
     def patterns_wanted(self) -> int:
         """Residual patterns for the next step: half, where few would have done."""
         patterns = self.patterns // 2 if self._reduction < FAST else self.patterns
-        return max(patterns, LEADING)
+        return max(patterns, FEWEST_PATTERNS)
 
     def begin(self, norm: StepNorm, patterns: int) -> None:
         """Take another step, whose errors `norm` judges."""
         self._norm = norm
         if patterns != self.patterns:
-            self.lead(patterns)
+            self.retain_patterns(patterns)
         self._reduction = 0.0
         self.forget()
 
@@ -208,7 +209,9 @@ class StepFactors:
 
     def change(self, full: Sequence[np.ndarray]) -> bool:
         """Take other full nodes, derivatives as they are; False: better factorise."""
-        derivative, changes, border = self._derivative, [], 0
+        derivative = self._derivative
+        changes = []
+        border = 0
         if derivative is None or self._base is None:
             return False
         for film, then, now in zip(derivative.films, self._base_full, full, strict=True):
@@ -247,7 +250,7 @@ class StepFactors:
         """As `solve`, with more patterns in the derivatives if substitution is slow."""
         found = self.solve(point, films, rest)
         while self._reduction > SLOW and self.patterns < self._equations.most_patterns:
-            self.lead(2 * self.patterns)
+            self.retain_patterns(2 * self.patterns)
             self.factorise(point, full)
             found = self.solve(point, films, rest)
         return found
@@ -260,7 +263,7 @@ class StepFactors:
         given[: len(rest)] = rest
         pressures, x = factored.solve(films, given)
         changes, left = self._gap_change(factored, pressures, x)
-        closing, size = self._measure(point, changes, x)
+        gap_reduction, size = self._measure(point, changes, x)
         former = size
         for _ in range(MAX_REFINEMENTS):
             if left is None or not size:
@@ -271,11 +274,12 @@ class StepFactors:
             changes = [c + d for c, d in zip(changes, further, strict=True)]
             x = x + x_more
             changed = self._measure(point, further, x_more)[1]
-            closing, size = self._measure(point, changes, x)
-            self._reduction, former = changed / former, changed
+            gap_reduction, size = self._measure(point, changes, x)
+            self._reduction = changed / former
+            former = changed
             if changed <= REFINED * size or self._reduction > SLOW:
                 break
-        return Update(pressures, x[: len(rest)], closing, size)
+        return Update(pressures, x[: len(rest)], gap_reduction, size)
 
     def _gap_change(
         self, factored: BorderedSystem | ChangedSystem, pressures: list[np.ndarray], x: np.ndarray
@@ -288,18 +292,19 @@ class StepFactors:
     def _measure(
         self, point: Point, changes: list[np.ndarray], x: np.ndarray
     ) -> tuple[float, float]:
-        """Largest relative closing of a gap, and largest change in the norm of the steps.
+        """Largest relative gap_reduction of a gap, and largest change in the norm of the steps.
 
         SNES takes changes away: one that opens a gap closes it.
         """
         n = self._equations.system.n
-        closing, size = 0.0, self._norm.coordinate_error(x[:n])
+        gap_reduction = 0.0
+        size = self._norm.coordinate_error(x[:n])
         places = self._equations.system.films
         for place, change, film in zip(places, changes, point.films, strict=True):
             relative = change / place.film.lengths(film.gap.thickness.ravel())
-            closing = max(closing, float(relative.max()))
+            gap_reduction = max(gap_reduction, float(relative.max()))
             size = max(size, float(np.abs(relative).max()))
-        return closing, size
+        return gap_reduction, size
 
 
 #: Ratio of viscosities at the last accepted step beyond which it is the oil that failed. Films that
@@ -413,9 +418,10 @@ class CoupledSteps:
         self, problem: StepNorm, step: ImplicitStep, former: SolverState | None
     ) -> Attempt:
         """Solve one step; `problem` judges errors."""
-        self._problem, self._tolerance = problem, max(step.tolerance, FINEST)
+        self._problem = problem
+        self._tolerance = max(step.tolerance, FINEST)
         self._iterations = 0
-        self._factors.begin(problem, LEADING if former is None else former.patterns)
+        self._factors.begin(problem, FEWEST_PATTERNS if former is None else former.patterns)
         self.equations.begin(step)
         try:
             iterations = self._solve(self._start(step, former))
@@ -426,12 +432,13 @@ class CoupledSteps:
         patterns = self._factors.patterns_wanted
         kept = SolverState.after(former, step.time, self._solution, patterns)
         x, rate = self.equations.state(self._point)
-        observed, motion = problem.observe(x), self._point.motion
+        observed = problem.observe(x)
+        motion = self._point.motion
         gaps = problem.film_gaps(observed)
         joints = joint_steps(self.equations, films, motion.multipliers, x, rate, gaps)
         return Attempt(iterations, Solved(x, rate, observed, CoupledState(joints, motion), kept))
 
-    def answers(
+    def response_to_forces(
         self, x: np.ndarray, rate: np.ndarray, shift: float, forces: np.ndarray
     ) -> np.ndarray:
         """Changes of z with which the solution found last answers generalised forces, shape (n, k).
@@ -474,16 +481,20 @@ class CoupledSteps:
         self._full = [np.empty(0, dtype=np.int32) for _ in self.system.films]
         self._factors.forget()
         self._close = False
-        self._size, self._fraction, self._contracts = np.inf, 1.0, False
-        self._damping, self._settled = damping, False
+        self._size = np.inf
+        self._fraction = 1.0
+        self._contracts = False
+        self._damping = damping
+        self._settled = False
 
     def _start(self, step: ImplicitStep, former: SolverState | None) -> np.ndarray:
         """First iterate: extrapolated, as far as the gaps stay open."""
         before, predicted = (self._problem.gaps(observed) for observed in step.observed)
-        closing = self._problem.closing(before, predicted)
-        fraction = min(1.0, BOUNDARY_FRACTION / closing) if closing > 0.0 else 1.0
+        gap_reduction = self._problem.gap_reduction(before, predicted)
+        fraction = min(1.0, BOUNDARY_FRACTION / gap_reduction) if gap_reduction > 0.0 else 1.0
         x = step.start + fraction * (step.predicted - step.start)
-        rest, n = self.equations.rest, self.system.n
+        rest = self.equations.rest
+        n = self.system.n
         if former is None:
             gaps = self._problem.film_gaps(step.observed[0])
             start = self.equations.unknowns_at(step.start, gaps)
@@ -517,7 +528,7 @@ class CoupledSteps:
         )
         self._full = full
         if self._settled or self._iterations >= FREE_SHEAR:
-            self.equations.hold_filled()
+            self.equations.freeze_sheared_fraction()
         if self._contracts and self._settled and self._factors.known:
             known = (f.nearly_linear or f.settled(p, self._tolerance) for f, p, _ in self._films)
             if all(known):
@@ -540,12 +551,14 @@ class CoupledSteps:
         """Newton update, see `VariationalInequality`; shortened where it would close a gap."""
         del rhs  # the residual of the last point
         self._iterations += 1
-        former, rest = self._size, self._point.rest
+        former = self._size
+        rest = self._point.rest
         found = self._factors.update(self._point, self._full, self._given(), rest)
-        self._size, closing = found.size, found.closing
+        self._size = found.size
+        gap_reduction = found.gap_reduction
         self._contracts = self._size <= CONTRACTION * former
         self._close = self._size <= min(NEAR, SHRINKING * former)
-        self._fraction = min(1.0, BOUNDARY_FRACTION / closing) if closing > 0 else 1.0
+        self._fraction = min(1.0, BOUNDARY_FRACTION / gap_reduction) if gap_reduction > 0 else 1.0
         if not self._settled:
             self._fraction *= self._damping
         each = zip(self._films, found.films, strict=True)

@@ -23,10 +23,6 @@ from fenics_ehd.base.errors import (
 from fenics_ehd.base.layout import Group, Stateful, Value
 from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.lubricant import Oil
-from fenics_ehd.multibody.body import PlanarBody
-from fenics_ehd.multibody.forces import RotatingForce, Torque
-from fenics_ehd.multibody.joints import Speed
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep
 from fenics_ehd.multibody.run import Run
@@ -44,7 +40,7 @@ def crank(system: System) -> int | None:
     def named() -> Iterator[int | None]:
         yield from (places.get(name) for name in sorted(mechanism.drives))
         turned = (mechanism.forces[name] for name in sorted(mechanism.forces))
-        yield from (places.get(force.body) for force in turned if isinstance(force, Torque))
+        yield from (places.get(force.turned_body) for force in turned)
         yield from (film.journal_angle for film in system.films)
         yield from places.values()
 
@@ -79,47 +75,31 @@ SUBHARMONIC = (2, 3)
 
 
 def repeating(mechanism: Mechanism) -> tuple[float, str]:
-    """Time from which loads and drives repeat themselves [s], and what takes so long."""
-    found = [(0.0, "")]
-    for name, force in mechanism.forces.items():
-        table, body = force.tabulated or (None, "")
-        if isinstance(force, RotatingForce):
-            found.append((force.ramp, f"forces.{name}.ramp"))
-        elif isinstance(table, Curve) and not (table.periodic or body):
-            found.append((table.settled, f"the table of {name}"))
-    for name, drive in mechanism.drives.items():
-        if isinstance(drive, Speed) and drive.curve is not None:
-            found.append((drive.curve.settled, f"drives.{name}.table"))
-    return max(found)
+    """Time from which all loads and drives recur [s], and the key of the last to do so."""
+    over_time = ((key, each) for key, each in mechanism.variations() if not each.angle_of)
+    return max([(0.0, ""), *((each.settled, key) for key, each in over_time)])
 
 
 def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
-    """Periods in a cycle [s] of everything that repeats itself, by its key.
+    """Number of periods of each load, drive and supply in a cycle [s], by key.
 
-    Drives count that turn a body whose angle matters.
+    The turns of a driven body count if the body is not axisymmetric.
     """
-    begins, found = repeating(mechanism)[0], {}
+    counts: dict[str, float] = {}
+    begins = repeating(mechanism)[0]
     turned = {
         name: abs(motion(begins + period)[0] - motion(begins)[0])
         for name, motion in mechanism.drives.items()
     }
-    for name, force in mechanism.forces.items():
-        key, (table, body) = f"forces.{name.partition('.')[0]}", force.tabulated or (None, "")
-        if isinstance(force, RotatingForce):
-            found[key] = abs(force.speed) * period / (2 * np.pi)
-        elif isinstance(table, Curve) and table.periodic and (not body or body in turned):
-            found[key] = (turned[body] if body else period) / table.period
+    for key, each in mechanism.variations():
+        if each.period and (not each.angle_of or each.angle_of in turned):
+            length = turned[each.angle_of] if each.angle_of else period
+            counts[key] = length / each.period
     for name, angle in turned.items():
-        own = mechanism.bodies.get(name)
-        if isinstance(own, PlanarBody) and (own.reach or any(getattr(own, "centre", None) or ())):
-            found[f"drives.{name}"] = angle / (2 * np.pi)
-    for name, joint in mechanism.joints.items():
-        if isinstance(joint, LubricatedJoint):
-            for feed in joint.film.parameters.feeds:
-                if isinstance(feed.curve, Curve):
-                    key = f"joints.{name}.supply.{feed.name}"
-                    found[key] = period / feed.curve.period
-    return found
+        body = mechanism.bodies.get(name)
+        if body is not None and not body.axisymmetric:
+            counts[f"drives.{name}"] = angle / (2 * np.pi)
+    return counts
 
 
 def check_period(
@@ -143,7 +123,8 @@ def check_period(
         Naming the first of them, and what to multiply the period by.
     """
     counts = repeats(mechanism, period)
-    counts |= {key: period / pressure.period for key, pressure in (supplies or {}).items()}
+    for key, pressure in (supplies or {}).items():
+        counts.update((key, period / each.period) for each in pressure.variations if each.period)
     for key, count in counts.items():
         off = {n: abs(n * count - round(n * count)) / n for n in range(1, LONGEST + 1)}
         if 2 * np.pi * off[1] > periodicity:
@@ -510,7 +491,7 @@ class PeriodicSolver(Stateful):
             # Former points move with the newest, along its rate.
             past = x[:n] + np.multiply.outer(state.times - state.time, rate[:n])
             observed = np.array([norm.observe(point) for point in state.x + past])
-            if norm.closing(gaps, norm.gaps(observed[0])) < THINNER:
+            if norm.gap_reduction(gaps, norm.gaps(observed[0])) < THINNER:
                 moved_x = state.x + past
                 self._run.equations.keep_within(moved_x, norm.film_gaps(observed[0]))
                 moved = {"x": moved_x, "rate": state.rate + rate[:n], "observed": observed}

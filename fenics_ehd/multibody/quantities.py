@@ -45,7 +45,7 @@ from fenics_ehd.base.columns import with_unit
 from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
-from fenics_ehd.film.rough_surfaces import PUBLISHED, Touch
+from fenics_ehd.film.rough_surfaces import PUBLISHED, AsperityContact
 from fenics_ehd.multibody.contact import JointContact
 from fenics_ehd.multibody.lubricated_joint import observed_places
 from fenics_ehd.multibody.mechanism import FilmBinding
@@ -129,7 +129,7 @@ class JointStep:
         return self.contact
 
     @cached_property
-    def touch(self) -> Touch:
+    def touch(self) -> AsperityContact:
         """Contact of rough surfaces."""
         return self.rough.touch(self.state.gap.thickness)
 
@@ -177,7 +177,7 @@ class JointStep:
     def braking(self) -> float:
         """Torque that brakes the journal about its own axis [N m]."""
         # What else brakes the journal belongs here.
-        torque, turned = -self.friction.torque, self.place.turned(self.x, self.rate)
+        torque, turned = -self.friction.torque, self.place.rotated_shape(self.x, self.rate)
         if turned is not None:
             torque -= float(turned.torque @ self.pressure)
         if self.contact is not None:

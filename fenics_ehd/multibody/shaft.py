@@ -331,6 +331,11 @@ class ShaftBody(Shaft, Body):
         return np.concatenate([[self.speed], np.zeros(self.modes)])
 
     @property
+    def axisymmetric(self) -> bool:
+        """True: shafts and disks are round."""
+        return True
+
+    @property
     def least_damping(self) -> float:
         """Damping ratio of every mode."""
         return self.damping_ratio

@@ -33,8 +33,8 @@ from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
 from fenics_ehd.film.film import steepest_thickening
+from fenics_ehd.film.heat import require_cycle
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
-from fenics_ehd.multibody.forces import RotatingForce
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
     History,
@@ -61,7 +61,6 @@ from fenics_ehd.multibody.quantities import (
     wear,
 )
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import (
     ENERGY_LIMIT,
     RINGING,
@@ -164,17 +163,15 @@ def used_cycle(system: System, columns: Columns) -> UsedCycle:
 
 
 def cycle_length(system: System) -> tuple[float, float]:
-    """Angle of the crank [degrees] and time [s] after which the loads repeat; time 0: no matter."""
-    degrees, seconds = 360.0, 0.0
-    for force in system.mechanism.forces.values():
-        table, body = force.tabulated or (None, "")
-        if isinstance(table, Curve) and table.periodic and body:
-            degrees = max(degrees, float(np.degrees(table.period)))
-        elif isinstance(table, Curve) and table.periodic:
-            seconds = max(seconds, table.period)
-        if isinstance(force, RotatingForce) and force.speed:
-            seconds = max(seconds, 2 * np.pi / abs(force.speed))
-    return degrees, seconds
+    """Reference angle [degrees] and time [s] after which all loads recur; 0 s: at any time."""
+    degrees = [360.0]
+    seconds = [0.0]
+    for _, each in system.mechanism.variations():
+        if each.angle_of:
+            degrees.append(float(np.degrees(each.period)))
+        else:
+            seconds.append(each.period)
+    return max(degrees), max(seconds)
 
 
 def _last(system: System, columns: Columns) -> UsedCycle:
@@ -770,11 +767,9 @@ def simulate(
     require_count("cycles", cycles, least=1)
     require_callable("progress", progress)
     run = Run(mechanism, IntegratorOptions(**steps), span)
-    if period is None and any(place.joint.heat for place in run.equations.system.films):
-        raise SettingsError(
-            "a joint's heat is balanced over a cycle, and an initial value problem has none: give "
-            "a period, or leave `heat` out, the oil at the lubricant's temperature"
-        )
+    for name, joint in mechanism.joints.items():
+        if getattr(joint, "heat", None) is not None:
+            require_cycle(period is not None, f"joints.{name}.heat")
     search = None if period is None else PeriodicSolver(run, span, periodicity, cycles)
     found = Simulation(run, span, search)
     for step, _ in found.steps():

@@ -56,16 +56,20 @@ class _Bore:
         """Patterns at the film of a joint; without a body there are none."""
         joint = place.film
         if body is None or not place.bore:
-            g, w, nodes = len(joint.thickness), len(joint.observed), joint.load.shape[1]
+            g = len(joint.thickness)
+            w = len(joint.observed)
+            nodes = joint.load.shape[1]
             none = [sparse.csr_matrix(shape) for shape in ((g, 0), (w, 0), (0, nodes), (0, g))]
             return cls(np.zeros((0, 0)), np.zeros((0, 0)), *none)
-        bore, residual = joint.bore, body.reduced.at_bore(place.bore).residual
+        bore = joint.bore
+        residual = body.reduced.at_bore(place.bore).residual
         assert residual is not None
         assert bore is not None
         m = len(residual.displacement)
         shapes = residual.displacement[:, :2].reshape(2 * m, -1)
         plane = (3 * np.arange(m)[:, None] + np.arange(2)).ravel()
-        reading, observing = bore.normal[:, plane].tocsr(), bore.observed_normal[:, plane].tocsr()
+        reading = bore.normal[:, plane].tocsr()
+        observing = bore.observed_normal[:, plane].tocsr()
         if bore.projected is not None:
             # Pressures that reach the bore by the mortar load it with the body's own matrix.
             spread = sparse.csr_matrix(bore.projected)
@@ -134,7 +138,8 @@ class BoreResponses:
     """
 
     def __init__(self, system: System):
-        films, flexible = system.films, _flexible_bodies(system)
+        films = system.films
+        flexible = _flexible_bodies(system)
         parts = [_Bore.of(flexible.get(place.bore_body), place) for place in films]
         self._reading = _beside([part.reading for part in parts])
         self._observing = _beside([part.observing for part in parts])
@@ -145,11 +150,14 @@ class BoreResponses:
         nodes = consecutive(0, [part.reading.shape[1] for part in parts])
         pressed = consecutive(0, [part.spread.shape[0] for part in parts])
         self.bodies: dict[str, _Body] = {}
-        self.size, self._damping_at = 0, np.zeros(self._reading.shape[0])
-        damping, stiffness = [np.zeros(0)], [np.zeros(0)]
+        self.size = 0
+        self._damping_at = np.zeros(self._reading.shape[0])
+        damping = [np.zeros(0)]
+        stiffness = [np.zeros(0)]
         for name, body in flexible.items():
             own = [i for i, place in enumerate(films) if place.bore_body == name and place.bore]
-            residual, zeta = body.reduced.residual, body.damping_time
+            residual = body.reduced.residual
+            zeta = body.damping_time
             assert residual is not None
             self.bodies[name] = _Body(
                 own,
@@ -163,7 +171,8 @@ class BoreResponses:
             self._damping_at[_joined(self.points, own)] = zeta
             damping.append(np.full(residual.rank, zeta))
             stiffness.append(residual.stiffness)
-        self._damping, self._stiffness = np.concatenate(damping), np.concatenate(stiffness)
+        self._damping = np.concatenate(damping)
+        self._stiffness = np.concatenate(stiffness)
         self.places = slice(system.n, system.n + self.size)
 
     def body_of(self, i: int) -> _Body | None:
@@ -174,7 +183,8 @@ class BoreResponses:
         """Places in the state of a body's amplitudes; none without."""
         if name not in self.bodies:
             return slice(0, 0)
-        own, first = self.bodies[name].patterns, self.places.start
+        own = self.bodies[name].patterns
+        first = self.places.start
         return slice(first + own.start, first + own.stop)
 
     def observed(self, amplitudes: np.ndarray) -> np.ndarray:
@@ -188,7 +198,7 @@ class BoreResponses:
             found[body.nodes] = body.shapes @ amplitudes[body.patterns]
         return found
 
-    def _answered(self, pressed: Any) -> np.ndarray:
+    def _response(self, pressed: Any) -> np.ndarray:
         """Gap change at the Gauss points, at once, for what presses, of shape (k,) or (k, a)."""
         found = np.zeros((self._reading.shape[1], *pressed.shape[1:]))
         for body in self.bodies.values():
@@ -198,25 +208,29 @@ class BoreResponses:
             found[body.nodes] = values
         return self._reading @ found
 
-    def moved(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
+    def gap_change_from_pressure(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
         """Gap change at the Gauss points that answers nodal pressures of the films [m], [Pa]."""
-        return self.share * self._answered(self._spread @ np.concatenate(pressures))
+        return self.share * self._response(self._spread @ np.concatenate(pressures))
 
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
+    def gap_change_from_forces(self, forces: np.ndarray) -> np.ndarray:
         """Gap change at the Gauss points that answers normal forces on them [N], shape (g,)."""
-        return self.share * self._answered(self._pushing @ forces)
+        return self.share * self._response(self._pushing @ forces)
 
-    def pushed_by(self, points: np.ndarray) -> np.ndarray:
+    def unit_force_response(self, points: np.ndarray) -> np.ndarray:
         """The same for unit forces on some Gauss points, shape (g, a)."""
         few = self._reading.shape[0] <= FEW_POINTS
-        found = self._pushed[:, points] if few else self._answered(self._pushing[:, points])
+        found = (
+            self._all_unit_force_responses[:, points]
+            if few
+            else self._response(self._pushing[:, points])
+        )
         return self.share[:, None] * found
 
     @cached_property
-    def _pushed(self) -> np.ndarray:
-        return self._answered(self._pushing)
+    def _all_unit_force_responses(self) -> np.ndarray:
+        return self._response(self._pushing)
 
-    def pressed_at(self, i: int, points: np.ndarray) -> np.ndarray:
+    def unit_pressure_response(self, i: int, points: np.ndarray) -> np.ndarray:
         """Gap change at some Gauss points that answers unit nodal pressures of a film.
 
         Returns
@@ -232,7 +246,7 @@ class BoreResponses:
         spread = self._spread[body.pressed][:, self._pressures[i]]
         return self.share[points, None] * (spread.T @ values.T).T
 
-    def leading(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    def retained_patterns(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Gap change (g, k) and share of nodal pressures (k, nodes) of the k softest patterns.
 
         Of every film: at most `count`, none where the bore has none.
@@ -251,7 +265,8 @@ class BoreResponses:
 
     def begin(self, step: ImplicitStep) -> None:
         """Take another step."""
-        self.shift, self._past = step.shift, step.past_x[self.places]
+        self.shift = step.shift
+        self._past = step.past_x[self.places]
         self._own_share = 1.0 / (1.0 + self._damping * self.shift)
         self.share = 1.0 / (1.0 + self._damping_at * self.shift)
         self.past_gap = self._reading @ self._displacement(self._past)
@@ -261,14 +276,17 @@ class BoreResponses:
         if not self.size:
             return
         # What is left without pressure, and its rate: both are multiples of the past.
-        moved, resting = self.moved(pressures), self.share * self.past_gap
-        change, rate = moved - self._damping_at * resting, self.shift * moved + resting
+        moved = self.gap_change_from_pressure(pressures)
+        resting = self.share * self.past_gap
+        change = moved - self._damping_at * resting
+        rate = self.shift * moved + resting
         for i, own in enumerate(self.points):
             gaps[i] = gaps[i].changed(change[own], rate[own])
 
     def static(self, pressures: Sequence[np.ndarray], forces: np.ndarray) -> np.ndarray:
         """Amplitudes at rest under nodal pressures [Pa] and forces on the Gauss points [N]."""
-        pressed, found = self._spread @ np.concatenate(pressures), np.zeros(self.size)
+        pressed = self._spread @ np.concatenate(pressures)
+        found = np.zeros(self.size)
         if forces.any():
             pressed = pressed + self._pushing @ forces
         for body in self.bodies.values():

@@ -58,29 +58,33 @@ class FilmFriction:
     sheared
         ``int theta eta U^2 / h dA`` [W]; of rough surfaces all that is lost beside the pressure
         flow.
-    filled
+    sheared_fraction
         Share theta of the width that is sheared, at the Gauss points.
     """
 
     on_xi: np.ndarray
     torque: float
     sheared: float
-    filled: np.ndarray
+    sheared_fraction: np.ndarray
 
 
 def film_friction(
-    journal: JointFilm, state: FilmState, filled: np.ndarray | None = None
+    journal: JointFilm, state: FilmState, sheared_fraction: np.ndarray | None = None
 ) -> FilmFriction:
-    """Friction of a film whose gap is that of the journal; None: filled as the state says."""
-    film, gap = journal.film, state.gap
+    """Friction of a film whose gap is that of the journal.
+
+    Without a sheared fraction that of the state is computed.
+    """
+    film = journal.film
+    gap = state.gap
     p = film.parameters
     fields = film_fields(film, state, journal.shear_rule)
     area = p.grid.radius**2 * film.assembly.area
-    filled = fields.filled if filled is None else filled
+    sheared_fraction = fields.sheared_fraction if sheared_fraction is None else sheared_fraction
     thin = deep = gap.thickness
     if p.surfaces is not None:
         thin, deep = p.surfaces.sheared(gap)
-    couette = area * filled * fields.viscosity * gap.sliding_velocity / thin
+    couette = area * sheared_fraction * fields.viscosity * gap.sliding_velocity / thin
     driven = area * deep * fields.slope_around
     sheared = np.sum(couette * gap.sliding_velocity)
     if p.surfaces is not None:
@@ -97,7 +101,7 @@ def film_friction(
         on_xi,
         float(-shaft_radius * (couette.sum() + 0.5 * driven.sum())),
         float(sheared),
-        filled,
+        sheared_fraction,
     )
 
 
@@ -166,7 +170,7 @@ class StepEquations:
         Residual patterns of the bodies with films that have any.
     contacts
         Of the joints with rough surfaces.
-    filled
+    sheared_fraction
         Sheared share of films with friction that is kept for this step, by the joint's name.
     """
 
@@ -188,17 +192,17 @@ class StepEquations:
         *self.places, self.rest = consecutive(0, [len(own) for own in lower])
         self.lower = np.concatenate(lower)
         self.contacts = Contacts(system, self.responses)
-        self.lead(0)
+        self.retain_patterns(0)
         bodies = self.responses.bodies.values()
         self.most_patterns = max((len(body.own) for body in bodies), default=0)
 
-    def lead(self, count: int) -> None:
+    def retain_patterns(self, count: int) -> None:
         """Take so many residual patterns of every body into the derivatives, where any are."""
-        for film, patterns in zip(self.films, self.responses.leading(count), strict=True):
-            film.lead(*patterns)
+        for film, patterns in zip(self.films, self.responses.retained_patterns(count), strict=True):
+            film.retain_patterns(*patterns)
 
     def resting(self, z: np.ndarray) -> np.ndarray:
-        """The state behind coordinates z at the start: patterns at rest, gaps as filled."""
+        """The state behind coordinates z at the start: patterns at rest, initial oil content."""
         volumes = [film.volumes_at(z) for film in self.films]
         return np.concatenate([np.zeros(self.responses.size), *volumes])
 
@@ -206,7 +210,7 @@ class StepEquations:
         """Unknowns u of a state of given gaps, where observed, without pressures and forces."""
         u = np.zeros(len(self.lower))
         for film, own, gap in zip(self.films, self.places, gaps, strict=True):
-            void = film.void_shares(state, gap)
+            void = film.void_fractions(state, gap)
             u[own] = film.values(np.zeros_like(void), void)
         return u
 
@@ -215,7 +219,7 @@ class StepEquations:
         n = self.system.n
         self._step = replace(step, past_x=step.past_x[:n], past_rate=step.past_rate[:n])
         self._holding = False
-        self.filled: dict[str, np.ndarray] = {}
+        self.sheared_fraction: dict[str, np.ndarray] = {}
         self.responses.begin(step)
         self.contacts.begin()
         for i, film in enumerate(self.films):
@@ -239,10 +243,14 @@ class StepEquations:
         GapClosedError
             A gap is not positive at a Gauss point.
         """
-        system, step = self.system, self._step
-        n, m = system.n, system.m
+        system = self.system
+        step = self._step
+        n = system.n
+        m = system.m
         rest = u[self.rest]
-        z, multipliers, drift = rest[:n], rest[n : n + m], rest[n + m :]
+        z = rest[:n]
+        multipliers = rest[n : n + m]
+        drift = rest[n + m :]
         instant = Instant(system, step.time, z)
         rates = step.shift * z + step.past_x - self._weights * (drift @ instant.jacobian)
         accelerations = step.shift * rates + step.past_rate
@@ -256,19 +264,19 @@ class StepEquations:
         if self._gap_changes is not None:
             changes = self._gap_changes(step.time)
             gaps = [gap.changed(*change) for gap, change in zip(gaps, changes, strict=True)]
-        touches = self.contacts.touch(gaps)
+        contacts = self.contacts.touch(gaps)
         films = []
         for i, place in enumerate(system.films):
             check_gap(gaps[i], place.film.film.parameters.surfaces)
             alone = self.films[i].evaluate(gaps[i], values[i])
-            point = replace(alone, touch=touches[i], turned=place.turned(z, rates))
-            self.contacts.take(i, point, residual)
+            point = replace(alone, contact=contacts[i], rotated=place.rotated_shape(z, rates))
+            self.contacts.subtract_from_residual(i, point, residual)
             films.append(point)
             self._load(i, point, residual)
         parts = [residual, instant.defect, instant.rate_defect(rates)]
         return Point(drift, films, motion, np.concatenate(parts))
 
-    def hold_filled(self) -> None:
+    def freeze_sheared_fraction(self) -> None:
         """Keep the sheared share of every film as the next evaluation has it, for this step.
 
         It jumps where a point cavitates: active set and share may chase each other for ever.
@@ -281,13 +289,15 @@ class StepEquations:
         film = place.film
         pressure = film.film.parameters.pressure_scale * point.nodal
         residual[place.xi] -= film.load @ pressure
-        if point.turned is not None:
-            _twist(place, float(point.turned.torque @ pressure), residual)
+        if point.rotated is not None:
+            _twist(place, float(point.rotated.torque @ pressure), residual)
         if not film.friction:
             return
-        friction = film_friction(film, self.films[i].state(point), self.filled.get(place.name))
+        friction = film_friction(
+            film, self.films[i].state(point), self.sheared_fraction.get(place.name)
+        )
         if self._holding:
-            self.filled[place.name] = friction.filled
+            self.sheared_fraction[place.name] = friction.sheared_fraction
         residual[place.xi] -= friction.on_xi
         _twist(place, friction.torque, residual)
 
@@ -297,13 +307,17 @@ class StepEquations:
             each = zip(self.films, former.films, point.films, strict=True)
             films = [film.with_matrix(block, own) for film, block, own in each]
             return Derivative(films, former.core)
-        system, shift = self.system, self._step.shift
-        n, m, weights = system.n, system.m, self._weights[:, None]
-        jacobian, parts = point.motion.instant.jacobian, point.motion.derivatives()
+        system = self.system
+        shift = self._step.shift
+        n = system.n
+        m = system.m
+        weights = self._weights[:, None]
+        jacobian = point.motion.instant.jacobian
+        parts = point.motion.derivatives()
         size = last = self.rest_size
         patterns = [slice(size, size)] * len(self.films)
         for body in self.responses.bodies.values():
-            own = self.films[body.films[0]].leading
+            own = self.films[body.films[0]].retained
             for i in body.films:
                 patterns[i] = slice(last, last + own.stop - own.start)
             last += own.stop - own.start
@@ -346,19 +360,23 @@ class StepEquations:
         """
         inputs = [own.spread @ x for own in derivatives]
         changes = [own.gap @ given for own, given in zip(derivatives, inputs, strict=True)]
-        responses, left = self.responses, [np.zeros(len(film.nodes)) for film in self.films]
+        responses = self.responses
+        left = [np.zeros(len(film.nodes)) for film in self.films]
         if not responses.size:
             return changes, None
-        any_left, moved = False, responses.moved(pressures)
+        any_left = False
+        moved = responses.gap_change_from_pressure(pressures)
         for i, (film, derivative) in enumerate(zip(self.films, derivatives, strict=True)):
-            body, leading = responses.body_of(i), film.leading
+            body = responses.body_of(i)
+            retained = film.retained
             if body is None:
                 continue
-            missing = moved[responses.points[i]] - derivative.gap[:, leading] @ inputs[i][leading]
+            missing = moved[responses.points[i]] - derivative.gap[:, retained] @ inputs[i][retained]
             changes[i] = changes[i] + missing
-            if leading.stop - leading.start < len(body.own):
+            if retained.stop - retained.start < len(body.own):
                 along = derivative.along_gap @ missing
-                left[i], any_left = along[film.nodes] / film.scale, True
+                left[i] = along[film.nodes] / film.scale
+                any_left = True
         return changes, left if any_left else None
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:

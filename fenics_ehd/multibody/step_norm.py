@@ -24,8 +24,10 @@ class StepNorm:
     """
 
     def __init__(self, equations: StepEquations):
-        system, responses = equations.system, equations.responses
-        rows, constants = [], []
+        system = equations.system
+        responses = equations.responses
+        rows = []
+        constants = []
         for film in system.films:
             observed = np.zeros((len(film.film.observed), system.n))
             observed[:, film.xi] = film.film.observed
@@ -67,7 +69,7 @@ class StepNorm:
         if self._turning:
             found = found.copy()
             for own, angle, mounted, shape in self._turning:
-                found[own] -= shape.closing(observed[angle] + mounted)
+                found[own] -= shape.gap_reduction(observed[angle] + mounted)
         return found
 
     def lengths(self, gaps: np.ndarray) -> np.ndarray:
@@ -77,7 +79,7 @@ class StepNorm:
         each = zip(self._joints, self._films, strict=True)
         return np.concatenate([joint.lengths(gaps[own]) for joint, own in each])
 
-    def closing(self, before: np.ndarray, after: np.ndarray) -> float:
+    def gap_reduction(self, before: np.ndarray, after: np.ndarray) -> float:
         """Largest relative closing of a gap; -inf without one."""
         return float(((before - after) / self.lengths(before)).max(initial=-np.inf))
 

@@ -17,7 +17,7 @@ solution that never met a load is as smooth as one without it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -112,8 +112,15 @@ class Curve:
         return float(self.curve.x[-1] - self.curve.x[0])
 
     @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Variation of a curve that is read at the time, see `variations_of`."""
+        if self.periodic:
+            return (Variation(period=self.period, curve=self),)
+        return (Variation(settled=self.settled, curve=self),)
+
+    @property
     def settled(self) -> float:
-        """Place from which a curve that is not periodic keeps its value; 0 if it always does."""
+        """Position from which a curve that is not periodic is constant; 0 if it always is."""
         moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
         return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 
@@ -156,6 +163,49 @@ class Curve:
 
         curve = PPoly(factor * self.curve.c, self.curve.x)
         return Curve(curve, self.periodic, abs(factor) * self.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """How a force, drive or supply varies over the time or over the angle of a body.
+
+    Attributes
+    ----------
+    period
+        Time [s] or angle [rad] after which the values recur; 0: the values do not recur.
+    settled
+        Time from which the values recur or stay constant [s], or such an angle [rad].
+    angle_of
+        Body whose angle the values are over; empty: the values are over the time.
+    curve
+        Table whose rows no step may cross; None: the values are smooth.
+    setting
+        Key below that of the force, drive or supply that states the variation; empty: none.
+    """
+
+    period: float = 0.0
+    settled: float = 0.0
+    angle_of: str = ""
+    curve: Curve | None = None
+    setting: str = ""
+
+
+def variations_of(
+    source: object, *, angle_of: str = "", setting: str = ""
+) -> tuple[Variation, ...]:
+    """Variations that a force, drive or table states; a plain function states none.
+
+    Parameters
+    ----------
+    source
+        Object whose attribute `variations` is read.
+    angle_of, setting
+        Body whose angle a table is read at, and the key of the table, see `Variation`.
+    """
+    stated: tuple[Variation, ...] = getattr(source, "variations", ())
+    if angle_of or setting:
+        return tuple(replace(each, angle_of=angle_of, setting=setting) for each in stated)
+    return stated
 
 
 @dataclass(frozen=True, eq=False)

@@ -340,7 +340,7 @@ def too_coarse(place: FilmBinding, thickness: float) -> str:
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # Where the gap is below twice its least: h = c (1 - eps cos phi).
     length = float(place.film.lengths(np.array([thickness]))[0])
-    bend = place.film.clearance + place.film.shape.bend
+    bend = place.film.clearance + place.film.shape.largest_second_derivative
     thin = np.degrees(np.sqrt(2 * length / bend))
     if spacing <= NODE_SPACING * thin:
         return ""

@@ -203,7 +203,7 @@ class ShownJoint:
         surfaces = place.film.film.parameters.surfaces
         assert surfaces is not None
         gap = np.asarray(self.film.gap)
-        return np.where(place.film.film.supplied_nodes, 0.0, surfaces.touch(gap).pressure)
+        return np.where(place.film.film.supplied_nodes, 0.0, surfaces.contact(gap).pressure)
 
 
 def film_grid(film: FilmResult) -> FilmGrid:

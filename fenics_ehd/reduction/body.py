@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,6 +64,11 @@ class InertiaIntegrals:
     mass: np.ndarray
     spin: np.ndarray
     centrifugal: np.ndarray
+
+    @property
+    def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All three matrices, in the order of the constructor."""
+        return self.mass, self.spin, self.centrifugal
 
     @property
     def total_mass(self) -> float:
@@ -352,6 +357,33 @@ FORMAT_VERSION = 5
 _FIELDS = Value("float", ("n + 3", "n + 3"))
 _LOADS = Value("float", ("n + 3", "k"))
 
+#: Layout of the surface of a stored body's bore.
+_SURFACE = Group(surface_layout("float", attribute=False))
+
+#: Layout of stored `InertiaIntegrals`.
+_INERTIA = Group({"mass": _FIELDS, "spin": _FIELDS, "centrifugal": _FIELDS})
+
+#: Layout of a stored `ResidualFlexibility`.
+_RESIDUAL = Group(
+    {
+        "displacement": Value("float", ("m", 3, "r")),
+        "patterns": Value("float", ("r", "k")),
+        "stiffness": Value("float", ("r",), least=0.0),
+        "mass": Value("float", ("r", "r"), empty=True),
+    },
+    required=False,
+)
+
+#: Layout of the mode inventory, one row for each `ModeRecord`.
+_INVENTORY = Group(
+    {
+        "kind": Value("text", ("records",)),
+        "frequency": Value("float", ("records",), finite=False),
+        "participation": Value("float", ("records",), finite=False),
+        "dropped": Value("text", ("records",)),
+    }
+)
+
 #: Layout of a stored `ReducedBody`: n coordinates, m nodes and k pressure nodes of all bores, r
 #: residual patterns.
 LAYOUT = Group(
@@ -363,34 +395,19 @@ LAYOUT = Group(
         "frequencies": Value("float", ("n",), finite=False),
         "kinds": Value("text", ("n",)),
         "bore_names": Value("text", ("bores",)),
-        "bores": Group(each=Group(surface_layout("float", attribute=False))),
+        "bores": Group(each=_SURFACE),
         "bore_basis": Value("float", ("m", 3, "n")),
         "load_projection": _LOADS,
         "spin_load_projection": _LOADS,
-        "inertia": Group({"mass": _FIELDS, "spin": _FIELDS, "centrifugal": _FIELDS}),
+        "inertia": _INERTIA,
         "points": Group(each=Value("float", (3, "n + 3"))),
         "missing_flexibility": Value("float", ("m", "k"), empty=True),
         "mesh_flexibility": Value("float", ("sampled", "loads"), empty=True, required=False),
         "rigid_mass": Value("float", (6, 6), empty=True, required=False),
         "rigid_coupling": Value("float", (6, "n"), empty=True, required=False),
         "rigid_load": Value("float", (6, "k"), empty=True, required=False),
-        "residual": Group(
-            {
-                "displacement": Value("float", ("m", 3, "r")),
-                "patterns": Value("float", ("r", "k")),
-                "stiffness": Value("float", ("r",), least=0.0),
-                "mass": Value("float", ("r", "r"), empty=True),
-            },
-            required=False,
-        ),
-        "inventory": Group(
-            {
-                "kind": Value("text", ("records",)),
-                "frequency": Value("float", ("records",), finite=False),
-                "participation": Value("float", ("records",), finite=False),
-                "dropped": Value("text", ("records",)),
-            }
-        ),
+        "residual": _RESIDUAL,
+        "inventory": _INVENTORY,
         "accuracy": Group(each=Value("float", finite=False), required=False),
         "provenance": Group(each=Value("text"), required=False),
     }
@@ -410,19 +427,21 @@ def body_digest(body: ReducedBody) -> str:
 
 
 def _tree(body: ReducedBody) -> dict[str, Any]:
-    stored = {k: v for k, v in vars(body).items() if k != "columns" and v is not None}
+    """Contents of a body's file, by the keys of `LAYOUT`."""
     records = body.inventory
-    return stored | {
-        # The order of the bores is that of their nodes, a file's that of their names.
-        "bore_names": tuple(body.bores),
-        "accuracy": {name: float(value) for name, value in body.accuracy.items()},
-        "inventory": {
-            "kind": tuple(r.kind for r in records),
-            "frequency": np.array([r.frequency for r in records], dtype=float),
-            "participation": np.array([r.participation for r in records], dtype=float),
-            "dropped": tuple(r.dropped for r in records),
-        },
+    inventory = {
+        "kind": tuple(record.kind for record in records),
+        "frequency": np.array([record.frequency for record in records], dtype=float),
+        "participation": np.array([record.participation for record in records], dtype=float),
+        "dropped": tuple(record.dropped for record in records),
     }
+    return LAYOUT.tree(
+        body,
+        # The order of the bores is that of their nodes, a file's that of their names.
+        bore_names=tuple(body.bores),
+        accuracy={name: float(value) for name, value in body.accuracy.items()},
+        inventory=inventory,
+    )
 
 
 def load_body(path: str | Path) -> ReducedBody:
@@ -440,12 +459,13 @@ def load_body(path: str | Path) -> ReducedBody:
         names = tree.pop("bore_names")
         if sorted(names) != sorted(tree["bores"]):
             raise ValueError(f"bore_names {', '.join(names)} are not those of /bores")
-        tree["bores"] = {name: BoreSurface(**tree["bores"][name]) for name in names}
-        tree["inertia"] = InertiaIntegrals(**tree["inertia"])
+        surfaces = tree["bores"]
+        tree["bores"] = {name: BoreSurface(**_SURFACE.arguments(surfaces[name])) for name in names}
+        tree["inertia"] = InertiaIntegrals(**_INERTIA.arguments(tree["inertia"]))
         if "residual" in tree:
-            tree["residual"] = ResidualFlexibility(**tree["residual"])
+            tree["residual"] = ResidualFlexibility(**_RESIDUAL.arguments(tree["residual"]))
         tree["inventory"] = _inventory(tree["inventory"])
-        body = ReducedBody(**tree)
+        body = ReducedBody(**LAYOUT.arguments(tree))
         _require_sound(body)
         return body
 
@@ -517,7 +537,14 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
 
 
 def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
-    rows = zip(*(columns[field.name] for field in fields(ModeRecord)), strict=True)
+    """Mode inventory of a file, read by the keys of `_INVENTORY`."""
+    rows = zip(
+        columns["kind"],
+        columns["frequency"],
+        columns["participation"],
+        columns["dropped"],
+        strict=True,
+    )
     return tuple(
         ModeRecord(kind, float(frequency), float(share), dropped)
         for kind, frequency, share, dropped in rows
@@ -611,14 +638,25 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
 
 def contents(body: ReducedBody) -> dict[str, np.ndarray]:
     """Everything an export may hold, by the names of `export_npz`."""
-    every, bores = list(body.each_bore()), list(body.bores.values())
+    every = list(body.each_bore())
+    bores = list(body.bores.values())
     points = np.array(list(body.points.values())).reshape(-1, 3, 3 + body.modes)
-    found = {
+    arrays = {
         "format": EXPORT_FORMAT,
         "format_version": EXPORT_VERSION,
+        "method": body.method,
+        "frame": body.frame,
+        "kinds": np.array(body.kinds, dtype=str),
+        "stiffness": body.stiffness,
+        "mass": body.mass,
+        "frequencies": body.frequencies,
         "bore_names": list(body.bores),
+        "bore_radius": [bore.radius for bore in bores],
+        "bore_width": [bore.width for bore in bores],
+        "bore_centre": [bore.centre for bore in bores],
         "bore_sizes": [(len(b.coordinates), len(b.pressure_coordinates)) for b in bores],
         "bore_nodes": body.places(),
+        "bore_basis": body.bore_basis,
         "bore_cells": np.vstack([r.nodes.start + r.surface.cells for r in every]),
         "bore_family": bores[0].family,
         "pressure_nodes": body.places(of_pressures=True),
@@ -628,15 +666,22 @@ def contents(body: ReducedBody) -> dict[str, np.ndarray]:
         "points": np.array(list(body.points), dtype=str),
         "point_position": points[:, :, 0],
         "point_basis": points[:, :, 3:],
-        "kinds": np.array(body.kinds, dtype=str),
+        "inertia_mass": body.inertia.mass,
+        "inertia_spin": body.inertia.spin,
+        "inertia_centrifugal": body.inertia.centrifugal,
     }
-    for name in ("method", "frame", "stiffness", "mass", "frequencies", "bore_basis"):
-        found[name] = getattr(body, name)
-    for name in ("radius", "width", "centre"):
-        found[f"bore_{name}"] = [getattr(bore, name) for bore in bores]
     if body.rigid_mass.size:
-        found |= {name: getattr(body, name) for name in vars(body) if name.startswith("rigid_")}
-    for prefix, record in (("inertia", body.inertia), ("residual", body.residual)):
-        if record is not None:
-            found |= {f"{prefix}_{name}": value for name, value in vars(record).items()}
-    return {name: np.asarray(value) for name, value in found.items()}
+        arrays |= {
+            "rigid_mass": body.rigid_mass,
+            "rigid_coupling": body.rigid_coupling,
+            "rigid_load": body.rigid_load,
+        }
+    residual = body.residual
+    if residual is not None:
+        arrays |= {
+            "residual_displacement": residual.displacement,
+            "residual_patterns": residual.patterns,
+            "residual_stiffness": residual.stiffness,
+            "residual_mass": residual.mass,
+        }
+    return {name: np.asarray(value) for name, value in arrays.items()}

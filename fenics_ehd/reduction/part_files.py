@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -64,19 +64,19 @@ from fenics_ehd.reduction.structure import PointWeights, Structure
 FORMAT = "fenics_ehd structure"
 FORMAT_VERSION = 2
 
-#: Members of a bore's group, the matrix `load` apart.
-_BORE = [field.name for field in fields(Bore) if field.name != "load"]
-
-
-#: Layout of a bore in a file.
-BORE_LAYOUT = Group(
+#: Layout of a `Bore` in a file, its load matrix apart.
+BORE_VALUES = Group(
     {
         **surface_layout("real", attribute=True),
         "nodes": Value("integer", ("nodes",), least=0),
         "reference": Value("real", ("nodes", 3, 6), required=False),
-        "load": csr_layout("3 part_nodes", "load_entries"),
     },
     foreign=True,
+)
+
+#: Layout of a bore in a file.
+BORE_LAYOUT = Group(
+    {**BORE_VALUES.entries, "load": csr_layout("3 part_nodes", "load_entries")}, foreign=True
 )
 
 #: Layout of a boundary point in a file: a matrix, or nodes and weights.
@@ -209,10 +209,8 @@ def save_structure(structure: Structure, path: str | Path) -> None:
             file.create_group(name).attrs["shape"] = shape
         for name, bore in structure.bores.items():
             group = file["bores"][name]
-            for key in _BORE:
-                value = getattr(bore, key)
-                if value is not None:
-                    (group if isinstance(value, np.ndarray) else group.attrs)[key] = value
+            for key, value in BORE_VALUES.tree(bore).items():
+                (group if isinstance(value, np.ndarray) else group.attrs)[key] = value
 
     tables = {"coordinates": structure.coordinates}
     for name, (indptr, indices, data) in blocks.items():
@@ -278,9 +276,8 @@ def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
 
 
 def _bore(path: str | Path, name: str, group: h5py.Group) -> Bore:
-    layout = Group({name: e for name, e in BORE_LAYOUT.entries.items() if name in _BORE})
-    fields_read = layout.read(group, group.name)
-    return Bore(**fields_read, load=f"{path}:/bores/{name}/load")
+    values = BORE_VALUES.arguments(BORE_VALUES.read(group, group.name))
+    return Bore(**values, load=f"{path}:/bores/{name}/load")
 
 
 BASIS_FORMAT = "fenics_ehd part basis"

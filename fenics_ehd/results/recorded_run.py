@@ -69,7 +69,7 @@ from fenics_ehd.multibody.history import (
     missing,
     opened_history,
 )
-from fenics_ehd.multibody.newton import MechanismStep, SolverState
+from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep, SolverState
 from fenics_ehd.multibody.simulation import Simulation
 
 
@@ -419,8 +419,10 @@ def load_run_state(folder: Path) -> Checkpoint:
 
 def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
     """State of an integration that was stored as a tree; its first one has no solver's."""
-    solver = tree.get("solver")
-    return IntegratorState(**{**tree, "solver": solver and SolverState(**solver)})
+    values = INTEGRATOR_STATE.arguments(tree)
+    solver = values.get("solver")
+    values["solver"] = solver and SolverState(**SolverState.layout.arguments(solver))
+    return IntegratorState(**values)
 
 
 def continue_from(former: Checkpoint, run: Simulation, directory: Path) -> None:
@@ -447,8 +449,8 @@ def save_run_state(run: Simulation, directory: Path, fields: Mapping[str, Any]) 
     fields
         Fields of `Checkpoint` on the run that began.
     """
-    found = {**fields, "state": run.state}
-    run.history().write(directory / FIELDS_NAME, state=found)
+    tree = CHECKPOINT.tree({**fields, "state": run.state})
+    run.history().write(directory / FIELDS_NAME, state=tree)
 
 
 def recorded_steps(

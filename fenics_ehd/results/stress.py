@@ -102,8 +102,10 @@ def cycle_stress(
     for nodes, stress in nodal.blocks():
         history = stress if histories is None else stress @ histories
         own = largest_half_range(history)
-        for name, values in vars(own).items():
-            getattr(found, name)[nodes] = values
+        found.instants[nodes] = own.instants
+        found.von_mises[nodes] = own.von_mises
+        found.half_range[nodes] = own.half_range
+        found.mean[nodes] = own.mean
         principal[nodes], instants[nodes] = largest_principal(history)
 
     def around(node: int) -> np.ndarray:

@@ -127,7 +127,14 @@ class Search:
 
     def leave(self, directory: Path) -> None:
         """Store it beside the run under way."""
-        write_whole(directory / ACCURACY, to_json(vars(self)) + "\n")
+        contents = {
+            "asked": self.asked,
+            "kept": self.kept,
+            "chosen": self.chosen,
+            "runs": self.runs,
+            "wanted": self.wanted,
+        }
+        write_whole(directory / ACCURACY, to_json(contents) + "\n")
 
     def figures(self) -> dict[str, Any]:
         """For ``summary.json``."""
@@ -191,7 +198,13 @@ def search_of(directory: Path) -> Search | None:
         return None
     with named(InputError, f"{path}: not the search of a run"):
         found = read_json(path)
-        return Search(**found | {"kept": tuple(found["kept"])})
+        return Search(
+            asked=found["asked"],
+            kept=tuple(found["kept"]),
+            chosen=found["chosen"],
+            runs=found["runs"],
+            wanted=found["wanted"],
+        )
 
 
 def choosable(scene: Scene) -> tuple[str, ...]:

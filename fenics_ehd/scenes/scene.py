@@ -36,9 +36,19 @@ from fenics_ehd.base.settings import (
     unusual,
     without_effect,
 )
+from fenics_ehd.film.heat import require_cycle, require_graded
+from fenics_ehd.film.kinematics import require_inside
 from fenics_ehd.film.lubricant import Lubricant, make_lubricant
 from fenics_ehd.multibody.body import MasslessBody, RigidBody
-from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.joints import (
+    Speed,
+    named_points,
+    require_body,
+    require_point,
+    require_single_bores,
+    require_turning,
+    require_two_bodies,
+)
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import shipped_scene
@@ -167,20 +177,16 @@ def check_heat(scene: Scene, name: str) -> None:
     SettingsError
         Naming the key to change.
     """
-    joint, key = scene.joints[name], f"joints.{name}.heat"
+    joint = scene.joints[name]
+    key = f"joints.{name}.heat"
     if joint.heat is None:
         return
-    if not scene.time.periodic:
-        raise SettingsError(
-            f"{key}: heat is balanced over a cycle, and with time.periodic = false there is none: "
-            f"set it, or drop [{key}], the oil then at its lubricant's temperature"
-        )
-    if joint.lubricant == NONE or not scene.lubricants[joint.lubricant].graded:
-        oil = f"lubricants.{joint.lubricant}" if joint.lubricant != NONE else f"joints.{name}"
-        raise SettingsError(
-            f"{key}: the viscosity of {oil} does not depend on its temperature: name a lubricant "
-            "with a grade, or viscosity_40 and viscosity_100"
-        )
+    require_cycle(scene.time.periodic, key)
+    if joint.lubricant == NONE:
+        require_graded(False, key=key, lubricant=f"joints.{name}")
+    else:
+        graded = scene.lubricants[joint.lubricant].graded
+        require_graded(graded, key=key, lubricant=f"lubricants.{joint.lubricant}")
 
 
 #: Bodies that have a mass whatever is written.
@@ -189,9 +195,6 @@ ELASTIC = (schema.FlexibleSettings, ShaftBody)
 #: Reynolds number up to which films of bearings are laminar: turbulence begins at about 1000 and is
 #: complete near 1600 (chapter 5.5 of Bearing Design in Machinery, opened at 1library.net).
 LAMINAR = 1000.0
-
-#: Keys that name points, by the settings class's field.
-POINT_KEYS = ("between", "line", "point", "journal", "bore")
 
 #: Combined roughness over the clearance above which there is no film between rough surfaces.
 ROUGHEST = 0.3
@@ -202,37 +205,28 @@ def check_names(scene: Scene) -> None:
     for name, body in scene.bodies.items():
         if isinstance(body, schema.FlexibleSettings):
             _check_source(scene, name, body)
+    points = {GROUND: (), **{name: points_of(body) for name, body in scene.bodies.items()}}
     for table in ("joints", "forces"):
         for name, settings in getattr(scene, table).items():
-            bodies: dict[str, str] = {}
-            for key in POINT_KEYS:
-                value = getattr(settings, key, ())
-                for marker in (value,) if isinstance(value, str) else value:
-                    _check_point(scene, f"{table}.{name}.{key}", marker)
-                    other = bodies.setdefault(marker.partition(".")[0], marker)
-                    if other is not marker:
-                        raise SettingsError(
-                            f"{table}.{name}: {other} and {marker} are points of one body"
-                        )
+            named = named_points(settings)
+            for attribute, marker in named:
+                require_point(f"{table}.{name}.{attribute}", marker, points)
+            ends = [marker for attribute, marker in named if attribute != "angle_of"]
+            require_two_bodies(f"{table}.{name}", ends)
     for name, force in scene.forces.items():
         if isinstance(force, schema.AngleTableSettings):
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
     for name, drive in scene.drives.items():
+        require_body(f"drives.{name}", name, points)
         _check_turning(scene, f"drives.{name}", name)
         speed = scene.bodies[name].speed
         if isinstance(drive, Speed) and speed not in (0.0, drive.speed):
             raise no_effect(f"bodies.{name}.speed", speed, f"with drives.{name}.kind = 'speed'")
     check_lubricants(scene)
-    bores: dict[str, str] = {}
     for name, joint in scene.films.items():
         _check_film(scene, name, joint)
         check_heat(scene, name)
-        if joint.bore in bores:
-            raise SettingsError(
-                f"joints.{name}.bore = {joint.bore!r} is the bore of joints.{bores[joint.bore]} "
-                "already: a bore holds one journal; give the second a point of its own"
-            )
-        bores[joint.bore] = name
+    require_single_bores({name: joint.bore for name, joint in scene.films.items()})
 
 
 def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> None:
@@ -251,27 +245,11 @@ def points_of(body: Any) -> tuple[str, ...] | None:
     return tuple(body.points)
 
 
-def _check_point(scene: Scene, key: str, marker: str) -> None:
-    name, dot, point = marker.partition(".")
-    if name != GROUND:
-        _body(scene, key, name)
-    known = points_of(scene.bodies.get(name, schema.GroundSettings()))
-    if dot and known is not None and point not in known:
-        has = f"its points: {', '.join(known)}" if known else "it has none but its origin"
-        raise SettingsError(f"{key} = {marker!r}: body {name} has no point {point!r}, {has}")
-
-
-def _body(scene: Scene, key: str, name: str) -> Any:
-    if name not in scene.bodies:
-        known = ", ".join(sorted({GROUND, *scene.bodies}))
-        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
-    return scene.bodies[name]
-
-
-def _check_turning(scene: Scene, key: str, name: str) -> None:
-    body = _body(scene, key, name)
-    if isinstance(body, schema.GroundSettings) or getattr(body, "clamped", NONE) != NONE:
-        raise SettingsError(f"{key}: body {name} cannot turn")
+def _check_turning(scene: Scene, key: str, marker: str) -> None:
+    name = marker.partition(".")[0]
+    body = scene.bodies.get(name, schema.GroundSettings())
+    held = isinstance(body, schema.GroundSettings) or getattr(body, "clamped", NONE) != NONE
+    require_turning(key, name, turns=not held)
 
 
 def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
@@ -286,11 +264,9 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
             f"there are: {known}"
         )
     _check_oil(scene, name, joint)
-    if not np.hypot(*joint.eccentricity) < 1.0:
-        raise SettingsError(
-            f"{key}.eccentricity = {list(joint.eccentricity)} lies on the bore or beyond: its "
-            "length must be below 1"
-        )
+    require_inside(
+        joint.eccentricity, rough=bool(joint.contact.roughness), key=f"{key}.eccentricity"
+    )
     _check_contact(joint, key)
     if joint.transfer != schema.TRANSFERS[0] and not scene.elastic_bore(joint):
         raise no_effect(f"{key}.transfer", joint.transfer, "without a flexible bore")
@@ -380,7 +356,7 @@ def check_time(scene: Scene) -> None:
     if bool(given) == bool(time.revolutions):
         raise SettingsError(f"give {key} or time.revolutions, one of them")
     if time.revolutions:
-        _body(scene, "time.of", time.of)
+        require_body("time.of", time.of, {GROUND: (), **scene.bodies})
         if not scene.speed_of(time.of):
             raise SettingsError(
                 f"time.of = {time.of!r}: its speed at the start is 0, so that revolutions say no "

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import functools
-import hashlib
 import io
 import json
 from collections import Counter
@@ -26,10 +25,8 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import parse_number
 from fenics_ehd.base.files import read_text, write_whole
 from fenics_ehd.base.settings import key_hint, walk
-from fenics_ehd.reduction.body import FORMAT_VERSION
-from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
-from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, meshed, stored, today
+from fenics_ehd.scenes.needed_bodies import NeededBody, checksum, content_of, needed_bodies
+from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
 
 
 def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
@@ -218,27 +215,6 @@ def _range(key: str, item: str) -> list[float]:
     return [first, *(float(f"{number:.12g}") for number in numbers[1:-1]), last]
 
 
-@dataclass(frozen=True)
-class NeededBody:
-    """A body to be reduced.
-
-    Attributes
-    ----------
-    key
-        Of the scene, ``"bodies.rod"``.
-    settings, film_element
-        Of the part, and of the film in its bore.
-    part, name
-        Checksums of all that its assembled structure and the reduced body depend on.
-    """
-
-    key: str
-    settings: schema.FlexibleSettings
-    film_element: str
-    part: str
-    name: str
-
-
 @dataclass(frozen=True, eq=False)
 class Case:
     """A case.
@@ -286,26 +262,6 @@ def make_case(
     return Case(name, own, needed_bodies(own), tuple(values.values()))
 
 
-def needed_bodies(scene: Scene) -> dict[str, NeededBody]:
-    """Parts to mesh and reduce, by body; those of files are left out."""
-    found = {}
-    for name in meshed(scene):
-        settings: schema.FlexibleSettings = scene.bodies[name]
-        key, element = f"bodies.{name}", scene.film_element(name)
-        made = structure_provenance(settings, model_file(settings, key), element) | {
-            "version": f"{__version__} {FORMAT_VERSION}",
-            "solver": settings.reduction.solver,
-        }
-        part = checksum(made)
-        own = reduction_provenance(settings.reduction)
-        if "snapshots" in own:
-            # The pressures of a former run, not where they are kept.
-            own["snapshots"] = described(settings.reduction.snapshots)
-        own |= {"part": part, "estimate_error": str(settings.reduction.estimate_error)}
-        found[name] = NeededBody(key, settings, element, part, checksum(own))
-    return found
-
-
 def identity(scene: Scene) -> dict[str, str]:
     """Everything that results depend on, as text by dotted key."""
     values = {
@@ -320,23 +276,7 @@ def _names_file(key: str, value: object) -> bool:
     return key.endswith(".snapshots") or Path(str(value)).suffix in FILES
 
 
-def checksum(values: Mapping[str, str]) -> str:
-    """Beginning of a checksum of all values."""
-    return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()[:16]
-
-
 def described(value: object) -> str:
     """A value as text; of a file, or the history of a run's folder, name and checksum."""
-    if isinstance(value, str):
-        path = Path(value, "history.h5") if Path(value).is_dir() else Path(value)
-        if path.is_file():
-            state = path.stat()
-            return f"{Path(value).name} {_file_checksum(path, state.st_mtime_ns, state.st_size)}"
-    return as_text(value)
-
-
-@functools.cache
-def _file_checksum(path: Path, _changed: int, _size: int) -> str:
-    """Beginning of a file's checksum: many cases name the same file."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()[:12]
+    content = content_of(value) if isinstance(value, str) else None
+    return content or as_text(value)

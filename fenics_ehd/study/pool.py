@@ -24,7 +24,7 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import AbstractContextManager, ExitStack, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from math import inf
@@ -56,10 +56,11 @@ from fenics_ehd.reduction.reductor import Reductor
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.needed_bodies import NeededBody
 from fenics_ehd.scenes.part import elastic_part
 from fenics_ehd.scenes.run import run_scene
 from fenics_ehd.scenes.scene import flexible
-from fenics_ehd.study.cases import Case, NeededBody
+from fenics_ehd.study.cases import Case
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -421,8 +422,12 @@ class RunsFolder(ExitStack):
         except DAMAGE as error:
             outcome = failed(error)
         claim(self.run(name), [OUTCOME])
-        about = {"identity": self.cases[name].identity}
-        self.write(f"runs/{name}/{OUTCOME}", about | asdict(outcome))
+        contents = {
+            "identity": self.cases[name].identity,
+            "status": outcome.status,
+            "figures": outcome.figures,
+        }
+        self.write(f"runs/{name}/{OUTCOME}", contents)
         self.outcomes[name] = outcome
         self.write_tables()
 

@@ -233,12 +233,13 @@ def scene_sensitivity(
     slopes: dict[tuple[Objective, str], float] = {}
     fine: dict[tuple[Objective, str], float] = {}
     for parameter in parameters:
+        name = parameter.name
         computed = derivatives(trajectory, parameter, objectives)
-        slopes |= {(objective, parameter.name): slope for objective, slope in computed.items()}
+        slopes |= {(objective, name): slope for objective, slope in computed.items()}
         if finer:
             with suppress(EhdError):  # there is no finer film, or no cycle on it
                 computed = derivatives(trajectory, parameter, objectives, finer=True)
-                fine |= {(objective, parameter.name): slope for objective, slope in computed.items()}
+                fine |= {(objective, name): slope for objective, slope in computed.items()}
     seconds["derivatives"] = process_time() - clock
     values = {objective: objective.value(trajectory) for objective in objectives}
     reduced = [each.name for each in parameters if not each.same_coordinates]

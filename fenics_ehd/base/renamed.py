@@ -1,0 +1,132 @@
+"""Former public Python names, accepted for one version with a `DeprecationWarning`.
+
+Three kinds of names are covered::
+
+    @renamed_attributes(lift="minus_gravity")  # former attribute or method of a class
+    @renamed_arguments(lift="minus_gravity")  # former keyword argument of its constructor
+    @dataclass(frozen=True)
+    class Body:
+        minus_gravity: float
+
+
+    @renamed_arguments(place="binding")  # former keyword argument of a function
+    def bind(binding: Binding) -> None: ...
+
+A former name of the package itself (``ehd.Course``) is an entry of its table, see
+`fenics_ehd.base.lazy.lazily`. Every renamed name has a row in ``docs/renamed.md``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+#: Version without the former names.
+REMOVED_IN = "0.5"
+
+Cls = TypeVar("Cls", bound=type)
+Renamed = TypeVar("Renamed", bound=Callable[..., Any])
+
+
+def warn_renamed(former: str, name: str, depth: int = 1) -> None:
+    """Emit the warning of a former name.
+
+    Parameters
+    ----------
+    former, name
+        The former name and the present one.
+    depth
+        Calls between the line that uses the former name and the caller of this function.
+    """
+    warnings.warn(
+        f"{former} is now {name}: the former name will be removed in {REMOVED_IN}",
+        DeprecationWarning,
+        stacklevel=depth + 2,
+    )
+
+
+class _FormerAttribute:
+    """Descriptor that passes a former attribute on to the present one.
+
+    Attributes
+    ----------
+    former, name
+        The former name and the present one.
+    """
+
+    def __init__(self, former: str, name: str) -> None:
+        self.former = former
+        self.name = name
+
+    def _warn(self, owner: type) -> None:
+        warn_renamed(f"{owner.__name__}.{self.former}", f"{owner.__name__}.{self.name}", depth=2)
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        """Value of the present attribute, of an instance or of the class."""
+        self._warn(owner)
+        return getattr(owner if instance is None else instance, self.name)
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        """Assign to the present attribute."""
+        self._warn(type(instance))
+        setattr(instance, self.name, value)
+
+
+def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
+    """Class decorator that accepts former names of attributes and methods.
+
+    It belongs above ``@dataclass``, which would take the former names for defaults of fields.
+
+    Parameters
+    ----------
+    names
+        Present name of every former one.
+    """
+
+    def decorate(cls: Cls) -> Cls:
+        for former, name in names.items():
+            setattr(cls, former, _FormerAttribute(former, name))
+        return cls
+
+    return decorate
+
+
+def renamed_arguments(**names: str) -> Callable[[Renamed], Renamed]:
+    """Decorator that accepts former keyword arguments of a function or of a constructor.
+
+    Calls of the result pass through one more function: it is not for functions called in every
+    iteration of a step.
+
+    Parameters
+    ----------
+    names
+        Present name of every former one.
+
+    Raises
+    ------
+    TypeError
+        From the decorated function: it is called with a former name and the present one.
+    """
+
+    def accept_former(function: Callable[..., Any], label: str) -> Callable[..., Any]:
+        @wraps(function)
+        def accepting(*arguments: Any, **keywords: Any) -> Any:
+            for former in names.keys() & keywords:
+                if names[former] in keywords:
+                    raise TypeError(f"{label}() got {names[former]} and its former name {former}")
+                warn_renamed(f"{label}({former}=)", f"{label}({names[former]}=)")
+                keywords[names[former]] = keywords.pop(former)
+            return function(*arguments, **keywords)
+
+        return accepting
+
+    def decorate(function: Renamed) -> Renamed:
+        if isinstance(function, type):
+            initialise = accept_former(getattr(function, "__init__"), function.__name__)  # noqa: B009
+            setattr(function, "__init__", initialise)  # noqa: B010  (mypy refuses the assignment)
+            return function
+        return accept_former(function, function.__name__)  # type: ignore[return-value]
+
+    return decorate

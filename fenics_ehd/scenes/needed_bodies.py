@@ -1,0 +1,96 @@
+"""Reduced bodies that a scene needs, and checksums of all that each of them depends on.
+
+Two bodies of equal checksums are equal: a body that was reduced for one scene serves another.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from fenics_ehd import __version__
+from fenics_ehd.multibody.history import FIELDS_NAME
+from fenics_ehd.reduction.body import FORMAT_VERSION
+from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
+from fenics_ehd.scenes.scene import Scene, meshed
+
+
+@dataclass(frozen=True)
+class NeededBody:
+    """A body to mesh and reduce.
+
+    Attributes
+    ----------
+    key
+        Table of the scene with its settings, ``"bodies.rod"``.
+    settings, film_element
+        Settings of the part, and element of the pressures in its bore.
+    part
+        Checksum of all that the assembled structure depends on.
+    name
+        Checksum of all that the reduced body depends on; name of its file.
+    """
+
+    key: str
+    settings: schema.FlexibleSettings
+    film_element: str
+    part: str
+    name: str
+
+
+def needed_bodies(scene: Scene) -> dict[str, NeededBody]:
+    """Bodies to mesh and reduce, by body name; bodies that are read from files are left out.
+
+    Raises
+    ------
+    SettingsError, MeshError
+        A model does not exist or is no model.
+    """
+    return {name: _needed_body(scene, name) for name in meshed(scene)}
+
+
+def _needed_body(scene: Scene, name: str) -> NeededBody:
+    """Settings and checksums of one meshed body."""
+    settings: schema.FlexibleSettings = scene.bodies[name]
+    key = f"bodies.{name}"
+    element = scene.film_element(name)
+    part = checksum(
+        structure_provenance(settings, model_file(settings, key), element)
+        | {
+            "version": f"{__version__} {FORMAT_VERSION}",
+            "solver": settings.reduction.solver,
+        }
+    )
+    reduction = reduction_provenance(settings.reduction)
+    if "snapshots" in reduction:
+        # The pressures of a former run, not the path of its folder.
+        folder = settings.reduction.snapshots
+        reduction["snapshots"] = content_of(folder) or folder
+    reduction |= {"part": part, "estimate_error": str(settings.reduction.estimate_error)}
+    return NeededBody(key, settings, element, part, checksum(reduction))
+
+
+def checksum(values: Mapping[str, str]) -> str:
+    """First 16 digits of the SHA-256 checksum of all values by name."""
+    return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def content_of(name: str) -> str | None:
+    """Name and checksum of a file, or of a folder with the history of a run; None: neither."""
+    path = Path(name, FIELDS_NAME) if Path(name).is_dir() else Path(name)
+    if not path.is_file():
+        return None
+    state = path.stat()
+    return f"{Path(name).name} {_file_checksum(path, state.st_mtime_ns, state.st_size)}"
+
+
+@functools.cache
+def _file_checksum(path: Path, _changed: int, _size: int) -> str:
+    """First 12 digits of a file's checksum, computed once: many cases name the same file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:12]
