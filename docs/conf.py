@@ -16,6 +16,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "demo_pages",
+    "docstrings",
     "drawings",
     "katex",
 ]

@@ -33,7 +33,7 @@ _NAMES = {
     "analysis.multiplier": ("multiplier",),
     "analysis.replay": ("replay",),
     "analysis.sensitivity": ("sensitivity",),
-    "base.fields": ("Material",),
+    "base.shared_settings": ("Material",),
     "fem.models": ("model_path",),
     "fem.structure": ("assemble_structure", "build_mesh"),
     "film.film": ("Film",),

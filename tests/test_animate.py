@@ -168,7 +168,7 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
         angle = np.arctan2(y, x)
         reading = place.film.film.parameters.grid.interpolation(angle, z)
         expected = scale * (reading @ given.run.gaps[place.name].T).T
-        if place.film.own > 2:
+        if place.film.journal_coordinates > 2:
             # The journal is drawn where it is at half the bore's width.
             tilt = given.run.motion.coordinates[:, place.xi[2:4]]
             expected = expected + scale * tilt @ (np.stack([-np.sin(angle), np.cos(angle)]) * z)

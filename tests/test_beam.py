@@ -32,7 +32,7 @@ def turning(body, speed):
     """``M, C, K`` of the deflections of a shaft that turns at a speed."""
     rest, rates = np.zeros((2, body.size))
     rates[0] = speed
-    found = body.balance(rest, rates, rest, lift=np.zeros(2)).derivatives()
+    found = body.balance(rest, rates, rest, minus_gravity=np.zeros(2)).derivatives()
     return [part[1:, 1:] for part in (found.acceleration, found.rate, found.position)]
 
 
@@ -163,7 +163,7 @@ def test_forward_whirl_turns_with_the_shaft():
 def test_gyroscopic_forces_do_no_work():
     body = in_modes(shaft(), 10, damping_ratio=0.0)
     rates = np.append(600.0, np.random.default_rng(3).standard_normal(20))
-    forces = body.balance(np.zeros(21), rates, np.zeros(21), lift=np.zeros(2)).forces
+    forces = body.balance(np.zeros(21), rates, np.zeros(21), minus_gravity=np.zeros(2)).forces
     assert np.abs(forces).max() > 1.0
     assert forces @ rates == pytest.approx(0.0, abs=1e-9)
 

@@ -52,7 +52,7 @@ def test_numbers_may_have_units_as_in_scenes(call):
     units = ("--load", "5 kN", "--speed", "300 rad/s", "--groove", "90 deg", "10", "1 bar")
     assert call(*units, "--cells", "20x4") == plain
     assert plain[0] == 0
-    for wrong, told in (("5 kW", "a unit like it: kW is none"), ("five", "or one with its unit")):
+    for wrong, told in (("5 kW", "a unit of the same kind: kW"), ("five", "or one with its unit")):
         status, _, err = call("--load", wrong)
         assert status == 2
         assert f"'--load': '{wrong}' must be a" in err
@@ -128,7 +128,10 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--clearance", 30], "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
         (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths are in m"),
         (["--load", 5, "--viscosity", 0], "viscosity = 0.0 must be above 0"),
-        (["--load", 5, "--tilt", "nan", 0], "tilt = [nan, 0.0] must be two numbers [x, y] in rad"),
+        (
+            ["--load", 5, "--tilt", "nan", 0],
+            "tilt = [nan, 0] must be two finite numbers [x, y] in rad",
+        ),
         (["--load", 5, "--tilt", 2e-3, 0], "tilt = 0.002 rad closes the gap"),
         (["--load", 5, "--cells", "64x-1"], "--cells '64x-1' must be two whole numbers"),
         (["--load", 5, "--cells", "2x2"], "cells_around = 2 must be a whole number, at least 3"),
@@ -161,7 +164,7 @@ def test_pictures_without_a_film(call, tmp_path):
         ),
         (["--load", 5, "--barus", 1e-8, "--roelands", 0.6], "exclude each other"),
         (["--load", 5, "--viscosity", 1e308], "viscosity = 1e+308 must be 0 or from 1e-30 to"),
-        (["--load", 5, "--squeeze", 1e160, 0], "squeeze = [1e+160, 0.0] must be two numbers"),
+        (["--load", 5, "--squeeze", 1e160, 0], "squeeze = [1e+160, 0] must be two finite"),
         (["--load", 5, "--ambient", 1e308], "ambient = 1e+308 must be below 1e+12"),
         (["--load", 5, "--plot", "picture.xyz"], "its ending must be one of"),
         (["--load", 5, "--plot", "/dev/null/picture.png"], "/dev/null is not a folder"),

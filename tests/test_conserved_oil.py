@@ -515,7 +515,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
         size[:m] = np.abs(point.films[0].balance).max()
         assert np.all(np.abs(found - expected) <= 1e-6 * size)
     if kind.startswith("rough"):
-        assert point.films[0].touch.pressure.max() > 1e6
+        assert point.films[0].contact.pressure.max() > 1e6
 
 
 def unknowns(values, void):

@@ -38,7 +38,7 @@ def test_derivatives_equal_central_differences(residual, share, shape):
     rough = surfaces(CLEARANCE / 2, share, modulus=1e13, offset=4 * share - 2)
     mechanism = with_surfaces(mechanism_with("lagrange", residual), rough, journal_shape=shape)
     point = assert_derivatives(mechanism, 1e-6)
-    assert point.films[0].touch.pressure.max() > 1e6
+    assert point.films[0].contact.pressure.max() > 1e6
 
 
 @pytest.mark.kernels

@@ -8,11 +8,14 @@ from scipy.interpolate import PchipInterpolator
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.cli.run import joint_lines
+from fenics_ehd.cli.stress import instants_of
 from fenics_ehd.film.grid import aligned_grid
+from fenics_ehd.multibody.cycle import Cycle, Recurrence
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.quantities import upper_most
-from fenics_ehd.multibody.simulation import EXTREMES, used_cycle
+from fenics_ehd.multibody.simulation import EXTREMES, cycle_figures, cycle_of
 from fenics_ehd.multibody.tabulated import Curve
+from fenics_ehd.plotting.shown import ShownRun, moving_part
 
 TURN = 2 * np.pi / OMEGA
 
@@ -185,12 +188,13 @@ def test_search_that_was_stopped_tells_its_last_whole_cycle():
 
     def answer(steps):
         part = {name: values[:steps] for name, values in columns.items()}
-        used = used_cycle(None, part)
-        return used, used.figures(part, "pin", ["flow_m3_per_s"])
+        cycle = cycle_of(part, Recurrence())
+        return cycle, cycle_figures(cycle, part, "pin", ["flow_m3_per_s"])
 
     (stopped, found), (whole, others), (first, _) = (answer(steps) for steps in (11, 9, 3))
-    assert (stopped.told, stopped.start, stopped.end) == (whole.told, whole.start, whole.end)
-    assert stopped.told == "last of 2"
+    assert stopped == whole
+    assert stopped.complete
+    assert stopped.label == "last of 2"
     assert stopped.start == pytest.approx(2.0)
     assert stopped.end == pytest.approx(4.0)
     assert found["cycle_max_pressure_Pa"] == peak[4:9].max()
@@ -198,7 +202,78 @@ def test_search_that_was_stopped_tells_its_last_whole_cycle():
     # Means of models are those of the cycle under way, unless that is not the one.
     assert found["cycle_mean_flow_m3_per_s"] == pytest.approx(1.2, abs=0.1)
     assert "cycle_mean_flow_m3_per_s" not in others
-    assert first.told == "first cycle: films build up"
+    assert first.label == "first cycle: films build up"
+    assert not first.complete
+
+
+def stored_run(folder, times, cycle, numbers=None):
+    """The history of a run of a journal in a folder, its steps at the given times [s]."""
+    units = {
+        "time": "s", "run/crank_angle": "deg", "run/kinetic_energy": "J", "run/strain_energy": "J",
+        "joints/pin/max_pressure": "Pa", "state/coordinates": "mixed", "state/rates": "mixed",
+    }  # fmt: skip
+    values = dict.fromkeys(units, np.zeros(len(times)))
+    values |= {"time": times, "run/crank_angle": 360.0 * times, "joints/pin/max_pressure": times}
+    values |= {f"state/{name}": np.zeros((len(times), 1)) for name in ("coordinates", "rates")}
+    if numbers is not None:
+        units |= {"run/cycle": "1", "run/cycle_time": "s"}
+        values |= {"run/cycle": numbers, "run/cycle_time": times - (numbers - 1)}
+    quantities = {path: Quantity(np.asarray(v, float), units[path]) for path, v in values.items()}
+    ehd.History(quantities, ("joints/pin/eccentricity_x",), ("m",), stored_cycle=cycle).save(folder)
+    return folder
+
+
+@pytest.mark.parametrize("stored", [True, False], ids=["stored", "without stored cycle"])
+@pytest.mark.parametrize(
+    ("times", "numbers", "first", "last", "label"),
+    [
+        # The search was stopped within its third cycle, and within its first.
+        (np.arange(0.25, 2.75, 0.25), [1] * 4 + [2] * 4 + [3] * 2, 1.25, 2.0, "last of 2"),
+        (np.arange(0.25, 1.00, 0.25), [1] * 3, 0.25, 0.75, "first cycle: films build up"),
+        # A run once through, and one that is shorter than a cycle.
+        (np.arange(0.25, 3.00, 0.25), None, 2.0, 2.75, "last of 2"),
+        (np.arange(0.25, 1.00, 0.25), None, 0.25, 0.75, "whole run: no full cycle"),
+    ],
+    ids=["stopped in a cycle", "stopped in the first", "once through", "no cycle"],
+)
+def test_every_reader_has_the_steps_of_the_same_cycle(
+    times, numbers, first, last, label, stored, tmp_path
+):
+    """Of a run that was stored without its cycle and has no numbers, all steps count."""
+    columns = {"time_s": times, "run/crank_angle_deg": 360.0 * times}
+    if numbers is not None:
+        numbers = np.array(numbers, float)
+        columns |= {"run/cycle": numbers, "run/cycle_time_s": times - (numbers - 1)}
+    cycle = cycle_of(columns, Recurrence())
+    folder = stored_run(tmp_path, times, cycle if stored else None, numbers)
+    history = ehd.load_history(folder)
+    if not stored and numbers is None:
+        first, label = times[0], "whole run"
+        cycle = Cycle(0.0, times[-1], label, complete=False, periodic=False)
+    assert history.cycle == cycle
+    assert cycle.label == label
+    assert cycle.period == cycle.end - cycle.start
+    assert cycle.complete == label.startswith("last")
+    rows = cycle.rows(times)
+    shown_run = ShownRun("", folder)
+    shown_times = shown_run.time + cycle.start
+    instants = instants_of(ehd.read_scene("four-bar"), history.last_cycle())
+    # A run once through has a step at the start of its cycle, which belongs to it as well.
+    after_start = slice(int(cycle.start > 0.0 and numbers is None), None)
+    shown_after_start = slice(int(cycle.start > 0.0), None)
+    for reader in (
+        times[rows],
+        history.last_cycle().run.time[after_start],
+        instants["time_s"][after_start] + cycle.start,
+        shown_times[shown_after_start],
+    ):
+        assert reader[0] == pytest.approx(first)
+        assert reader[-1] == pytest.approx(last)
+        np.testing.assert_allclose(reader, times[rows], atol=1e-12)
+    assert len(moving_part(history)) == (rows.stop - rows.start if cycle.periodic else len(times))
+    assert shown_run.told == ("" if cycle.complete else label)
+    summary = {"cycles": 3} if numbers is not None else {}
+    assert Cycle.of_summary(summary | cycle.entries()) == cycle
 
 
 def test_one_mean_of_a_flow_is_printed():

@@ -69,11 +69,11 @@ def moving_clouds(draw):
     return cloud, draw(numbers(3, 3 + cloud.modes.shape[2], largest=1.5)), draw(numbers(2))
 
 
-def frame(cloud, motion, lift):
-    return FrameInertia(in_order_of_coordinates(cloud.integrals()), *motion, lift)
+def frame(cloud, motion, minus_gravity):
+    return FrameInertia(in_order_of_coordinates(cloud.integrals()), *motion, minus_gravity)
 
 
-def lagrange_forces(cloud, motion, lift):
+def lagrange_forces(cloud, motion, minus_gravity):
     """``d/dt (dT/dz') - d(T - V)/dz`` at time zero for every coordinate."""
     z, v, a = motion
 
@@ -82,7 +82,7 @@ def lagrange_forces(cloud, motion, lift):
         return cloud.kinetic_energy(place, v + t * a + rate_change)
 
     def lagrangian(change):
-        return energy(0.0, change) - cloud.masses @ cloud.places(z + change)[:, :2] @ lift
+        return energy(0.0, change) - cloud.masses @ cloud.places(z + change)[:, :2] @ minus_gravity
 
     forces = []
     for unit in np.eye(len(z)):
@@ -98,24 +98,24 @@ def lagrange_forces(cloud, motion, lift):
 @profile
 @given(moving_clouds())
 def test_inertia_forces_are_the_lagrange_equations_of_the_points(case):
-    cloud, motion, lift = case
-    expected = lagrange_forces(cloud, motion, lift)
-    found = frame(cloud, motion, lift).forces
+    cloud, motion, minus_gravity = case
+    expected = lagrange_forces(cloud, motion, minus_gravity)
+    found = frame(cloud, motion, minus_gravity).forces
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * cloud.masses.sum())
 
 
 @profile
 @given(moving_clouds())
 def test_derivatives_of_the_inertia_forces_equal_central_differences(case):
-    cloud, motion, lift = case
-    derivatives = frame(cloud, motion, lift).derivatives()
+    cloud, motion, minus_gravity = case
+    derivatives = frame(cloud, motion, minus_gravity).derivatives()
     found = derivatives.position, derivatives.rate, derivatives.acceleration
     for row, derivative in enumerate(found):
 
         def forces(change, row=row):
             moved = motion.copy()
             moved[row] += change
-            return frame(cloud, moved, lift).forces
+            return frame(cloud, moved, minus_gravity).forces
 
         columns = [slope(lambda h, u=u: forces(h * u)) for u in np.eye(motion.shape[1])]
         expected = np.column_stack(columns)
@@ -125,9 +125,9 @@ def test_derivatives_of_the_inertia_forces_equal_central_differences(case):
 @profile
 @given(moving_clouds())
 def test_kinetic_energy_is_the_sum_over_the_points(case):
-    cloud, motion, lift = case
+    cloud, motion, minus_gravity = case
     expected = cloud.kinetic_energy(*motion[:2])
-    found = frame(cloud, motion, lift).kinetic_energy
+    found = frame(cloud, motion, minus_gravity).kinetic_energy
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-12 * cloud.masses.sum())
 
 

@@ -8,7 +8,8 @@ import pytest
 from command_line import exit_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base.fields import NO_TEMPERATURE, OilSettings
+from fenics_ehd.base.needs import NO_TEMPERATURE
+from fenics_ehd.base.shared_settings import OilSettings
 from fenics_ehd.film.lubricant import make_lubricant, oil_of_grade
 from fenics_ehd.scenes.films import build_film
 from fenics_ehd.scenes.library import shipped
@@ -22,7 +23,7 @@ def scene_with(**oil):
 
 
 def film_oil(scene):
-    return build_film(scene, "bearing", None, 300.0).parameters.lubricant
+    return build_film(scene, "bearing", None, 300.0, ()).parameters.lubricant
 
 
 def test_an_oil_by_grade_is_that_of_its_two_viscosities():

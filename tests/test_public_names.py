@@ -72,7 +72,10 @@ def test_what_would_be_left_out_in_python_is_refused():
         (lambda: ehd.Shape(barrel=3e-6), r"barrel = 3e-06 m, taper = 0 m need half_width"),
         (lambda: ehd.Shape(table="shape.csv"), r"table = 'shape\.csv' is read with a scene"),
         (lambda: film(feeds=(fed,)), r"oil: table = 'pressure\.csv' is read with a scene"),
-        (lambda: ehd.bearing(load="5 kg"), "load = '5 kg' must be a number in N or a unit like it"),
+        (
+            lambda: ehd.bearing(load="5 kg"),
+            "load = '5 kg' must be a number in N or a unit of the same",
+        ),
         (lambda: ehd.read_scene("four-bar", **{"bodies.crank.mass.x": 1}), "mass is no table"),
         (lambda: ehd.simulate(driven, 1e-3), "that of crank must be a Speed"),
         (lambda: ehd.simulate(mechanism, 1e-3, order=4), "order = 4 must be a whole number, at le"),

@@ -149,6 +149,8 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
         file["run/cycle"][:] = np.repeat([1, 2, 3], 10)
         file["run/cycle_time"][:] = 1e-3 * np.concatenate([np.arange(1, 11)] * 3)
         file["run/cycle_time"][20:] *= 0.9
+        file["time"][:] = 1e-2 * (file["run/cycle"][:] - 1) + file["run/cycle_time"][:]
+        del file["cycle"]  # as before version 0.4: decided from the columns
     found = ehd.load_results(study.folder("one"))
     assert np.all(np.diff(found.time) > 0)
     assert len(found) == 30
@@ -160,6 +162,7 @@ def test_of_a_periodic_run_that_was_stopped_the_last_whole_cycle_is_found(tmp_pa
     # One that was stopped while its last cycle, which is whole, was judged.
     with edited(study.folder("one")) as file:
         file["run/cycle_time"][20:] /= 0.9
+        file["time"][:] = 1e-2 * (file["run/cycle"][:] - 1) + file["run/cycle_time"][:]
     last = ehd.load_results(study.folder("one")).last_cycle()
     assert set(last.run.cycle) == {3.0}
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base import fields
+from fenics_ehd.base import shared_settings
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.reduction.reductor import rigid
 from fenics_ehd.scenes import films, part_settings, schema
@@ -90,7 +90,11 @@ def test_shipped_scenes_explain_every_setting():
     texts = [shipped(name) for name in shipped_names()]
     written = set(re.findall(r"^(?:# )?(\w+) *=[^#\n]*#", "\n".join(texts), re.MULTILINE))
     written |= set(re.findall(r"\[(?:[\w.]+\.)?(\w+)\]", "\n".join(texts)))
-    classes = {fields.Material, fields.Deviations, part_settings.ReductionSettings}
+    classes = {
+        shared_settings.Material,
+        shared_settings.Deviations,
+        part_settings.ReductionSettings,
+    }
     classes |= {schema.TimeSettings, part_settings.OutputSettings}
     for name in shipped_names():
         scene = ehd.read_scene(name)

@@ -11,8 +11,8 @@ from stopped_steps import assert_goes_on
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.scenes.films import read_shape_table
 from fenics_ehd.scenes.scene import scene_of, scene_text
+from fenics_ehd.scenes.shape_tables import read_shape_table, require_covering
 
 WIDTH, CLEARANCE = 0.022, 17e-6
 
@@ -41,7 +41,7 @@ def test_a_table_is_the_shape_that_it_was_made_of(tmp_path):
     path, angles = tmp_path / "oval.csv", range(0, 360, 5)
     for last in (angles, [*angles, 360]):
         path.write_text(rows(last, (-11, 11), oval))
-        shape = read_shape_table(path, "table", WIDTH, CLEARANCE)
+        shape = read_shape_table(path, "table")
         phi = np.linspace(-4, 9, 300)
         np.testing.assert_allclose(
             shape.radial(phi, 0.003), ehd.Shape(ovality=3e-6).radial(phi, 0.003), atol=2e-11
@@ -52,12 +52,18 @@ def test_rows_of_a_table_may_come_in_any_order(tmp_path):
     path = tmp_path / "shape.csv"
     text = rows(range(0, 360, 30), (-11, 0, 11), lambda a, z: oval(a, z) + 0.1 * z)
     path.write_text(text)
-    first = read_shape_table(path, "table", WIDTH, CLEARANCE)
+    first = read_shape_table(path, "table")
     header, *lines = text.splitlines()
     path.write_text("\n".join([header, *reversed(lines)]))
-    again = read_shape_table(path, "table", WIDTH, CLEARANCE)
+    again = read_shape_table(path, "table")
     assert np.array_equal(first.deviations, again.deviations)
     assert first.radial(0.5, 0.011) - first.radial(0.5, -0.011) == pytest.approx(2.2e-6)
+
+
+def covering_table(path):
+    """Read a table, and check that it covers the bearing."""
+    table = read_shape_table(path, "a.table")
+    require_covering(table, f"a.table {path}", WIDTH, CLEARANCE)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +85,7 @@ def test_tables_that_are_none_are_refused(tmp_path, text, message):
     path = tmp_path / "shape.csv"
     path.write_text(text)
     with pytest.raises(ehd.errors.SettingsError, match=f"a.table .*shape.csv.*{message}"):
-        read_shape_table(path, "a.table", WIDTH, CLEARANCE)
+        covering_table(path)
 
 
 # --- Scenes

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scene_cases import tables_of
 
 import fenics_ehd as ehd
-from fenics_ehd.base import fields
+from fenics_ehd.base import units
 from fenics_ehd.base.fields import require_thin_film
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.fem.elements import FAMILIES
@@ -131,9 +131,9 @@ def film(**changes):
         (rod(points="pin"), "bodies.rod.points = 'pin' must be a list of names"),
         (rod(points=[""]), "bodies.rod.points = [''] must be a list of names"),
         ({"bodies.crank.points": 3}, "bodies.crank.points = 3 must be a table"),
-        ({"bodies.crank.points.pin": [1.0]}, "points.pin = [1.0] must be two numbers [x, y]"),
-        ({"bodies.crank.points.pin": ["a", 0]}, "points.pin = ['a', 0.0] must be two numbers"),
-        ({"bodies.crank.centre": [1e6, 0]}, "bodies.crank.centre = [1000000.0, 0.0] must be two"),
+        ({"bodies.crank.points.pin": [1.0]}, "points.pin = [1] must be two finite numbers [x, y]"),
+        ({"bodies.crank.points.pin": ["a", 0]}, "points.pin = ['a', 0] must be two finite numbers"),
+        ({"bodies.crank.centre": [1e6, 0]}, "bodies.crank.centre = [1e+06, 0] must be two"),
         ({"joints.main.between": ["crank"]}, "between = ['crank'] must be a list of 2 names"),
         ({"joints.main.between": "crank"}, "between = 'crank' must be a list of 2 names"),
         (rod(**{"geometry.pin_radius": "a"}), "geometry.pin_radius = 'a' must be a finite"),
@@ -163,7 +163,7 @@ def film(**changes):
         (rod(**{"material.youngs_modulus": 210e3}), "210000.0 must be at least 1e+06: in Pa"),
         ({"lubricants.oil.viscosity": 1e308}, "viscosity = 1e+308 must be below 1e+06: in"),
         ({"time.revolutions": 1e308}, "= 1e+308 must be 0 or from 1e-30 to 1e+30 in size"),
-        (film(eccentricity_rate=[-1e40, 0.0]), "eccentricity_rate = [-1e+40, 0.0] must be two num"),
+        (film(eccentricity_rate=[-1e40, 0.0]), "eccentricity_rate = [-1e+40, 0] must be two fin"),
         ({"drives.crank.speed": 1e-308}, "= 1e-308 must be 0 or from 1e-30 to 1e+30 in"),
         ({"drives.crank.table": "a\0b.csv"}, "drives.crank.table = 'a\\x00b.csv' must be"),
     ],
@@ -205,13 +205,13 @@ def test_numbers_that_are_perhaps_in_another_unit_are_named():
 @pytest.mark.parametrize("text", ["1_0", "\u0661\u0660", "1e1_0", "0x10", "1d1", "--1", "", "nan"])
 def test_only_plain_digits_are_a_number(text, tmp_path):
     with pytest.raises(ValueError, match="is no number"):
-        fields.parse_number(text)
+        units.parse_number(text)
     table = tmp_path / "load.csv"
     table.write_text(f"time_s,Fx_N,Fy_N\n0,500,900\n5e-3,{text},500\n10e-3,-5,9\n20e-3,500,900\n")
     with pytest.raises(ehd.errors.SettingsError, match=r"Fx_N = .* must be a finite number"):
         ehd.read_load(table)
     for written in ("1.5", " 2. ", "+.5e-3", "7E+2"):
-        assert fields.parse_number(written) == float(written)
+        assert units.parse_number(written) == float(written)
 
 
 def test_limits_of_cells_are_inside():

@@ -17,7 +17,7 @@ from test_stress import all_nodes
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.files import listed
-from fenics_ehd.cli.stress import instants_of, last_rows
+from fenics_ehd.cli.stress import instants_of
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.reduction.part_files import von_mises
 from fenics_ehd.results.paraview import gather_part
@@ -202,14 +202,15 @@ def test_angles_are_those_of_the_run():
 
 
 def test_instants_are_those_of_the_cycle_that_the_figures_are_of():
-    """Of a periodic run all that it keeps."""
-
-    def rows(time, start):
-        values = {"time": Quantity(time, "s")}
-        return last_rows(ehd.History(values, told={"cycle_start_s": start}))
-
+    """From its start on, if a step is there; all that a periodic run keeps."""
     time = np.linspace(0.0, 5.0, 26)
-    assert time[rows(time, 1.0)][0] == pytest.approx(1.0)
-    assert time[rows(time, 1.1)][0] == pytest.approx(1.2)
-    assert rows(time, 0.0) == slice(0, None)
-    assert rows(time[11:], 2.0) == slice(0, None)
+
+    def first(start, skipped=0):
+        summary = {"cycle_used": "last of 1", "cycle_start_s": start, "cycle_end_s": 5.0}
+        values = {"time": Quantity(time[skipped:], "s")}
+        return ehd.History(values, told=summary).last_cycle().values["time"][0]
+
+    assert first(1.0) == pytest.approx(1.0)
+    assert first(1.1) == pytest.approx(1.2)
+    assert first(0.0) == 0.0
+    assert first(2.0, skipped=11) == time[11]

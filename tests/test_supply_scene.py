@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 import fenics_ehd as ehd
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.scenes.films import build_film
+from fenics_ehd.scenes.inputs import supplies_of
 from fenics_ehd.scenes.scene import scene_of
 
 AT = "joints.bearing.supply"
@@ -92,7 +93,7 @@ def test_cells_that_grooves_stretch_must_hold_a_hole_before_anything_is_reduced(
     with pytest.raises(
         ehd.errors.SettingsError, match=r"^joints.bearing.supply.inlet has a size of 6.3 mm"
     ):
-        build_film(scene, "bearing", None, 300.0)
+        build_film(scene, "bearing", None, 300.0, supplies_of(scene, "bearing"))
 
 
 @pytest.mark.parametrize(("changes", "message"), WRONG)

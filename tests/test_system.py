@@ -253,7 +253,7 @@ def test_a_crank_is_assembled_at_any_angle(degrees):
 def test_joints_that_cannot_be():
     with pytest.raises(ehd.errors.SettingsError, match=r"direction = .* one of them not 0"):
         ehd.Slider("ground", "rod", (0.0, 0.0))
-    with pytest.raises(ehd.errors.SettingsError, match=r"points\.x = .* two numbers"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"points\.x = .* two finite numbers"):
         ehd.ground({"x": (np.nan, 0.0)})
     oil = film(10e-3, 10e-3, 2e-5, 0.05, (12, 2))
     bodies = {name: ehd.RigidBody(1.0, 1e-3, {"tip": (0.1, 0.0)}) for name in ("one", "other")}

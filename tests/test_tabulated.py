@@ -32,7 +32,7 @@ class Placed(TabulatedLoad):
 
     at: object = None
 
-    def places(self, times, states):
+    def positions(self, times, states):
         return self.at(times, states)
 
 
@@ -43,7 +43,7 @@ def largest_missed(load, steps, start):
     decide.
     """
     times = np.array([0.0, *(s.time for s in steps)])
-    places = load.places(times, np.array([start, *(s.x for s in steps)]))
+    places = load.positions(times, np.array([start, *(s.x for s in steps)]))
     of_rows = load.curve.curve.x
     values = np.array([load.curve(place)[0] for place in places])
     rows = np.concatenate([of_rows[:-1] + k * np.ptp(of_rows) for k in range(-60, 60)])

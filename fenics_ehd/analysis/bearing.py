@@ -37,6 +37,7 @@ from fenics_ehd.analysis.equilibrium import (
     stability,
 )
 from fenics_ehd.base.arguments import require_class, require_names, require_number
+from fenics_ehd.base.checks import as_float, require_finite
 from fenics_ehd.base.errors import (
     EhdError,
     GapClosedError,
@@ -46,7 +47,6 @@ from fenics_ehd.base.errors import (
     VerificationError,
     ViscosityError,
 )
-from fenics_ehd.base.fields import as_float, require_finite
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import MOST_WITHIN_A_CELL, Film, FilmState, steepest_thickening
 from fenics_ehd.film.forces import FlowBalance

@@ -8,16 +8,12 @@ from typing import TYPE_CHECKING
 import attrs
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.checks import as_tuple
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
     CAVITATIONS,
     FILM_ELEMENTS,
-    NO_TEMPERATURE,
-    ROUGH,
     SHEAR_RULES,
-    OilSettings,
-    Roughness,
-    as_tuple,
     choice,
     count,
     flag,
@@ -27,8 +23,9 @@ from fenics_ehd.base.fields import (
     radial_clearance,
     require_thin_film,
 )
-from fenics_ehd.base.needs import only_with
+from fenics_ehd.base.needs import NO_TEMPERATURE, only_with
 from fenics_ehd.base.settings import require_effects
+from fenics_ehd.base.shared_settings import ROUGH, OilSettings, Roughness
 
 if TYPE_CHECKING:  # slow to import, and --help does without
     from fenics_ehd.film.kinematics import Shape

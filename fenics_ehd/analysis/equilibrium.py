@@ -194,7 +194,7 @@ def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
     # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
     system.weights = np.full(system.n, GIVEN)
     for place in system.films:
-        system.weights[place.xi[: place.film.own]] = 1.0
+        system.weights[place.xi[: place.film.journal_coordinates]] = 1.0
     norm = StepNorm(solver.equations)
     x = np.concatenate([z, solver.equations.resting(z)])
     observed = norm.observe(x)
@@ -240,7 +240,7 @@ def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[st
         yield from _turning_surfaces(place, rates)
     resting = np.zeros(system.n)
     stiffness = Motion(instant, resting, resting, np.zeros(system.m)).derivatives().position
-    films = [place.xi[: place.film.own] for place in system.films]
+    films = [place.xi[: place.film.journal_coordinates] for place in system.films]
     resisted = np.eye(system.n)[np.concatenate([*films, np.zeros(0, dtype=int)])]
     name = unresisted(system, np.arange(system.n), [instant.jacobian, stiffness, resisted])
     if name:
@@ -312,7 +312,7 @@ def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterat
         if body.modes:
             yield f"{name} is elastic and turns under loads that stand still: run it"
         moving, still = (
-            body.balance(z, speeds, np.zeros_like(z), lift=resting).forces[POSITION]
+            body.balance(z, speeds, np.zeros_like(z), minus_gravity=resting).forces[POSITION]
             for speeds in (own, np.zeros_like(z))
         )
         least = CENTRED * float(rates[turning]) ** 2 * body.integrals.total_mass

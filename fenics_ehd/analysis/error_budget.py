@@ -53,7 +53,7 @@ from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_places, sampling_grid
+from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_positions, sampling_grid
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.run import Run
@@ -309,7 +309,7 @@ def missing_in_mesh(body: FlexibleBody, place: FilmBinding) -> Missing:
     grid = sampling_grid(bores[place.bore])
     film = place.film.film
     surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
-    reading = interpolation_matrix(surface, *observed_places(film))
+    reading = interpolation_matrix(surface, *observed_positions(film))
     return BasisErrorEstimate(error, body.damping_time), reading
 
 

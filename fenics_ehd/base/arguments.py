@@ -1,8 +1,7 @@
-"""Arguments of public functions and classes, checked as keys of scenes are.
+"""Arguments of public functions and classes, with the checks of scene keys.
 
-Settings classes check their fields (`fenics_ehd.base.fields`). These functions refuse in the same
-words what a function, or a class that is none of settings, is called with. Fields are imported
-where they are used: reductions do without attrs.
+Settings classes check their fields (`fenics_ehd.base.fields`). The functions of this module are for
+arguments of functions, and of classes that are no settings.
 """
 
 from __future__ import annotations
@@ -10,35 +9,30 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
+from fenics_ehd.base.checks import as_float, as_tuple, limits, one_of, plane_vector, whole_number
 from fenics_ehd.base.errors import SettingsError
-
-#: Characters of a value in a message.
-SHOWN = 60
+from fenics_ehd.base.printed import key_hint, shown
 
 
 def require_word(name: str, value: Any, words: tuple[str, ...]) -> None:
-    """Refuse what is none of some words.
+    """Refuse a value that is none of some words.
 
     Raises
     ------
     SettingsError
-        Naming all of them.
+        The message lists all of them.
     """
-    from fenics_ehd.base.fields import one_of
-
     one_of(words)(name, value)
 
 
 def require_number(name: str, value: Any, **bounds: Any) -> float:
-    """A finite number within bounds: `above`, `least`, `below`, `most`, see `fields.limits`.
+    """A finite number within bounds: `above`, `least`, `below`, `most`, see `checks.limits`.
 
     Raises
     ------
     SettingsError
-        Naming the bound.
+        The message has the bound.
     """
-    from fenics_ehd.base.fields import as_float, limits
-
     number: Any = as_float(value)
     if isinstance(number, str):
         raise SettingsError(f"{name} = {shown(value)} must be a finite number")
@@ -52,32 +46,23 @@ def require_count(name: str, value: Any, least: int = 0) -> int:
     Raises
     ------
     SettingsError
-        Naming the limit.
+        The message has the limit.
     """
-    number = value.tolist() if hasattr(value, "tolist") else value
-    if type(number) is not int or number < least:
-        raise SettingsError(f"{name} = {shown(value)} must be a whole number, at least {least}")
+    number: int = value.tolist() if hasattr(value, "tolist") else value
+    whole_number(least)(name, number)
     return number
 
 
 def require_pair(name: str, value: Any, *, zero: bool = True) -> tuple[float, float]:
-    """Two finite numbers along x and y, unless `zero` not both 0.
+    """Two finite numbers along x and y; `zero`: both may be 0.
 
     Raises
     ------
     SettingsError
-        Naming the argument.
+        The message has the name of the argument.
     """
-    from fenics_ehd.base.fields import as_tuple
-
-    pair = as_tuple(value)
-    finite = isinstance(pair, tuple) and all(
-        isinstance(number, float) and abs(number) < float("inf") for number in pair
-    )
-    if not finite or len(pair) != 2:
-        raise SettingsError(f"{name} = {shown(value)} must be two finite numbers, [x, y]")
-    if not (zero or any(pair)):
-        raise SettingsError(f"{name} = {shown(value)} must be two numbers, one of them not 0")
+    pair: Any = as_tuple(value)
+    plane_vector(zero=zero)(name, pair)
     return pair[0], pair[1]
 
 
@@ -87,7 +72,7 @@ def require_class(name: str, value: Any, *classes: type, optional: bool = False)
     Raises
     ------
     SettingsError
-        Naming the argument, its class and the one that is needed.
+        The message has the class of the argument and the classes that are accepted.
     """
     if isinstance(value, classes) or (optional and value is None):
         return
@@ -98,12 +83,12 @@ def require_class(name: str, value: Any, *classes: type, optional: bool = False)
 
 
 def require_callable(name: str, value: Any, *, optional: bool = False) -> None:
-    """Refuse what is no function of one number; None is accepted if it is optional.
+    """Refuse a value that cannot be called; None is accepted if it is optional.
 
     Raises
     ------
     SettingsError
-        Naming the argument and its class.
+        The message has the class of the argument.
     """
     if not (callable(value) or (optional and value is None)):
         raise SettingsError(
@@ -117,12 +102,12 @@ Value = TypeVar("Value")
 def copied(
     name: str, values: Mapping[str, Value], check: Callable[[str, Any], None]
 ) -> dict[str, Value]:
-    """A dictionary of the caller, copied, its values checked under their full names.
+    """A copy of a dictionary, its values checked under their full names.
 
     Raises
     ------
     SettingsError
-        It is no dictionary, or from the check.
+        The argument is no dictionary, or from the check.
     """
     require_class(name, values, Mapping)
     for key, value in values.items():
@@ -130,23 +115,15 @@ def copied(
     return dict(values)
 
 
-def require_names(function: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse a keyword that a function does not have.
+def require_names(function: str, names: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse keyword arguments that a function does not have.
 
     Raises
     ------
     SettingsError
-        Naming the one that is perhaps meant.
+        The message has the argument that is probably meant.
     """
-    from fenics_ehd.base.settings import key_hint
-
     known = list(known)
-    for name in given:
+    for name in names:
         if name not in known:
             raise SettingsError(f"{function} has no argument {name}: {key_hint(known, name)}")
-
-
-def shown(value: Any) -> str:
-    """A value in one short line."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."

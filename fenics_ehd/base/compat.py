@@ -303,7 +303,8 @@ def create_form(
     module, ufcx = compiled
     pointer = int(module.ffi.cast("uintptr_t", module.ffi.addressof(ufcx)))
     own = [space._cpp_object for space in spaces]
-    values, numbers = [c._cpp_object for c in coefficients], [constant._cpp_object]
+    values = [c._cpp_object for c in coefficients]
+    numbers = [constant._cpp_object]
     if _OLD:
         names = ("cell", "exterior_facet", "interior_facet", "vertex")
         subdomains = {getattr(_INTEGRAL_TYPE, name): None for name in names}
@@ -333,7 +334,8 @@ def quiet_compiler() -> Iterator[None]:
     Python warns of.
     """
     root = logging.getLogger()
-    handlers, level = list(root.handlers), root.level
+    handlers = list(root.handlers)
+    level = root.level
     disabled = root.manager.disable
     shown = warnings.showwarning
     logging.disable(max(disabled, logging.INFO))

@@ -82,11 +82,13 @@ def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Ite
 
 def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
     began = since = time.monotonic()
-    holder, silent = "", True
+    holder = ""
+    silent = True
     while not lock_taken(lock.fileno()):
         now = time.monotonic()
         if (current := _signature(lock)) != holder:
-            holder, since = current, now
+            holder = current
+            since = now
         if now > since + limit:
             raise CompilationError(
                 f"{folder}: forms have been compiled for {limit:g} s by {holder}: continue or end "

@@ -212,7 +212,8 @@ def locked(directory: Path) -> ExitStack:
     InUseError
         Another process has it.
     """
-    held, file = ExitStack(), os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    held = ExitStack()
+    file = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     held.callback(os.close, file)
     if not lock_taken(file):
         held.close()
@@ -369,7 +370,8 @@ def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
     """
     if command:
         require_made_by(directory, command)
-    listed_before, wanted = set(listed(directory)), tuple(names)
+    listed_before = set(listed(directory))
+    wanted = tuple(names)
     for name in wanted:
         _require_claimable(directory, name, name in listed_before)
     lines = [name for name in wanted if name not in listed_before]
@@ -576,7 +578,8 @@ def require_output(
         It is one of the inputs.
     """
     require_writable(path)
-    file, label = Path(path), f"{option} {path}"
+    file = Path(path)
+    label = f"{option} {path}"
     if file.is_dir():
         raise InputError(f"{option} would write a file {path}: it is a folder")
     for source in inputs:

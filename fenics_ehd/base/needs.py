@@ -1,7 +1,7 @@
 """Settings that have an effect only with another one.
 
-A field, or an option of a command, declares what it needs, and one place refuses what is given
-without it. The default is accepted everywhere: scene files list it with its meaning.
+A field, or an option of a command, declares its conditions once. A setting is refused if one of
+them fails, unless it has its default, which scene files list with its meaning.
 """
 
 from __future__ import annotations
@@ -11,14 +11,17 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.printed import shown
 
-#: Values of a text and of a temperature [C] that are not given: the latter is absolute zero.
+#: Text that means: not set.
 NONE = "none"
+
+#: Temperature [C] that means: not set; absolute zero.
 NO_TEMPERATURE = -273.15
 
 
 def is_given(value: Any) -> bool:
-    """True of a value that is not zero, false, empty, `NONE` or `NO_TEMPERATURE`."""
+    """True of a value other than zero, false, empty, `NONE` or `NO_TEMPERATURE`."""
     if isinstance(value, (list, tuple)):
         return any(map(is_given, value))
     return bool(value) and value not in (NONE, NO_TEMPERATURE)
@@ -31,7 +34,7 @@ class Setting(NamedTuple):
     value: Any
 
 
-#: Function that returns the setting of a key, None if there is no such key.
+#: Function that returns the setting of a key, or None for an unknown key.
 LookUp = Callable[[str], Setting | None]
 
 
@@ -42,17 +45,17 @@ class Needs:
     Attributes
     ----------
     keys
-        Other settings, of the same table or of a table around it; one of them must be given. Those
-        that are not known where the setting is used do not count, and without any the condition
-        holds.
+        Other settings, of the same table or of a table around it, one of which must be given. Keys
+        that are unknown in a table are disregarded; the condition holds if all of them are.
     among
         Values of which a key must have one; empty: any that is given.
     absent
-        Whether none of the keys may be given, in place of that.
+        Whether, on the contrary, none of the keys may be given.
     words
-        Behind "without" or "with" in messages, where keys are properties of several settings.
+        Text behind "without" or "with" in messages, for keys that are properties of several
+        settings.
     notice
-        Whether the setting is named in a notice and not refused: shipped scenes list it together
+        Whether the setting is reported in a notice, not refused: shipped scenes list it together
         with the switch that leaves it without effect.
     """
 
@@ -81,12 +84,12 @@ class Needs:
 
 
 def only_with(field: Any, *keys: str, **condition: Any) -> Any:
-    """A field of a settings class that has an effect only with one of the keys, see `Needs`."""
+    """A field that has an effect only if one of the keys is set, see `Needs`."""
     return _with(field, Needs(keys, **condition))
 
 
 def not_with(field: Any, *keys: str, **condition: Any) -> Any:
-    """A field of a settings class that has no effect with any of the keys, see `Needs`."""
+    """A field that has an effect only if none of the keys is set, see `Needs`."""
     return _with(field, Needs(keys, absent=True, **condition))
 
 
@@ -97,24 +100,15 @@ def _with(field: Any, condition: Needs) -> Any:
 
 
 def missing_need(conditions: Iterable[Needs], look_up: LookUp) -> str:
-    """The first condition that fails, in words; empty if all hold."""
+    """Reason of the first condition that fails, see `Needs.failure`; empty if all hold."""
     failures = (condition.failure(look_up) for condition in conditions)
     return next(filter(None, failures), "")
 
 
 def no_effect(name: str, value: Any, why: str) -> SettingsError:
-    """Error that refuses a setting without effect, `why` being "without ..." or "with ..."."""
+    """Error about a setting without effect; `why` is "without ..." or "with ..."."""
     last = name.rpartition(".")[2]
     remedy = f"give that, or drop {last}" if why.startswith("without") else f"drop {last} or that"
     plain = isinstance(value, (bool, int, float, str, tuple)) and not name.startswith("-")
     setting = f"{name} = {shown(value)}" if plain else name
     return SettingsError(f"{setting} has no effect {why}: {remedy}")
-
-
-def shown(value: Any) -> str:
-    """A value as scene files have it, in a message."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(shown, value))}]"
-    return f"{value:g}" if isinstance(value, float) else repr(value)

@@ -14,7 +14,8 @@ def rotation(angle: float) -> np.ndarray:
 
     It also takes components in a frame turned by that angle to the frame at rest.
     """
-    cosine, sine = math.cos(angle), math.sin(angle)
+    cosine = math.cos(angle)
+    sine = math.sin(angle)
     matrix = np.array([[cosine, -sine], [sine, cosine]])
     matrix.setflags(write=False)
     return matrix

@@ -1,9 +1,76 @@
-"""Text for a terminal."""
+"""Text for a terminal and for messages."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+#: Most characters of a value in a message.
+LONGEST_VALUE = 60
 
 
 def escaped(text: str) -> str:
-    """Text whose control characters, in names say, are written as Python writes them.
+    """Text whose control characters, in names for instance, are escaped as Python escapes them.
 
     Bytes of a path that are not UTF-8 are among them. Ends of lines stay.
     """
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
+def shown(value: Any) -> str:
+    """A value as scene files have it, in one line of at most `LONGEST_VALUE` characters."""
+    text = " ".join(_literal(value).split())
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
+
+
+def _literal(value: Any) -> str:
+    """A value as scene files have it; a float with as many digits as it needs."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_literal, value))}]"
+    if isinstance(value, float):
+        short = f"{value:g}"
+        return short if float(short) == value else repr(value)
+    return repr(value)
+
+
+def key_hint(known: Iterable[str], name: str) -> str:
+    """Hint at the key that is probably meant by an unknown one.
+
+    Parameters
+    ----------
+    known
+        Keys with their sections.
+    name
+        The unknown key, with or without a section.
+
+    Returns
+    -------
+    str
+        ``"did you mean bearing.clearance?"``: the same word in another section, or a similar word
+        in the same section, or in any section if the section is unknown too; else all known keys.
+    """
+    known = list(known)
+    section, _, word = name.rpartition(".")
+    neighbours = [key for key in known if key.rpartition(".")[0] == section]
+    meant = (
+        [key for key in known if _word(key) == word and "." in key]
+        or _similar(neighbours, word)
+        or ([] if section and neighbours else _similar(known, word))
+    )
+    if meant:
+        return f"did you mean {' or '.join(meant)}?"
+    return f"known: {', '.join(neighbours or known)}"
+
+
+def _similar(keys: list[str], word: str) -> list[str]:
+    """The keys whose last word is most similar to a word."""
+    close = difflib.get_close_matches(word, map(_word, keys), n=1)
+    return [key for key in keys if _word(key) in close]
+
+
+def _word(key: str) -> str:
+    """Last word of a key."""
+    return key.rpartition(".")[2]

@@ -335,7 +335,8 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
     """
     if comm is None:
         return status, message
-    arrived, begin = comm.Ibarrier(), time.monotonic()
+    arrived = comm.Ibarrier()
+    begin = time.monotonic()
     while not arrived.Test():
         if status and time.monotonic() > begin + PATIENCE:
             with suppress(OSError):  # nobody is listening
@@ -362,7 +363,8 @@ def printing_kept() -> Iterator[io.StringIO]:
     """
     said = io.StringIO()
     _flush()
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    kept = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     try:
         with redirect_stdout(said), redirect_stderr(said):

@@ -1,15 +1,14 @@
 """Settings classes of checked fields, read from TOML and written as such.
 
-A key that does not exist is answered by the one that is perhaps meant.
+The message about an unknown key has the key that is probably meant.
 """
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,15 +18,16 @@ import attrs
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import read_text
 from fenics_ehd.base.needs import Setting, no_effect
+from fenics_ehd.base.printed import key_hint
 
 
 def declared(cls: type) -> list[attrs.Attribute]:
-    """Fields of a class that a file may give: those that say what they are."""
+    """Fields of a class that a scene file may have: those with a help text."""
     return [attribute for attribute in attrs.fields(cls) if attribute.metadata]
 
 
 def setting_names(cls: type, path: str = "") -> dict[str, attrs.Attribute]:
-    """Every key of a settings class, ``section.key`` and ``table.NAME.key`` of what it contains."""
+    """Every key of a settings class, ``section.key`` and ``table.NAME.key`` of its tables too."""
     names = {}
     for attribute in declared(cls):
         name = f"{path}{attribute.name}"
@@ -37,42 +37,6 @@ def setting_names(cls: type, path: str = "") -> dict[str, attrs.Attribute]:
         for kind in attribute.metadata.get("kinds", {}).values():
             names |= setting_names(kind, f"{name}.NAME.")
     return names
-
-
-def key_hint(known: Iterable[str], name: str) -> str:
-    """Hint at the key that an unknown one may stand for.
-
-    Parameters
-    ----------
-    known
-        Keys with their sections.
-    name
-        The unknown one, with or without a section.
-
-    Returns
-    -------
-    str
-        ``"did you mean bearing.clearance?"``: the same word in another section, a similar one in
-        the same section or, where there is no such section, in any; else what there is.
-    """
-    known = list(known)
-    section, _, word = name.rpartition(".")
-    own = [key for key in known if key.rpartition(".")[0] == section]
-    meant = (
-        [key for key in known if _word(key) == word and "." in key]
-        or _similar(own, word)
-        or ([] if section and own else _similar(known, word))
-    )
-    return f"did you mean {' or '.join(meant)}?" if meant else f"known: {', '.join(own or known)}"
-
-
-def _similar(keys: list[str], word: str) -> list[str]:
-    close = difflib.get_close_matches(word, map(_word, keys), n=1)
-    return [key for key in keys if _word(key) in close]
-
-
-def _word(key: str) -> str:
-    return key.rpartition(".")[2]
 
 
 T = TypeVar("T", bound=attrs.AttrsInstance)
@@ -112,7 +76,8 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
     for key, value in table.items():
         if key not in known:
             raise UnknownKeyError(path + key)
-        about, name = known[key].metadata, f"{path}{key}"
+        about = known[key].metadata
+        name = f"{path}{key}"
         if "table" in about and not isinstance(value, Mapping):
             named = f"tables: [{name}.NAME]" if "kinds" in about else "a table"
             raise SettingsError(f"{name} = {value!r} must be {named}")
@@ -122,7 +87,7 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
         if "section" in about:
             values[key] = build(about["section"], value, f"{name}.")
         elif "kinds" in about:
-            values[key] = {own: _entry(about, name, own, value[own]) for own in value}
+            values[key] = {entry: _entry(about, name, entry, value[entry]) for entry in value}
     for key, attribute in known.items():
         if attribute.default is attrs.NOTHING and key not in values:
             raise SettingsError(f"{path}{key} is missing: {attribute.metadata['help']}")
@@ -138,8 +103,9 @@ def _required(cls: type) -> list[str]:
 
 
 def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any:
-    """Settings object of the class that the ``kind`` of a named table says, see `entries`."""
-    path, kinds = f"{section}.{name}", about["kinds"]
+    """Settings object of a named table, of the class that its ``kind`` names, see `entries`."""
+    path = f"{section}.{name}"
+    kinds = about["kinds"]
     if not name.replace("_", "").replace("-", "").isalnum():
         raise SettingsError(f"[{path}]: a name must be of letters, digits, _ and -")
     if not isinstance(table, Mapping):
@@ -155,9 +121,10 @@ def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any
 
 
 def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, Any]]:
-    """Full key, field and value of every setting, those of sections and of named tables too."""
+    """Full key, field and value of every setting, sections and named tables included."""
     for attribute in declared(type(settings)):
-        name, value = f"{path}{attribute.name}", getattr(settings, attribute.name)
+        name = f"{path}{attribute.name}"
+        value = getattr(settings, attribute.name)
         if "kinds" in attribute.metadata:
             for key, entry in value.items():
                 yield from walk(entry, f"{name}.{key}.")
@@ -170,21 +137,22 @@ def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, 
 def idle_settings(
     settings: Any, path: str = "", around: tuple[tuple[str, Any], ...] = ()
 ) -> Iterator[tuple[str, Any, str, bool]]:
-    """Full key and value of every setting that has no effect, why, and whether it is a notice.
+    """Settings without effect: full key, value, reason, and whether it is only a notice.
 
     Parameters
     ----------
     settings
         Object of a settings class.
     path
-        Of its table, with a dot behind.
+        Key of its table, followed by a dot.
     around
-        Tables around it with their paths, the nearest first.
+        Paths and objects of the tables around it, the innermost first.
     """
     tables = ((path, settings), *around)
     look_up = partial(_setting, tables)
     for attribute in declared(type(settings)):
-        name, value = f"{path}{attribute.name}", getattr(settings, attribute.name)
+        name = f"{path}{attribute.name}"
+        value = getattr(settings, attribute.name)
         about = attribute.metadata
         changed = value != _default(attribute)
         needs = about.get("needs", ()) if changed else ()
@@ -204,7 +172,7 @@ def _default(attribute: attrs.Attribute) -> Any:
 
 
 def _setting(tables: tuple[tuple[str, Any], ...], key: str) -> Setting | None:
-    """A setting by its key in the first of some tables that has it."""
+    """Setting of a key, from the first table that has the key; None if no table has it."""
     for path, table in tables:
         value = table
         for name in key.split("."):
@@ -215,7 +183,7 @@ def _setting(tables: tuple[tuple[str, Any], ...], key: str) -> Setting | None:
 
 
 def keys_excluded_by(cls: type, key: str) -> tuple[str, ...]:
-    """Keys of a settings class that have no effect with another one."""
+    """Keys of a settings class that have no effect if `key` is set."""
     return tuple(
         attribute.name
         for attribute in declared(cls)
@@ -225,12 +193,12 @@ def keys_excluded_by(cls: type, key: str) -> tuple[str, ...]:
 
 
 def require_effects(settings: Any, path: str = "") -> None:
-    """Refuse settings that have no effect but those of a notice; defaults are accepted.
+    """Refuse settings without effect, apart from those of a notice; defaults are accepted.
 
     Raises
     ------
     SettingsError
-        Naming the first one, its value and what it needs.
+        The message has the first of them, its value and the setting that it needs.
     """
     for name, value, why, notice in idle_settings(settings, path):
         if not notice:
@@ -238,21 +206,21 @@ def require_effects(settings: Any, path: str = "") -> None:
 
 
 def without_effect(settings: Any) -> list[str]:
-    """One line for every setting that has no effect and is not refused."""
+    """Notices: one line for every setting that has no effect and is not refused."""
     idle = idle_settings(settings)
     return [str(no_effect(name, value, why)) for name, value, why, notice in idle if notice]
 
 
 def unusual(settings: Any, path: str = "") -> list[str]:
-    """One line for every number whose size is not a usual one: its unit may be another."""
-    found = []
+    """Notices: one line for every number of unusual size, which may be in another unit."""
+    notices = []
     for name, attribute, value in walk(settings, path):
         usual, hint = attribute.metadata.get("usual", (None, ""))
         if usual and value and not usual[0] <= abs(value) <= usual[1]:
-            found.append(
+            notices.append(
                 f"{name} = {value:g} is outside the usual {usual[0]:g} to {usual[1]:g}{hint}"
             )
-    return found
+    return notices
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -275,18 +243,18 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def _bare_words(content: str) -> list[str]:
-    """Keys, dots included, and values of a TOML text without what is quoted in them."""
+    """Keys, dots included, and values of a TOML text, quoted texts removed."""
     bare = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'|#.*|[ \t]", "", content)
     return re.split(r"[][{}=,\n]", bare)
 
 
 def toml_string(text: str) -> str:
-    """Text as TOML has it in quotes.
+    """Text in quotes, escaped as TOML requires.
 
     Raises
     ------
     SettingsError
-        It is none, the name of a file with bytes that are no UTF-8 say.
+        It is not UTF-8, the name of a file with other bytes for instance.
     """
     try:
         text.encode()
@@ -296,7 +264,7 @@ def toml_string(text: str) -> str:
 
 
 def toml_key(name: str) -> str:
-    """A key as TOML has it, in quotes where it needs them."""
+    """A key for TOML, in quotes if it needs them."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_string(name)
 
 
@@ -309,34 +277,37 @@ def _literal(value: Any) -> str:
 
 
 def to_toml(settings: Any, path: str = "") -> str:
-    """TOML text of a settings object, every key with its meaning; `build` reads it back.
+    """TOML text of a settings object, every key with its help text; `build` reads it back.
 
-    Keys that its ``idle`` names are left out.
+    Keys in its attribute ``idle`` are left out.
 
     Parameters
     ----------
     settings
         Object of a settings class.
     path
-        Of its table, with a dot behind.
+        Key of its table, followed by a dot.
     """
-    own, nested = [], []
+    lines = []
+    nested = []
     for attribute in declared(type(settings)):
-        value, about = getattr(settings, attribute.name), attribute.metadata
+        value = getattr(settings, attribute.name)
+        about = attribute.metadata
         if value is None or attribute.name in getattr(settings, "idle", ()):
             continue
-        name, help_text = f"{path}{attribute.name}", about.get("help", "")
+        name = f"{path}{attribute.name}"
+        help_text = about.get("help", "")
         if "section" in about:
             nested.append(f"\n[{name}]\n{to_toml(value, name + '.')}")
         elif "kinds" in about and value:
             words = {cls: f'kind = "{kind}"\n' for kind, cls in about["kinds"].items()}
             for key, entry in value.items():
-                place = f"{name}.{toml_key(key)}"
-                text = words.get(type(entry), "") + to_toml(entry, f"{place}.")
-                nested.append(f"\n[{place}]\n{text}")
+                header = f"{name}.{toml_key(key)}"
+                text = words.get(type(entry), "") + to_toml(entry, f"{header}.")
+                nested.append(f"\n[{header}]\n{text}")
         elif "table" in about:
-            lines = [f"{toml_key(key)} = {_literal(entry)}\n" for key, entry in value.items()]
-            nested.append(f"\n# {help_text}\n[{name}]\n{''.join(lines)}")
+            rows = [f"{toml_key(key)} = {_literal(entry)}\n" for key, entry in value.items()]
+            nested.append(f"\n# {help_text}\n[{name}]\n{''.join(rows)}")
         else:
-            own.append(f"{attribute.name} = {_literal(value)}  # {help_text}\n")
-    return "".join(own) + "".join(nested)
+            lines.append(f"{attribute.name} = {_literal(value)}  # {help_text}\n")
+    return "".join(lines) + "".join(nested)

@@ -13,9 +13,11 @@ import click
 
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import FILM_ELEMENTS, NO_TEMPERATURE, NONE, Deviations
+from fenics_ehd.base.fields import FILM_ELEMENTS
 from fenics_ehd.base.files import keeping_failed_film
+from fenics_ehd.base.needs import NO_TEMPERATURE, NONE
 from fenics_ehd.base.settings import build, require_effects, setting_names
+from fenics_ehd.base.shared_settings import Deviations
 from fenics_ehd.cli.options import (
     FILE,
     Measured,
@@ -97,8 +99,10 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
         return None
     from fenics_ehd.multibody.notices import stepped_shape
     from fenics_ehd.scenes.films import surface_shape
+    from fenics_ehd.scenes.shape_tables import read_shape_table
 
-    shape = surface_shape(settings, "", width, clearance)
+    measured = None if settings.table == NONE else read_shape_table(settings.table, "table")
+    shape = surface_shape(settings, "", width, clearance, measured)
     warn_of(stepped_shape("bore_shape", shape))
     return shape
 

@@ -257,7 +257,8 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
             )
         if fault := library_fault():
             return 1, _line(fault)
-        module, last = type(error).__module__, str(error).strip().rpartition("\n")[2]
+        module = type(error).__module__
+        last = str(error).strip().rpartition("\n")[2]
         if "petsc4py" in module:
             return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
         if "cffi" in module or "just-in-time" in str(error):

@@ -13,11 +13,11 @@ import click
 
 from fenics_ehd.base.compile_lock import forms_folder
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.fields import NO_TEMPERATURE, NONE, in_unit, parse_number, unit_of
 from fenics_ehd.base.files import to_json
-from fenics_ehd.base.needs import Needs, Setting, missing_need, no_effect
+from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, Needs, Setting, missing_need, no_effect
 from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.settings import declared
+from fenics_ehd.base.units import in_unit, parse_number, unit_of
 
 
 def echo(text: object, *, err: bool = False) -> None:
@@ -49,7 +49,8 @@ def _say(lines: Iterable[str]) -> None:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 #: Paths of a file, and of a folder.
-FILE, FOLDER = click.Path(dir_okay=False), click.Path(file_okay=False)
+FILE = click.Path(dir_okay=False)
+FOLDER = click.Path(file_okay=False)
 
 
 class Dependent(click.Option):
@@ -194,11 +195,14 @@ def setting_options(
 def _setting_option(
     field: attrs.Attribute, defaults: bool, needs: Sequence[Needs]
 ) -> Callable[[Command], Command]:
-    name, kind, told = field.name.replace("_", "-"), str(field.type), field.metadata["help"]
+    name = field.name.replace("_", "-")
+    kind = str(field.type)
+    told = field.metadata["help"]
     measured = Measured(told)
     kinds: dict[str, Any] = {"float": measured, "int": Integer(), "bool": bool}
     kinds["tuple[float, float]"] = measured, measured
-    options, default = field.metadata.get("options"), field.default
+    options = field.metadata.get("options")
+    default = field.default
     return option(
         f"--{name}/--no-{name}" if default is True else f"--{name}",
         type=click.Choice(options) if options else kinds.get(kind),

@@ -11,9 +11,9 @@ import click
 from click.core import ParameterSource
 
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.fields import Material
 from fenics_ehd.base.needs import Needs
 from fenics_ehd.base.settings import build, toml_string
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.cli.options import (
     Real,
     Whole,
@@ -238,7 +238,8 @@ def _checked(
     from fenics_ehd.reduction.reductor import rigid
     from fenics_ehd.scenes.part import missed
 
-    bores, points = tuple(placed.named.bores), tuple(placed.named.points)
+    bores = tuple(placed.named.bores)
+    points = tuple(placed.named.points)
     clamped = "held" if placed.named.held else None
     structure, answers = part_answers(path, material, bores, clamped, points=points)
     found: dict[str, Any] = {
@@ -306,7 +307,8 @@ def _size_columns(face: dict[str, Any]) -> tuple[str, ...]:
     area = f"{face['area_m2'] * 1e6:.2f}"
     if "radius_m" not in face:
         return face["kind"], "", "", "", area
-    radius, width = face["radius_m"] * 1e3, face["width_m"] * 1e3
+    radius = face["radius_m"] * 1e3
+    width = face["width_m"] * 1e3
     return face["kind"], f"{radius:.4f}", f"{width:.3f}", f"{face['arc_degrees']:.0f}", area
 
 

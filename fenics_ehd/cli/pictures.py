@@ -155,7 +155,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     DIRECTORY holds a run, also one that was stopped or still goes on. Nothing is meshed for it.
     """
     from fenics_ehd.multibody.history import load_history
-    from fenics_ehd.plotting.shown import recorded
+    from fenics_ehd.plotting.shown import moving_part, recorded
     from fenics_ehd.results.paraview import parts_of_bases, write_run
     from fenics_ehd.results.recorded_run import SERIES
 
@@ -167,7 +167,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     else:
         claim(folder, (), "paraview")
     require_kept(folder, bases)
-    result = load_history(of).last_cycle()
+    result = moving_part(load_history(of))
     run = recorded(of, result)
     parts = parts_of_bases(run.bodies, bases)
     echo(write_run(run.system.mechanism, result, parts, folder, frames))

@@ -20,6 +20,7 @@ from fenics_ehd.base.files import complete_result, require_kept, require_writabl
 from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
+from fenics_ehd.multibody.cycle import Cycle
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
     Checkpoint,
@@ -128,7 +129,8 @@ def _by_value(found: Mapping[str, Any]) -> list[tuple[Any, str]]:
 
 def _span(summary: Mapping[str, Any]) -> str:
     """What the figures are of, in a word: the cycle, or the run if it has none."""
-    return "run" if str(summary.get("cycle_used", "")).startswith("whole run") else "cycle"
+    cycle = Cycle.of_summary(summary)
+    return "cycle" if cycle is None or cycle.complete or cycle.periodic else "run"
 
 
 def say_next(search: Search) -> None:
@@ -386,7 +388,8 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         if isinstance(value, int | float):
             factors = (factor for end, factor in FACTORS.items() if key.endswith(end))
             figures[key] = value * next(factors, 1.0)
-    pressure, film = figures["max_pressure_Pa"], figures["min_film_thickness_m"]
+    pressure = figures["max_pressure_Pa"]
+    film = figures["min_film_thickness_m"]
     large = figures.get("basis_error_estimate_m", 0.0) > LARGEST_ESTIMATE * film
     words: dict[str, Any] = {
         "span": span,

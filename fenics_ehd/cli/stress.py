@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -62,8 +61,7 @@ def cycle_stresses(
     summary = require_complete(folder)
     require_writable(folder)
     claim(folder, (STRESS, SERIES))
-    answer = load_history(folder)
-    answer = answer.each(operator.itemgetter(last_rows(answer)))
+    answer = load_history(folder).last_cycle()
     run = recorded(folder, answer)
     scene = as_stored(folder / SCENE_NAME)
     bodies, skipped = _bodies(scene, run, folder, chosen)
@@ -87,7 +85,7 @@ def cycle_stresses(
         }
     answered = {
         "scene": summary["scene"],
-        "cycle": answer.summary().get("cycle_used", ""),
+        "cycle": answer.cycle.label,
         "instants": len(instants["time_s"]),
         "damping": damping,
         "complete": complete,
@@ -98,17 +96,6 @@ def cycle_stresses(
     }
     write_whole(folder / STRESS, to_json(answered) + "\n")
     return answered
-
-
-def last_rows(result: History) -> slice:
-    """Steps of the cycle that the run's figures are of, its start among them where it is one."""
-    start = _cycle_start(result) * (1 - 1e-9)
-    return slice(int(np.searchsorted(result.run.time, start)), None)
-
-
-def _cycle_start(result: History) -> float:
-    """Start of the cycle that the run's figures are of, since the run's start [s]."""
-    return float(result.summary().get("cycle_start_s", 0.0))
 
 
 def _bodies(
@@ -161,7 +148,7 @@ def _why_none(body: object, has_model: bool) -> str:
 
 def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
     """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
-    found = {"time_s": result.run.time - _cycle_start(result)}
+    found = {"time_s": result.run.time - result.cycle.start}
     angle = result.angle_of(scene.time.of)
     if angle is not None:
         found[f"{scene.time.of}_angle_deg"] = angle
@@ -172,7 +159,8 @@ def report(found: Mapping[str, Any], folder: Path) -> str:
     """Worst places in a table."""
     lines = [f"{found['scene']}: stresses over {found['instants']} instants ({found['cycle']})"]
     for name, body in found["bodies"].items():
-        half, top = body["half_range"], body["largest_principal"]
+        half = body["half_range"]
+        top = body["largest_principal"]
         about = f"  {name}: {body['method']} with {body['modes']} modes, {body['nodes']} nodes"
         lines += [
             f"{about:56}{'MPa':>9}   cells around",

@@ -396,8 +396,10 @@ def _cylindrical(
     if np.abs(normals @ axis).max() > ACROSS:
         return face
     middle = points.mean(axis=0)
-    plane, directions = (points - middle) @ across.T, normals @ across.T
-    ones, zeros = np.ones(len(points)), np.zeros(len(points))
+    plane = (points - middle) @ across.T
+    directions = normals @ across.T
+    ones = np.ones(len(points))
+    zeros = np.zeros(len(points))
     rows = np.vstack(
         [
             np.column_stack([ones, zeros, directions[:, 0]]),
@@ -431,7 +433,8 @@ def _turn(rays: np.ndarray) -> float:
 
 def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
     """Two pieces of a cylinder as one face."""
-    a, b = one.cylinder, other.cylinder
+    a = one.cylinder
+    b = other.cylinder
     assert a is not None
     assert b is not None
     height = float((b.centre - a.centre) @ a.axis)

@@ -10,10 +10,11 @@ import re
 from pathlib import Path
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.fields import in_unit
+from fenics_ehd.base.units import in_unit
 
 #: Endings of the files of drawings.
-STEP, IGES = (".step", ".stp"), (".iges", ".igs")
+STEP = (".step", ".stp")
+IGES = (".iges", ".igs")
 
 #: Powers of ten of the prefixes of ISO 10303-41; none is written as ``$``.
 _PREFIXES = {

@@ -14,7 +14,7 @@ import meshio
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.fields import in_unit
+from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.drawing import CellSizes, Drawing, read_drawing
 from fenics_ehd.fem.drawing_unit import IGES, STEP
 from fenics_ehd.fem.faces import (
@@ -127,7 +127,8 @@ def round_bore(
     new = points.copy()
     reach = np.linalg.norm((points[corners] - centre)[:, :2], axis=1)
     new[corners, :2] = centre[:2] + (x - centre)[:, :2] * (cylinder.radius / reach)[:, None]
-    low, high = x[:, 2].min(), x[:, 2].max()
+    low = x[:, 2].min()
+    high = x[:, 2].max()
     near = FLAT * cylinder.radius
     # In the middle, but for rounding: exactly there.
     offset = 0.5 * (low + high) if abs(low + high) < near else 0.0
@@ -181,7 +182,9 @@ def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> 
     surfaces
         Facets of each surface by its name, as `Solid.facets` gives them.
     """
-    points, cells, facets = solid.points, solid.cells, surfaces
+    points = solid.points
+    cells = solid.cells
+    facets = surfaces
     if solid.kind == "hex":
         points, cells, facets = _with_centres(solid, surfaces)
     cell, facet = _NAMES[solid.kind]
@@ -503,7 +506,8 @@ class PlacedPart:
 
 def _rounded(part: PlacedPart) -> PlacedPart:
     """Bores put on their cylinders, middles of edges as they then have to be."""
-    points, moved = part.solid.points, dict(part.moved)
+    points = part.solid.points
+    moved = dict(part.moved)
     surfaces = part.surfaces()
     for place, name in enumerate(part.named.bores):
         points, distance = round_bore(points, surfaces[name], name, first=place == 0)

@@ -37,7 +37,9 @@ def _point_evaluations(
     cell: basix.CellType,
 ) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
     """Points and identity interpolation matrices at vertices and edge midpoints."""
-    geometry, points, matrices = basix.geometry(cell), [], []
+    geometry = basix.geometry(cell)
+    points = []
+    matrices = []
     topology = [*basix.topology(cell), []][:4]
     for entities, size in zip(topology, (1, 1, 0, 0), strict=True):
         points.append([geometry[entity].mean(axis=0)[None][:size] for entity in entities])

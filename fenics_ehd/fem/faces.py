@@ -263,11 +263,13 @@ def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray
     edges = edges[order]
     owners = np.repeat(np.arange(len(facets)), count)[order]
     twins = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    a, b = owners[twins], owners[twins + 1]
+    a = owners[twins]
+    b = owners[twins + 1]
     vectors = _area_vectors(solid, facets)
     normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
     smooth = np.einsum("ij,ij->i", normals[a], normals[b]) > np.cos(np.radians(sharp))
-    a, b = a[smooth], b[smooth]
+    a = a[smooth]
+    b = b[smooth]
     graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(len(facets), len(facets)))
     return connected_components(graph, directed=False)[1]
 
@@ -275,9 +277,11 @@ def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray
 def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
     """A face as the plane or the cylinder that it is, or as neither."""
     nodes = np.unique(facets[group])
-    x, normal = solid.points[nodes], _area_vectors(solid, facets[group])
+    x = solid.points[nodes]
+    normal = _area_vectors(solid, facets[group])
     areas = np.linalg.norm(normal, axis=1)
-    area, mean = float(areas.sum()), normal.sum(axis=0)
+    area = float(areas.sum())
+    mean = normal.sum(axis=0)
     corners = solid.points[facet_corners(facets[group])].mean(axis=1)
     centre = areas @ corners / area
     size = np.linalg.norm(x - centre, axis=1).max()
@@ -321,7 +325,8 @@ def with_joined_cylinders(faces: Sequence[F], both: Callable[[F, F], F]) -> list
 
 def same_cylinder(one: Face, other: Face) -> bool:
     """Whether two faces are pieces of one cylinder, side by side."""
-    a, b = one.cylinder, other.cylinder
+    a = one.cylinder
+    b = other.cylinder
     if a is None or b is None or one.kind != other.kind:
         return False
     height, across = b.split(a.centre[None, :])

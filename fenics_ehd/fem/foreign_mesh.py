@@ -16,8 +16,9 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.fields import Material, in_unit
 from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.base.shared_settings import Material
+from fenics_ehd.base.units import in_unit
 
 #: Solid cells by meshio's names: kind, nodes that are kept, nodes of a cell.
 CELLS = {
@@ -271,7 +272,8 @@ def part_material(
     MeshError
         See `FileMaterial.in_si`.
     """
-    lines, values = [], dict(given)
+    lines = []
+    values = dict(given)
     for material in found[:1]:
         label = f"{path}: material {material.name} has"
         for name, setting in attrs.fields_dict(Material).items():

@@ -17,8 +17,8 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
-from fenics_ehd.base.fields import Material
 from fenics_ehd.base.files import Kind
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 
 #: First bytes of a mesh; any other content Gmsh takes for a program, whatever the file's name.
@@ -27,10 +27,12 @@ MESH_BEGINS = b"$MeshFormat"
 
 #: Section of a mesh with what it misses, and its end. Gmsh and others skip those that they do not
 #: know ("MSH file format" of Gmsh's manual).
-MESH_ERROR, MESH_ERROR_ENDS = b"\n$FlexibilityMeshError\n", b"\n$EndFlexibilityMeshError\n"
+MESH_ERROR = b"\n$FlexibilityMeshError\n"
+MESH_ERROR_ENDS = b"\n$EndFlexibilityMeshError\n"
 
 #: Section of a mesh with the material of its part, before that, and its end.
-MATERIAL, MATERIAL_ENDS = b"\n$PartMaterial\n", b"\n$EndPartMaterial\n"
+MATERIAL = b"\n$PartMaterial\n"
+MATERIAL_ENDS = b"\n$EndPartMaterial\n"
 
 #: Largest size of such sections at a file's end [bytes].
 MOST_STORED = 2**24
@@ -99,7 +101,8 @@ def stored_material(path: Path) -> dict[str, float]:
     MeshError
         It is not what was written.
     """
-    begin, end = re.escape(MATERIAL), re.escape(MATERIAL_ENDS)
+    begin = re.escape(MATERIAL)
+    end = re.escape(MATERIAL_ENDS)
     section = re.search(begin + rb"(.{1,1000}?)" + end, _tail(path))
     if section is None:
         return {}

@@ -155,7 +155,8 @@ def corner_volumes(solid: Solid) -> np.ndarray:
     Relative to the product of their lengths: 1 at the corners of a cube, 0.71 in an even
     tetrahedron; in a cell turned inside out it is negative.
     """
-    x, element = solid.points[solid.corners], solid.element
+    x = solid.points[solid.corners]
+    element = solid.element
     found = []
     for corner in range(element.corners):
         ends = [a + b - corner for a, b in element.edges if corner in (a, b)]
@@ -202,7 +203,8 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
 
 
 #: Limits of a part's longest side [m]: outside of them its lengths are in another unit.
-SHORTEST, LONGEST = 1e-3, 5.0
+SHORTEST = 1e-3
+LONGEST = 5.0
 
 
 def require_extent(extent: np.ndarray, path: str | Path) -> None:

@@ -23,9 +23,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from fenics_ehd.base.errors import MeshError
-from fenics_ehd.base.fields import in_unit
 from fenics_ehd.base.processes import interrupt_kept, printing_kept
 from fenics_ehd.base.sealed_file import named, require_own_data
+from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.bulk_data import read_bulk_data
 from fenics_ehd.fem.deck import read_deck
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, one_solid_kind

@@ -42,7 +42,7 @@ from scipy.spatial.distance import cdist
 from ufl.core.expr import Expr
 
 from fenics_ehd.base import compat
-from fenics_ehd.base.fields import Material
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.fem.elements import solid_element
 from fenics_ehd.reduction.part_files import deviatoric, von_mises
 
@@ -69,7 +69,8 @@ def continuation(cell: str, size: int) -> np.ndarray:
 
 def hooke(displacement: Expr, material: Material) -> Expr:
     """Stress tensor of a displacement, isotropic and linear [Pa]."""
-    modulus, ratio = material.youngs_modulus, material.poissons_ratio
+    modulus = material.youngs_modulus
+    ratio = material.poissons_ratio
     mu = modulus / (2 * (1 + ratio))
     lame = modulus * ratio / ((1 + ratio) * (1 - 2 * ratio))
     strain = ufl.sym(ufl.grad(displacement))
@@ -106,11 +107,14 @@ class StressField:
 
     def __init__(self, space: fem.FunctionSpace, material: Material, columns: np.ndarray):
         topology = space.mesh.topology
-        self.cell, self.owned = topology.cell_type.name, space.dofmap.index_map.size_local
+        self.cell = topology.cell_type.name
+        self.owned = space.dofmap.index_map.size_local
         self.nodes = compat.space_dofmap(space)[: topology.index_map(topology.dim).size_local]
-        points, (size, count) = sampling_points(self.cell), columns.shape
+        points = sampling_points(self.cell)
+        (size, count) = columns.shape
         self.shape = len(self.nodes), len(points), 6, count
-        self._moved, self._columns = fem.Function(space), columns
+        self._moved = fem.Function(space)
+        self._columns = columns
         s = hooke(self._moved, material)
         voigt = ufl.as_vector([s[0, 0], s[1, 1], s[2, 2], s[1, 2], s[0, 2], s[0, 1]])
         self._stresses = fem.Expression(voigt, points)
@@ -163,7 +167,8 @@ class NodalStress:
     """
 
     def __init__(self, field: StressField):
-        self._field, self.nodes = field, field.owned
+        self._field = field
+        self.nodes = field.owned
         self._size = field.nodes.shape[1]
         self._continued = continuation(field.cell, self._size)
         entries = np.ones(field.nodes.size), (field.nodes.ravel(), np.arange(field.nodes.size))

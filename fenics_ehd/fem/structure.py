@@ -23,8 +23,8 @@ from petsc4py import PETSc
 from fenics_ehd.base import compat
 from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import MeshError, StructureError
-from fenics_ehd.base.fields import Material
 from fenics_ehd.base.processes import interrupt_kept
+from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.fem.elements import FAMILIES, quadratic_element, solid_element
 from fenics_ehd.fem.faces import cylinder_centre, rounded_middles
 from fenics_ehd.fem.gmsh_session import (
@@ -163,7 +163,8 @@ def build_mesh(
     require_word("cells", cells, tuple(CELLS))
     require_number("size", size, above=0)
     require_class("bores", bores, tuple, list)
-    groups, failure = None, None
+    groups = None
+    failure = None
     with ExitStack() as model:
         if comm.rank == 0:
             try:
@@ -211,7 +212,8 @@ def _round_bore(group: int, cells: str) -> None:
             for nodes in (x[row[edge_nodes]], positions)
         )
         moved = np.abs(distances - radii) > CYLINDER_TOLERANCE * radii
-        edge_nodes, positions = edge_nodes[moved], positions[moved]
+        edge_nodes = edge_nodes[moved]
+        positions = positions[moved]
     for node, position in zip(edge_nodes, positions, strict=True):
         gmsh.model.mesh.setNode(node, position, [])
 
@@ -220,7 +222,8 @@ def _place_centre_nodes(mesh: Mesh) -> None:
     """Move face and cell centres of 27-node hexahedra to the 20-node interpolation."""
     centres = solid_element("hexahedron", 27).nodes[20:]
     shapes = solid_element("hexahedron", 20).shapes(centres)
-    nodes, x = compat.geometry_dofmap(mesh), mesh.geometry.x
+    nodes = compat.geometry_dofmap(mesh)
+    x = mesh.geometry.x
     x[nodes[:, 20:]] = shapes @ x[nodes[:, :20]]
 
 
@@ -316,7 +319,8 @@ def assemble_structure(
 
 def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
     """K and M of (16)."""
-    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    u = ufl.TrialFunction(space)
+    v = ufl.TestFunction(space)
     dx = ufl.Measure("dx", domain=space.mesh)
     work = ufl.inner(hooke(u, material), ufl.sym(ufl.grad(v)))
     energy = work * dx(metadata=_rule(space, "stiffness"))
@@ -335,7 +339,8 @@ def _clamp(
     nodes = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
     held = (3 * nodes[:, None] + np.arange(3)).ravel()
-    comm, ones = space.mesh.comm, np.ones((mass.local_size[0], 1))
+    comm = space.mesh.comm
+    ones = np.ones((mass.local_size[0], 1))
     cut = inner(ones, multiply(mass, ones), comm)[0, 0]
     ones[held] = 0.0
     cut -= inner(ones, multiply(mass, ones), comm)[0, 0]
@@ -421,7 +426,8 @@ def _load_matrix(
     The outward normal of the solid points to the oil, so a positive pressure
     pushes along its negative.
     """
-    p, v = ufl.TrialFunction(pressures), ufl.TestFunction(space)
+    p = ufl.TrialFunction(pressures)
+    v = ufl.TestFunction(space)
     normal = ufl.FacetNormal(space.mesh)
     surface = surface(metadata=_rule(space, "surface"))
     return some_columns(_matrix(-p * ufl.inner(normal, v) * surface), pressure_nodes)
@@ -490,12 +496,14 @@ def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
     cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int64)
     # Each cell has one owner, so its facets are counted once.
     owned = cells < topology.index_map(dimension).size_local
-    cells, facets = cells[owned], facets[owned]
+    cells = cells[owned]
+    facets = facets[owned]
     sides = [
         list(to_facet.links(cell)).index(facet) for cell, facet in zip(cells, facets, strict=True)
     ]
     # Corners, edge midpoints and centre of a side, ascending: as on a surface cell.
-    layout, count = space.dofmap.dof_layout, to_facet.links(0).size
+    layout = space.dofmap.dof_layout
+    count = to_facet.links(0).size
     rows = np.array([layout.entity_closure_dofs(dimension - 1, i) for i in range(count)])
     local = compat.space_dofmap(space)[cells[:, None], rows[np.array(sides, dtype=np.int64)]]
     numbers = space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))

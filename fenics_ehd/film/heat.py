@@ -24,8 +24,9 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.errors import HeatError, SettingsError
-from fenics_ehd.base.fields import NO_TEMPERATURE, REQUIRED, number
+from fenics_ehd.base.fields import REQUIRED, number
 from fenics_ehd.base.layout import Stateful, Value
+from fenics_ehd.base.needs import NO_TEMPERATURE
 
 if TYPE_CHECKING:
     from fenics_ehd.film.lubricant import Oil

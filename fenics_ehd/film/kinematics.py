@@ -46,7 +46,8 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_class, require_number, require_pair
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE, Deviations
+from fenics_ehd.base.needs import NONE
+from fenics_ehd.base.shared_settings import Deviations
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline, PPoly

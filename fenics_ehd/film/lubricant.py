@@ -43,16 +43,14 @@ from scipy.special import erf
 
 from fenics_ehd.base.arguments import require_callable, require_class, require_number
 from fenics_ehd.base.errors import SettingsError, ViscosityError
-from fenics_ehd.base.fields import (
+from fenics_ehd.base.fields import REQUIRED, number
+from fenics_ehd.base.needs import NO_TEMPERATURE, NONE
+from fenics_ehd.base.shared_settings import (
     COMPRESSIBILITY,
     DENSITY,
-    NO_TEMPERATURE,
-    NONE,
-    REQUIRED,
     SPECIFIC_HEAT,
     STIFFENING,
     OilSettings,
-    number,
 )
 
 #: Zero of the Celsius scale [K].

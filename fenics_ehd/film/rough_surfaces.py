@@ -63,8 +63,9 @@ import attrs
 import numpy as np
 from scipy.special import erfc
 
-from fenics_ehd.base.fields import REQUIRED, Roughness, number
+from fenics_ehd.base.fields import REQUIRED, number
 from fenics_ehd.base.renamed import renamed_attributes
+from fenics_ehd.base.shared_settings import Roughness
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.lubricant import ARRAYS, Functions
 

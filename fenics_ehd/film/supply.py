@@ -18,8 +18,8 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import LARGEST_LENGTH, NONE, REQUIRED, choice, number, text
-from fenics_ehd.base.needs import not_with
+from fenics_ehd.base.fields import LARGEST_LENGTH, REQUIRED, choice, number, text
+from fenics_ehd.base.needs import NONE, not_with
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import SurfacePoints
 

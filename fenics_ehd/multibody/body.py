@@ -1,16 +1,16 @@
 """Bodies of a mechanism: markers, inertia in a planar floating frame, rigid and flexible ones.
 
-Joints, drives and forces know bodies by their markers alone, points whose values
-``u = (x, y, angle, psi_x, psi_y)`` in the frame at rest are functions of the body's coordinates;
-the tilt psi of the axis is zero of all but shafts.
+Joints, drives and forces access a body through its markers. A marker is a point whose values
+``u = (x, y, angle, psi_x, psi_y)`` in the frame at rest are functions of the body's coordinates.
+The tilt psi of the axis is zero for all bodies but shafts.
 
-A material point lies at ``x + A(theta) p`` with ``p = B s``, ``s = (0, 0, 1, q)`` and B the
-fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. In the body's frame its
-acceleration is
+A material point has the position ``x + A(theta) p`` with ``p = B s``, ``s = (0, 0, 1, q)`` and B
+the fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. Its acceleration in the
+body's frame is
 
     p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
 
-relative, Coriolis, Euler and centrifugal terms, complete, because p is affine in q.
+relative, Coriolis, Euler and centrifugal terms. They are complete, because p is affine in q.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from fenics_ehd.base.needs import only_with
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
-#: Places of position, angle and the first of two tilts in a marker's values, and their number.
+#: Indices of position, angle and the first of two tilts in a marker's values, and their number.
 POSITION = slice(0, 2)
 ANGLE = 2
 TILT = 3
@@ -40,7 +40,7 @@ WIDTH = 5
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """One marker at one instant, its values of n coordinates.
+    """One marker at one instant, with its derivatives along n coordinates.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Marker:
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Derivatives of forces along coordinates, their rates and accelerations, (n, n) each."""
+    """Derivatives of forces along coordinates, rates and accelerations, shape (n, n) each."""
 
     position: np.ndarray
     rate: np.ndarray
@@ -75,11 +75,11 @@ class FrameInertia:
     Parameters
     ----------
     integrals
-        Of the body, `in_order_of_coordinates`.
+        Integrals of the body, `in_order_of_coordinates`.
     coordinates, rates, accelerations
-        shape (3 + n,).
-    lift
-        Added to the accelerations of x and y: gravity, against its pull, shape (2,) [m/s^2].
+        ``(x, y, theta, q)`` and its time derivatives, shape (3 + n,).
+    minus_gravity
+        Negative gravitational acceleration, which is added to that of x and y, shape (2,) [m/s^2].
     """
 
     def __init__(
@@ -88,27 +88,35 @@ class FrameInertia:
         coordinates: np.ndarray,
         rates: np.ndarray,
         accelerations: np.ndarray,
-        lift: np.ndarray,
+        minus_gravity: np.ndarray,
     ):
-        self._integrals, self._frame_rates = integrals, rates[:3]
+        self._integrals = integrals
+        self._frame_rates = rates[:3]
         self._turn = rotation(coordinates[2])
-        self._omega, self._alpha = rates[2], accelerations[2]
+        self._omega = rates[2]
+        self._alpha = accelerations[2]
         # s, s' and p'' + A^T x'' in the fields of the integrals.
-        s, rate, acceleration = coordinates.copy(), rates.copy(), accelerations.copy()
-        s[:2], s[2], rate[:3], acceleration[2] = 0.0, 1.0, 0.0, 0.0
-        acceleration[:2] = (accelerations[:2] + lift) @ self._turn
+        s = coordinates.copy()
+        s[:2] = 0.0
+        s[2] = 1.0
+        rate = rates.copy()
+        rate[:3] = 0.0
+        acceleration = accelerations.copy()
+        acceleration[:2] = (accelerations[:2] + minus_gravity) @ self._turn
+        acceleration[2] = 0.0
         self._fields = s, rate, acceleration
-        self._spun, self._drawn = integrals.spin @ s, integrals.centrifugal @ s
+        self._spin_s = integrals.spin @ s
+        self._centrifugal_s = integrals.centrifugal @ s
 
     @cached_property
     def _on_fields(self) -> np.ndarray:
-        """Forces on x and y in the body's frame, moment, forces on q."""
+        """Forces on x and y in the body's frame, moment, forces on q, shape (3 + n,)."""
         s, rate, acceleration = self._fields
-        swung = 2 * self._omega * rate + self._alpha * s
-        forces = self._integrals.mass @ acceleration + self._integrals.spin @ swung
-        forces -= self._omega**2 * self._drawn
+        coriolis_and_euler = 2 * self._omega * rate + self._alpha * s
+        forces = self._integrals.mass @ acceleration + self._integrals.spin @ coriolis_and_euler
+        forces -= self._omega**2 * self._centrifugal_s
         # (S B)^T M B = -G, antisymmetric.
-        forces[2] = self._drawn @ swung + self._spun @ acceleration
+        forces[2] = self._centrifugal_s @ coriolis_and_euler + self._spin_s @ acceleration
         return forces
 
     @property
@@ -119,11 +127,16 @@ class FrameInertia:
         return forces
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of `forces`."""
+        """Derivatives of `forces`, shape (3 + n, 3 + n) each."""
         s, rate, acceleration = self._fields
-        omega, alpha = self._omega, self._alpha
-        m, g, c = self._integrals.mass, self._integrals.spin, self._integrals.centrifugal
-        g_s, c_s, c_rate = self._spun, self._drawn, c @ rate
+        omega = self._omega
+        alpha = self._alpha
+        m = self._integrals.mass
+        g = self._integrals.spin
+        c = self._integrals.centrifugal
+        g_s = self._spin_s
+        c_s = self._centrifugal_s
+        c_rate = c @ rate
         n = len(s)
         # x and y in the body's frame.
         parts = np.zeros((3, n, n))
@@ -150,20 +163,22 @@ class FrameInertia:
 
     @property
     def kinetic_energy(self) -> float:
-        """[J]."""
+        """Kinetic energy [J]."""
         s, rate, _ = self._fields
         velocity = rate.copy()
         velocity[:2] = self._frame_rates[:2] @ self._turn
-        omega, i = self._omega, self._integrals
         return float(
-            0.5 * velocity @ i.mass @ velocity
-            + omega * velocity @ self._spun
-            + 0.5 * omega**2 * s @ self._drawn
+            0.5 * velocity @ self._integrals.mass @ velocity
+            + self._omega * velocity @ self._spin_s
+            + 0.5 * self._omega**2 * s @ self._centrifugal_s
         )
 
 
 def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
-    """With the fields in the order ``(x, y, theta, q)``: the position moves with the angle."""
+    """Integrals with the fields in the order ``(x, y, theta, q)``.
+
+    The position of a point, field 0 of the integrals, becomes the field of theta.
+    """
     order = np.arange(len(integrals.mass))
     order[:3] = 1, 2, 0
     return InertiaIntegrals(*(matrix[np.ix_(order, order)] for matrix in integrals.matrices))
@@ -175,9 +190,9 @@ def rigid_integrals(mass: float, inertia: float, centre: np.ndarray) -> InertiaI
     Parameters
     ----------
     mass, inertia
-        [kg], [kg m^2] about the centre of mass.
+        Mass [kg], and moment of inertia about the centre of mass [kg m^2].
     centre
-        Centre of mass from the body's origin, shape (2,) [m].
+        Centre of mass in the body's frame, shape (2,) [m].
     """
     x, y = centre
     m = np.diag([inertia + mass * (x * x + y * y), mass, mass])
@@ -192,16 +207,17 @@ def with_total(
     inertia: float | None,
     centre: np.ndarray | None,
 ) -> InertiaIntegrals:
-    """Integrals with another total mass, inertia and centre; None keeps what is there.
+    """Integrals with another total mass, inertia and centre of mass; None keeps the present value.
 
-    Only the rigid part changes, by what a rigid body fixed to the frame would add.
+    Only the rigid part changes: a rigid body with the difference is fixed to the frame.
     """
-    own = integrals.total_mass, integrals.polar_inertia, integrals.centre_of_mass
-    present = rigid_integrals(*own)
+    present = rigid_integrals(
+        integrals.total_mass, integrals.polar_inertia, integrals.centre_of_mass
+    )
     wanted = rigid_integrals(
-        own[0] if mass is None else mass,
-        own[1] if inertia is None else inertia,
-        own[2] if centre is None else centre,
+        integrals.total_mass if mass is None else mass,
+        integrals.polar_inertia if inertia is None else inertia,
+        integrals.centre_of_mass if centre is None else centre,
     )
     elastic = (0, len(integrals.mass) - 3)
     matrices = zip(integrals.matrices, wanted.matrices, present.matrices, strict=True)
@@ -216,7 +232,7 @@ FINE_WEIGHT = 1e-7
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies of one body at one instant [J], and the power that its damping takes [W]."""
+    """Energies of one body at one instant [J], and the power that its damping dissipates [W]."""
 
     kinetic: float = 0.0
     strain: float = 0.0
@@ -230,9 +246,9 @@ class Balance:
     Attributes
     ----------
     forces
-        Generalised, shape (n,).
+        Generalised forces, shape (n,).
     derivatives
-        Makes theirs.
+        Function that computes the derivatives of the forces.
     """
 
     forces: np.ndarray
@@ -242,7 +258,7 @@ class Balance:
 class Body(ABC):
     """A body with n coordinates."""
 
-    #: Whether its points tilt.
+    #: Whether the axis tilts at the body's points, as that of a bent shaft does.
     tilts = False
 
     @property
@@ -253,7 +269,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def weights(self) -> np.ndarray:
-        """Share of the multipliers that each coordinate takes (`FINE_WEIGHT`), shape (n,)."""
+        """Weight of velocity multipliers on each coordinate (`FINE_WEIGHT`), shape (n,)."""
 
     @property
     @abstractmethod
@@ -263,12 +279,12 @@ class Body(ABC):
     @property
     @abstractmethod
     def start_rates(self) -> np.ndarray:
-        """Their rates, shape (n,)."""
+        """Rates of the coordinates in the rough pose, shape (n,)."""
 
     @property
     @abstractmethod
     def angle_index(self) -> int | None:
-        """Place of the body's angle among its coordinates; None: it cannot turn."""
+        """Index of the body's angle among its coordinates; None: the body cannot turn."""
 
     @property
     @abstractmethod
@@ -282,7 +298,7 @@ class Body(ABC):
 
     @property
     def least_damping(self) -> float:
-        """Smallest damping ratio of its modes, infinite without any."""
+        """Smallest damping ratio of the body's modes; infinite without modes."""
         return np.inf
 
     @property
@@ -293,11 +309,11 @@ class Body(ABC):
     @property
     @abstractmethod
     def point_names(self) -> tuple[str, ...]:
-        """Names of its points beside the origin."""
+        """Names of the body's points without the origin."""
 
     @abstractmethod
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
-        """A point, or the origin for an empty name, at given coordinates."""
+        """Marker of a point, or of the origin for an empty name, at coordinates, shape (n,)."""
 
     @abstractmethod
     def balance(
@@ -306,30 +322,35 @@ class Body(ABC):
         rates: np.ndarray,
         accelerations: np.ndarray,
         *,
-        lift: np.ndarray,
+        minus_gravity: np.ndarray,
     ) -> Balance:
-        """Inertia, stiffness and damping forces, to be balanced by all others.
+        """Inertia, stiffness and damping forces, which balance the forces on the body.
 
-        `lift` is the acceleration that gravity is felt as, against its pull, shape (2,) [m/s^2].
+        Parameters
+        ----------
+        coordinates, rates, accelerations
+            shape (n,).
+        minus_gravity
+            Negative gravitational acceleration, shape (2,) [m/s^2].
         """
 
     @abstractmethod
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
-        """Energies at an instant."""
+        """Energies at coordinates and rates, shape (n,) each."""
 
     @abstractmethod
     def error_measure(self) -> np.ndarray:
-        """Rows that make coordinates dimensionless for the step control, shape (k, n)."""
+        """Matrix that makes coordinates dimensionless for the step control, shape (k, n)."""
 
 
-#: Elastic displacements count for the step control relative to this share of the body's size:
-#: about what the strain of a sound part allows.
+#: Scale of elastic displacements for the step control, over the body's size: about the largest
+#: elastic strain of metals.
 ELASTIC_SHARE = 1e-3
 
 
 @attrs.frozen(eq=False, slots=False, kw_only=True)
 class Pose:
-    """A body's origin and angle at the start, roughly: assembly closes the joints."""
+    """Rough origin and angle of a body at the start; assembly closes the joints."""
 
     position: tuple[float, float] = place("origin at the start, roughly [m]")
     angle: float = number(0.0, "at the start, of the body's x axis from x, + from x to y [degrees]")
@@ -340,9 +361,9 @@ class Pose:
 
 
 class PlanarBody(Pose, Body):
-    """Coordinates ``(x, y, theta, q)``, of which bodies that are held have q alone."""
+    """A body with the coordinates ``(x, y, theta, q)``; a held body has q alone."""
 
-    #: Whether it stays where it is: a part of the ground.
+    #: Whether the frame is at rest: the body is a part of the ground.
     held: bool
 
     #: Structural damping zeta of ``D_e = zeta K_e`` [s].
@@ -354,12 +375,12 @@ class PlanarBody(Pose, Body):
     @property
     @abstractmethod
     def integrals(self) -> InertiaIntegrals:
-        """Integrals of its inertia."""
+        """Integrals of the body's inertia."""
 
     @property
     @abstractmethod
     def fields(self) -> Mapping[str, np.ndarray]:
-        """Fields of its points, shape (2, 3 + n): position, unit translations, elastic modes."""
+        """Fields of the points, shape (2, 3 + n): position, unit translations, elastic modes."""
 
     @property
     @abstractmethod
@@ -367,8 +388,8 @@ class PlanarBody(Pose, Body):
         """Stiffness of the elastic coordinates, shape (n, n)."""
 
     @cached_property
-    def _own(self) -> slice:
-        """Places of the coordinates among those of a free body."""
+    def _free(self) -> slice:
+        """Indices of the body's coordinates among ``(x, y, theta, q)``."""
         return slice(3 if self.held else 0, None)
 
     @cached_property
@@ -378,8 +399,8 @@ class PlanarBody(Pose, Body):
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Share of the multipliers: 1 of the frame, `FINE_WEIGHT` of elastic coordinates."""
-        return np.repeat([1.0, FINE_WEIGHT], [3, self.modes])[self._own]
+        """Weight of velocity multipliers: 1 on the frame, `FINE_WEIGHT` on elastic coordinates."""
+        return np.repeat([1.0, FINE_WEIGHT], [3, self.modes])[self._free]
 
     @cached_property
     def size(self) -> int:
@@ -393,16 +414,16 @@ class PlanarBody(Pose, Body):
     @cached_property
     def start(self) -> np.ndarray:
         """Coordinates of the rough pose, undeformed."""
-        return self._pose[self._own]
+        return self._pose[self._free]
 
     @cached_property
     def start_rates(self) -> np.ndarray:
         """Rates of the rough pose."""
-        return np.array([*self.velocity, self.speed, *np.zeros(self.modes)])[self._own]
+        return np.array([*self.velocity, self.speed, *np.zeros(self.modes)])[self._free]
 
     @property
     def angle_index(self) -> int | None:
-        """Place of the angle among the coordinates; None of a held body."""
+        """Index of the angle among the coordinates; None for a held body."""
         return None if self.held else ANGLE
 
     @cached_property
@@ -417,11 +438,11 @@ class PlanarBody(Pose, Body):
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        """Names of the points beside the origin."""
+        """Names of the points without the origin."""
         return tuple(self.fields)
 
-    def _whole(self, values: np.ndarray, frame: np.ndarray | float = 0.0) -> np.ndarray:
-        """Values of frame and elastic coordinates, of a held body too."""
+    def _with_frame(self, values: np.ndarray, frame: np.ndarray | float = 0.0) -> np.ndarray:
+        """Values for ``(x, y, theta, q)``; those of the frame of a held body are `frame`."""
         if not self.held:
             return values
         return np.concatenate([np.broadcast_to(frame, 3), values])
@@ -435,25 +456,28 @@ class PlanarBody(Pose, Body):
 
     @cached_property
     def _arms(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Position and elastic modes of the points that do not stay at the origin."""
+        """Position and elastic modes of points away from the origin or with elastic motion."""
         arms = {name: (field[:, 0], field[:, 3:]) for name, field in self.fields.items()}
         return {name: arm for name, arm in arms.items() if any(part.any() for part in arm)}
 
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
         """Marker of a point at given coordinates, see `Body`."""
-        z = self._whole(coordinates, self._pose[:3])
+        z = self._with_frame(coordinates, self._pose[:3])
         values = np.zeros(WIDTH)
         values[:3] = z[:3]
         if point not in self._arms:
-            return Marker(values, self._unit[:, self._own])
+            return Marker(values, self._unit[:, self._free])
         field, shapes = self._arms[point]
         turn = rotation(z[2])
-        arm, shape = turn @ (field + shapes @ z[3:]), turn @ shapes
+        arm = turn @ (field + shapes @ z[3:])
+        shape = turn @ shapes
         jacobian = self._unit.copy()
-        jacobian[0, 2], jacobian[1, 2], jacobian[:2, 3:] = -arm[1], arm[0], shape
+        jacobian[0, 2] = -arm[1]
+        jacobian[1, 2] = arm[0]
+        jacobian[:2, 3:] = shape
         values[:2] += arm
         if self.held:
-            return Marker(values, jacobian[:, self._own])
+            return Marker(values, jacobian[:, self._free])
 
         def force_derivative(force: np.ndarray) -> np.ndarray:
             result = np.zeros((len(z), len(z)))
@@ -462,9 +486,10 @@ class PlanarBody(Pose, Body):
             return result
 
         def rate_derivative(rates: np.ndarray) -> np.ndarray:
-            result, spun = np.zeros((WIDTH, len(z))), np.stack([-shape[1], shape[0]])
-            result[:2, 2] = spun @ rates[3:] - arm * rates[2]
-            result[:2, 3:] = spun * rates[2]
+            quarter_turned = np.stack([-shape[1], shape[0]])
+            result = np.zeros((WIDTH, len(z)))
+            result[:2, 2] = quarter_turned @ rates[3:] - arm * rates[2]
+            result[:2, 3:] = quarter_turned * rates[2]
             return result
 
         return Marker(values, jacobian, force_derivative, rate_derivative)
@@ -479,31 +504,35 @@ class PlanarBody(Pose, Body):
         rates: np.ndarray,
         accelerations: np.ndarray,
         *,
-        lift: np.ndarray,
+        minus_gravity: np.ndarray,
     ) -> Balance:
         """Inertia, stiffness and damping forces, see `Body`."""
-        z, v = self._whole(coordinates, self._pose[:3]), self._whole(rates)
-        inertia = FrameInertia(self._ordered, z, v, self._whole(accelerations), lift)
+        z = self._with_frame(coordinates, self._pose[:3])
+        v = self._with_frame(rates)
+        acceleration = self._with_frame(accelerations)
+        inertia = FrameInertia(self._ordered, z, v, acceleration, minus_gravity)
         forces = inertia.forces
         forces[3:] += self.stiffness @ (z[3:] + self.damping_time * v[3:])
-        return Balance(forces[self._own], partial(self._derivatives, inertia))
+        return Balance(forces[self._free], partial(self._derivatives, inertia))
 
     def _derivatives(self, inertia: FrameInertia) -> Derivatives:
-        whole, own = inertia.derivatives(), self._own
-        whole.position[3:, 3:] += self.stiffness
-        whole.rate[3:, 3:] += self.damping_time * self.stiffness
-        return Derivatives(*(part[own, own] for part in vars(whole).values()))
+        derivatives = inertia.derivatives()
+        derivatives.position[3:, 3:] += self.stiffness
+        derivatives.rate[3:, 3:] += self.damping_time * self.stiffness
+        free = self._free
+        return Derivatives(*(part[free, free] for part in vars(derivatives).values()))
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
-        """Kinetic and strain energy, and the power that damping takes."""
-        z, v = self._whole(coordinates, self._pose[:3]), self._whole(rates)
+        """Kinetic and strain energy, and the power that damping dissipates."""
+        z = self._with_frame(coordinates, self._pose[:3])
+        v = self._with_frame(rates)
         inertia = FrameInertia(self._ordered, z, v, np.zeros_like(v), np.zeros(2))
         strain = 0.5 * z[3:] @ self.stiffness @ z[3:]
         dissipated = self.damping_time * v[3:] @ self.stiffness @ v[3:]
         return Energies(inertia.kinetic_energy, float(strain), float(dissipated))
 
     def error_measure(self) -> np.ndarray:
-        """Error measure: angle in rad, positions over the size, elastic motion in mass norm."""
+        """Angle in rad, positions over the size, elastic motion in the mass norm, see `Body`."""
         size = self.reach or 1.0
         measure = np.diag([1.0 / size, 1.0 / size, 1.0])
         if self.modes:
@@ -511,12 +540,12 @@ class PlanarBody(Pose, Body):
             root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
             scale = ELASTIC_SHARE * size * np.sqrt(self.integrals.total_mass)
             measure = linalg.block_diag(measure, root / scale)
-        return measure[self._own, self._own]
+        return measure[self._free, self._free]
 
 
 @attrs.frozen(slots=False)
 class MasslessBody(PlanarBody):
-    """A rigid body without mass, as a journal under a given load."""
+    """A rigid body without mass, such as a journal under a prescribed load."""
 
     points: dict = places("points in the body's frame [m]")
     held: bool = attrs.field(
@@ -561,7 +590,7 @@ class RigidBody(MasslessBody):
 
 
 def ground(points: dict[str, tuple[float, float]] | None = None) -> MasslessBody:
-    """The ground with points of its own."""
+    """The ground, with points [m] by name."""
     return MasslessBody({} if points is None else points, held=True)
 
 
@@ -569,18 +598,20 @@ def ground(points: dict[str, tuple[float, float]] | None = None) -> MasslessBody
 class FlexibleBody(PlanarBody):
     """A reduced part, free in a floating frame or held.
 
-    The frame's origin is the undeformed first bore's centre. A bore is a point of the same name:
-    its centre at rest or, where it is a boundary point of the part, too, the mean of its deformed
-    surface. A film's bore deforms about the centre at rest, see `at_rest`.
+    The frame's origin is the centre of the undeformed first bore. Every bore is a point of the same
+    name. If the bore is a boundary point of the part as well, the point is the mean of the deformed
+    surface, otherwise the centre of the undeformed bore. A film's bore deforms about the centre of
+    the undeformed bore, see `at_rest`.
 
     Attributes
     ----------
     reduced
-        The part.
+        Reduced part.
     damping_time
         zeta of ``D_e = zeta K_e`` [s].
     mass, inertia, centre
-        In place of the part's own: [kg], [kg m^2] about the centre of mass, [m].
+        Mass [kg], moment of inertia about the centre of mass [kg m^2] and centre of mass [m] in
+        place of the part's values; None: those of the part.
     """
 
     reduced: ReducedBody
@@ -611,7 +642,7 @@ class FlexibleBody(PlanarBody):
 
     @cached_property
     def integrals(self) -> InertiaIntegrals:
-        """Inertia integrals, with the total that the body gives in place of the part's."""
+        """Inertia integrals of the part with the body's mass, inertia and centre of mass."""
         centre = None if self.centre is None else np.array(self.centre)
         return with_total(self.reduced.inertia, self.mass, self.inertia, centre)
 
@@ -632,5 +663,5 @@ class FlexibleBody(PlanarBody):
         return points | {self.at_rest(name): field for name, field in bores.items()}
 
     def at_rest(self, bore: str) -> str:
-        """Point that is the centre of an undeformed bore."""
+        """Name of the point at the centre of an undeformed bore."""
         return f"{bore}.at_rest" if bore in self.reduced.points else bore

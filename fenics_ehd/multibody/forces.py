@@ -11,17 +11,17 @@ import numpy as np
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_callable, require_class, require_pair
-from fenics_ehd.base.fields import NONE, REQUIRED, choice, names, number, text
-from fenics_ehd.base.needs import only_with
+from fenics_ehd.base.fields import REQUIRED, choice, names, number, text
+from fenics_ehd.base.needs import NONE, only_with
 from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.joints import SECOND
 from fenics_ehd.multibody.tabulated import Variation, variations_of
 
-#: What a torque's table may be over.
+#: Variables that a torque's table may be over.
 BASES = ("angle", "time")
 
-#: A number over time or over an angle, with its derivative; made of rows, which no step may jump
-#: over, it is a `Curve`.
+#: Function of the time or of an angle that returns a value and its derivative. A table with rows,
+#: which no step may cross, is a `Curve`.
 Table = Callable[[float], tuple[float, float]]
 
 
@@ -32,9 +32,9 @@ class Load:
     Attributes
     ----------
     value
-        shape (k,).
+        Forces and torques, shape (k,) [N], [N m].
     position, rate
-        Along u and u', shape (k, k); None: zero.
+        Derivatives along u and along u', shape (k, k); None: zero.
     """
 
     value: np.ndarray
@@ -48,7 +48,7 @@ class Force(ABC):
     @property
     @abstractmethod
     def markers(self) -> tuple[str, ...]:
-        """Whose values and rates it depends on or acts on."""
+        """Markers that the force acts on or whose values and rates it depends on."""
 
     @property
     def variations(self) -> tuple[Variation, ...]:
@@ -72,18 +72,18 @@ class Force(ABC):
 
 @dataclass(frozen=True)
 class PointForce(Force):
-    """Force along a line at rest, as large as a table says.
+    """Force of constant direction whose size is a table.
 
     Attributes
     ----------
     point
-        Marker it acts on.
+        Marker that the force acts on.
     direction
-        In the frame at rest, any length.
+        Direction in the frame at rest, shape (2,), of any length.
     size
-        Over time [s], or over the angle of `angle_of` [rad]: [N].
+        Force [N] over the time [s], or over the angle of `angle_of` [rad].
     angle_of
-        Body whose angle the table is over; empty: over time.
+        Body whose angle the table is over; empty: the table is over the time.
     """
 
     point: str
@@ -99,7 +99,7 @@ class PointForce(Force):
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Markers of the point and of the body whose angle counts."""
+        """Markers of the point and of the body whose angle the table is over."""
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
 
     @property
@@ -114,24 +114,25 @@ class PointForce(Force):
         if not self.angle_of:
             value[:2] = self.size(time)[0] * along
             return Load(value)
-        turning = SECOND + ANGLE
-        size, derivative = self.size(float(u[turning]))
-        position = np.zeros((len(u),) * 2)
-        value[:2], position[:2, turning] = size * along, derivative * along
+        angle = SECOND + ANGLE
+        size, derivative = self.size(float(u[angle]))
+        value[:2] = size * along
+        position = np.zeros((len(u), len(u)))
+        position[:2, angle] = derivative * along
         return Load(value, position)
 
 
 @attrs.frozen
 class Torque(Force):
-    """A torque turns a body, from the body's angle and speed at the start on.
+    """A torque on a body; the body begins at its angle and speed at the start.
 
     Attributes
     ----------
     body
-        Marker.
+        Body that the torque acts on.
     curve
-        More torque [N m], over the body's own angle [rad] or over time [s]; read from the table of
-        a scene.
+        Additional torque [N m] over the body's angle [rad] or over the time [s]; a scene reads it
+        from `table`.
     """
 
     body: str = ""
@@ -164,12 +165,14 @@ class Torque(Force):
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Torque on the body, see `Force`."""
-        value, position, rate = np.zeros(len(u)), np.zeros((len(u),) * 2), np.zeros((len(u),) * 2)
+        value = np.zeros(len(u))
+        position = np.zeros((len(u), len(u)))
+        rate = np.zeros((len(u), len(u)))
         value[ANGLE] = self.torque + self.damping * (self.speed - rates[ANGLE])
         if self.curve is not None:
             over_angle = self.over == "angle"
-            more, derivative = self.curve(float(u[ANGLE]) if over_angle else time)
-            value[ANGLE] += more
+            torque, derivative = self.curve(float(u[ANGLE]) if over_angle else time)
+            value[ANGLE] += torque
             position[ANGLE, ANGLE] = derivative if over_angle else 0.0
         rate[ANGLE, ANGLE] = -self.damping
         return Load(value, position, rate)
@@ -177,9 +180,9 @@ class Torque(Force):
 
 @attrs.frozen
 class RotatingForce(Force):
-    """A force that turns at constant speed, along x at time zero.
+    """A force that turns at constant speed and points along x at time zero.
 
-    It grows as a cosine does from its minimum to its maximum.
+    During the ramp the force grows as ``(1 - cos(pi t / ramp)) / 2``.
     """
 
     point: str = text(REQUIRED, "where it acts, shaft.disk")
@@ -210,7 +213,8 @@ class RotatingForce(Force):
         share = 1.0
         if time < self.ramp:
             share = 0.5 * (1 - np.cos(np.pi * time / self.ramp))
-        angle, value = self.speed * time, np.zeros(len(u))
+        angle = self.speed * time
+        value = np.zeros(len(u))
         value[:2] = share * self.amplitude * np.array([np.cos(angle), np.sin(angle)])
         return Load(value)
 
@@ -230,9 +234,11 @@ class SpringDamper(Force):
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
         """Forces of spring and damper, see `Force`."""
-        apart = np.zeros((2, len(u)))
-        for place in range(2):
-            apart[place, place], apart[place, SECOND + place] = 1.0, -1.0
-        form = apart.T @ apart
-        position, rate = -self.stiffness * form, -self.damping * form
+        difference = np.zeros((2, len(u)))
+        for axis in range(2):
+            difference[axis, axis] = 1.0
+            difference[axis, SECOND + axis] = -1.0
+        form = difference.T @ difference
+        position = -self.stiffness * form
+        rate = -self.damping * form
         return Load(position @ u + rate @ rates, position, rate)

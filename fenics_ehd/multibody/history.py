@@ -37,30 +37,17 @@ from fenics_ehd.base.files import (
     write_summary,
     write_whole,
 )
-from fenics_ehd.base.layout import Group, Value, attribute
+from fenics_ehd.base.layout import Group, Value, attribute, read_declared
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
+from fenics_ehd.multibody.cycle import Cycle
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
 
-#: Share of a period that a whole cycle may lack: rounding.
-WHOLE = 1e-6
-
-
-def last_whole_cycle(numbers: np.ndarray, time: np.ndarray) -> slice:
-    """Steps of the last whole cycle of a search, of one that has none all of them.
-
-    Parameters
-    ----------
-    numbers, time
-        Of the cycle at every step, and the time since its start, shape (steps,).
-    """
-    first = int(np.searchsorted(numbers, numbers[-1]))
-    if not first or time[-1] >= (1.0 - WHOLE) * time[first - 1]:
-        return slice(first, None)
-    return slice(int(np.searchsorted(numbers, numbers[-1] - 1)), first)
+#: Share of a turn by which angles may differ and be equal: rounding.
+TURN_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +192,9 @@ FORMAT, FORMAT_VERSION = "fenics_ehd history", 3
 #: Group of the file with what a run goes on from that is not in its rows.
 RESUME = "resume"
 
+#: Group of the file with the last complete cycle.
+CYCLE = "cycle"
+
 #: In place of one unit where every column has its own: of coordinates and rates they are in the
 #: attribute ``units`` of the file; multipliers are forces [N] and torques [N m].
 MIXED = "mixed"
@@ -272,6 +262,7 @@ LAYOUT = Group(
             required=False,
         ),
         RESUME: Group(foreign=True, required=False),
+        CYCLE: Cycle.layout,
     }
 )
 
@@ -327,6 +318,8 @@ class History:
         As in ``summary.json``; nothing of a run that goes on or was killed.
     scene
         Tables of the scene file as the run read it; nothing of a mechanism made in Python.
+    stored_cycle
+        The last complete cycle as the run decided it, None if nothing was stored, see `cycle`.
     solved
         What `simulate` leaves for `replay`, `error_budget`, `multiplier` and `sensitivity`, see
         `fenics_ehd.multibody.simulation.Simulation`; None of a run that was read.
@@ -337,6 +330,7 @@ class History:
     coordinate_units: tuple[str, ...] = ()
     told: Mapping[str, Any] = field(default_factory=dict)
     scene: Mapping[str, Any] = field(default_factory=dict)
+    stored_cycle: Cycle | None = None
     solved: Any = None
 
     def __len__(self) -> int:
@@ -502,14 +496,23 @@ class History:
         own = {path: Quantity(values, self.values[path].units) for path, values in arrays.items()}
         return replace(self, values={**self.values, **own})
 
-    def last_cycle(self) -> History:
-        """The last whole cycle of a periodic run that was stopped, from its start on.
+    @property
+    def cycle(self) -> Cycle:
+        """The last complete cycle: stored with the run, or in its summary, or from its columns."""
+        if self.stored_cycle is not None:
+            return self.stored_cycle
+        columns = (self.values.get(f"run/{name}") for name in ("cycle", "cycle_time"))
+        numbers, clock = (None if own is None else np.asarray(own) for own in columns)
+        times = np.asarray(self.values["time"])
+        return Cycle.of_summary(self.told) or Cycle.of_columns(times, numbers, clock)
 
-        All of any other run, and of one that was stopped in its first cycle.
+    def last_cycle(self) -> History:
+        """The last complete cycle, which figures ``cycle_...`` of the summary are of, see `cycle`.
+
+        It has the step at its start if there is one; all of a run that has no complete cycle.
         """
-        if not (len(self) and "cycle" in self.run):
-            return self
-        rows = last_whole_cycle(*(np.asarray(self.run[key]) for key in ("cycle", "cycle_time")))
+        numbers = self.values.get("run/cycle")
+        rows = self.cycle.rows_from_start(np.asarray(self.values["time"]), numbers)
         return self.each(lambda values: values[rows])
 
     def angle_of(self, body: str) -> np.ndarray | None:
@@ -525,9 +528,9 @@ class History:
         reference = self.run.get("crank_angle")
         if reference is not None and len(angle):
             turns = (angle - reference) / 360.0
-            if np.abs(turns - np.round(turns[0])).max() < WHOLE:
+            if np.abs(turns - np.round(turns[0])).max() < TURN_ROUNDING:
                 return np.asarray(reference)
-        return angle - 360.0 * np.floor(angle[:1] / 360.0 + WHOLE)
+        return angle - 360.0 * np.floor(angle[:1] / 360.0 + TURN_ROUNDING)
 
     def with_start(self) -> History:
         """A cycle that repeats itself with a row at its start."""
@@ -597,6 +600,9 @@ class History:
         with sealed_hdf5(path, FORMAT, FORMAT_VERSION) as file:
             if state is not None:
                 put_tree(file.create_group(RESUME), state)
+            if len(self):
+                attributes = vars(self.cycle) | {"label": _text(self.cycle.label)}
+                file.create_group(CYCLE).attrs.update(attributes)
             file.attrs["fenics_ehd"] = _text(__version__)
             file.attrs["columns"] = _text([name for name in self.values if is_column(name)])
             for name, v in self.values.items():
@@ -685,7 +691,8 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         state = file["state/coordinates"]
         each = Value("text", (state.shape[1],))
         names, units = (attribute(state, name, each) for name in ("names", "units"))
-        return History(arrays, names, units, summary, scene)
+        cycle = Cycle(**read_declared(file[CYCLE], Cycle.layout)) if CYCLE in file else None
+        return History(arrays, names, units, summary, scene, cycle)
 
 
 #: Its name in version 0.2.
@@ -704,7 +711,7 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
         raise ValueError(f"/{absent[0]} is missing")
     arrays = {}
     for path in dict.fromkeys([*columns, *paths]):
-        if path.startswith(f"{RESUME}/") or not (films or not of_film(path)):
+        if path.startswith((f"{RESUME}/", f"{CYCLE}/")) or not (films or not of_film(path)):
             continue
         data = file[path]
         # One for every column, of the state.
@@ -733,6 +740,7 @@ SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
     "status": (str,),
     "cycles": (int,),
     "joints": (dict,),
+    "cycle_used": (str,),
     "cycle_start_s": (float, int),
     "cycle_end_s": (float, int),
 }

@@ -1,8 +1,9 @@
 """Ideal joints and drives: constraints between markers, carried to coordinates by the chain rule.
 
-A joint names one marker or two, ``"body.point"`` or ``"body"`` for its origin, and is written in
-the values u of these, `WIDTH` each, then its own coordinates. With the values of all relations of
-a mechanism behind one another, ``U = du/dz``, and constraints ``phi(u) = h(t)``,
+A joint names one marker or two, ``"body.point"`` or ``"body"`` for the body's origin. Its
+constraints are functions of u: the values of the markers, `WIDTH` each, and behind them the
+joint's additional coordinates. With the values u of all joints and forces of a mechanism in one
+vector, ``U = du/dz``, and constraints ``phi(u) = h(t)``,
 
     G = phi_u U,      d(G^T l)/dz = U^T (l . phi_uu) U + sum force_derivative(l . phi_u),
     d(G v)/dz = (phi_uu U v) U + phi_u rate_derivative(v).
@@ -21,7 +22,8 @@ import numpy as np
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE, REQUIRED, flag, names, number, pair, text
+from fenics_ehd.base.fields import REQUIRED, flag, names, number, pair, text
+from fenics_ehd.base.needs import NONE
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import ANGLE, WIDTH
 from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of
@@ -123,20 +125,25 @@ def require_turning(key: str, name: str, *, turns: bool) -> None:
         raise SettingsError(f"{key}: body {name} cannot turn")
 
 
-#: Where the values of a relation's second marker begin, and own coordinates of a joint of two.
-SECOND, OWN = WIDTH, 2 * WIDTH
+#: Index in u of the first value of a joint's second marker.
+SECOND = WIDTH
+
+#: Index in u of the first additional coordinate of a joint with two markers.
+ADDITIONAL = 2 * WIDTH
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """``phi(u)`` of m rows and k values with its derivatives.
+    """Constraint function ``phi(u)`` of k values, m rows, with its derivatives.
 
     Attributes
     ----------
-    value, jacobian
-        shape (m,), (m, k).
+    value
+        phi, shape (m,) [m], [rad].
+    jacobian
+        Derivative of phi along u, shape (m, k).
     curvature
-        Makes the second derivatives, shape (m, k, k); None: phi is linear.
+        Function that computes the second derivatives, shape (m, k, k); None: phi is linear.
     """
 
     value: np.ndarray
@@ -151,12 +158,12 @@ class Joint(ABC):
     ----------
     rows
         Number m of constraints.
-    own
-        Number of own coordinates.
+    additional
+        Number of additional coordinates, which belong to the joint and to no body.
     """
 
     rows: int
-    own = 0
+    additional = 0
 
     @property
     @abstractmethod
@@ -165,17 +172,17 @@ class Joint(ABC):
 
     @abstractmethod
     def geometry(self, u: np.ndarray) -> Geometry:
-        """``phi`` at values of the markers and own coordinates, shape (k,)."""
+        """Constraint function at values u of markers and additional coordinates, shape (k,)."""
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """``h(t)`` and ``h'(t)``, shape (m,) each; None: zero."""
+        """Imposed values ``h(t)`` and rates ``h'(t)``, shape (m,) each; None: zero."""
         return None
 
 
 @cache
-def _apart(rows: int) -> np.ndarray:
-    """The first values of one marker less those of another, shape (rows, k)."""
-    return np.eye(rows, OWN) - np.eye(rows, OWN, SECOND)
+def _difference(rows: int) -> np.ndarray:
+    """Matrix of the first values of marker one less those of marker two, shape (rows, k)."""
+    return np.eye(rows, 2 * WIDTH) - np.eye(rows, 2 * WIDTH, SECOND)
 
 
 @attrs.frozen
@@ -193,8 +200,8 @@ class Revolute(Joint):
         return self.between
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Distance of the points, linear, see `Joint`."""
-        jacobian = _apart(self.rows)
+        """Distance of the points, a linear function, see `Joint`."""
+        jacobian = _difference(self.rows)
         return Geometry(jacobian @ u, jacobian)
 
 
@@ -207,7 +214,7 @@ class Fixed(Revolute):
 
     def geometry(self, u: np.ndarray) -> Geometry:
         """Distance of the points and their relative angle, see `Joint`."""
-        jacobian = _apart(self.rows)
+        jacobian = _difference(self.rows)
         return Geometry(jacobian @ u + np.array([0.0, 0.0, np.radians(self.angle)]), jacobian)
 
 
@@ -230,28 +237,32 @@ class Slider(Joint):
 
     @property
     def rows(self) -> int:  # type: ignore[override]
-        """Number of constraints: the distance and, where it is held, the angle."""
+        """Number of constraints: the distance and, if the rotation is held, the angle."""
         return 2 if self.hold_rotation else 1
 
     def geometry(self, u: np.ndarray) -> Geometry:
         """Distance of the point from the line, see `Joint`."""
-        there = slice(SECOND, SECOND + 2)
+        point = slice(SECOND, SECOND + 2)
         along = np.array(self.direction) / np.hypot(*self.direction)
         normal = rotation(u[ANGLE]) @ np.array([-along[1], along[0]])
-        turned = np.array([-normal[1], normal[0]])
-        offset = u[there] - u[:2]
-        value, jacobian = np.zeros(self.rows), np.zeros((self.rows, len(u)))
+        normal_rate = np.array([-normal[1], normal[0]])
+        offset = u[point] - u[:2]
+        value = np.zeros(self.rows)
         value[0] = normal @ offset
-        jacobian[0, :2], jacobian[0, there], jacobian[0, ANGLE] = -normal, normal, turned @ offset
+        jacobian = np.zeros((self.rows, len(u)))
+        jacobian[0, :2] = -normal
+        jacobian[0, point] = normal
+        jacobian[0, ANGLE] = normal_rate @ offset
         if self.hold_rotation:
             value[1] = u[SECOND + ANGLE] - u[ANGLE] - np.radians(self.angle)
-            jacobian[1, ANGLE], jacobian[1, SECOND + ANGLE] = -1.0, 1.0
+            jacobian[1, ANGLE] = -1.0
+            jacobian[1, SECOND + ANGLE] = 1.0
 
         def curvature() -> np.ndarray:
             result = np.zeros((self.rows, len(u), len(u)))
             result[0, ANGLE, ANGLE] = -value[0]
-            result[0, ANGLE, :2] = result[0, :2, ANGLE] = -turned
-            result[0, ANGLE, there] = result[0, there, ANGLE] = turned
+            result[0, ANGLE, :2] = result[0, :2, ANGLE] = -normal_rate
+            result[0, ANGLE, point] = result[0, point, ANGLE] = normal_rate
             return result
 
         return Geometry(value, jacobian, curvature)
@@ -263,7 +274,15 @@ AngleOverTime = Callable[[float], tuple[float, float]]
 
 @dataclass(frozen=True)
 class AngleDrive(Joint):
-    """A body's angle, given over time."""
+    """A body's angle as a function of the time.
+
+    Attributes
+    ----------
+    body
+        Name of the body.
+    motion
+        Angle and angular speed at a time.
+    """
 
     body: str
     motion: AngleOverTime
@@ -279,7 +298,7 @@ class AngleDrive(Joint):
         return Geometry(u[ANGLE : ANGLE + 1], np.eye(1, WIDTH, ANGLE))
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Angle and speed at a time."""
+        """Angle and angular speed at a time, shape (1,) each [rad], [rad/s]."""
         angle, speed = self.motion(time)
         return np.array([angle]), np.array([speed])
 
@@ -293,7 +312,7 @@ class Speed:
     start
         Angle at time zero [rad].
     curve
-        Speed over time in place of the constant one [rad/s]; read from the table of a scene.
+        Speed over the time in place of the constant speed [rad/s]; a scene reads it from `table`.
     """
 
     speed: float = quantities.speed(0.0, "constant [rad/s]")
@@ -307,11 +326,11 @@ class Speed:
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variation of the speed."""
+        """Variation of the speed, see `fenics_ehd.multibody.tabulated.Variation`."""
         return variations_of(self.curve, setting="table")
 
     def __call__(self, time: float) -> tuple[float, float]:
-        """Angle and speed at a time."""
+        """Angle and angular speed at a time [rad], [rad/s]."""
         if self.curve is None:
             return self.start + self.speed * time, self.speed
         return self.start + self.curve.integral(time), self.curve(time)[0]

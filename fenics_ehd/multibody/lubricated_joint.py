@@ -1,43 +1,45 @@
 """Lubricated joints: the journal of one body in the bore of another, both of any shape.
 
-A joint's own coordinates are the eccentricity e of the journal in the bore's frame and, where the
-journal's body tilts, the tilt psi. Constraints tie them to the bodies,
+The additional coordinates of a joint are the eccentricity e of the journal in the bore's frame and,
+if the journal's body tilts, the tilt psi. Constraints tie them to the bodies,
 
     x_bore + A(theta) e - x_journal = 0,    A(theta) psi - psi_journal = 0,
 
-and their multipliers are the film's force. Positions are never subtracted to get the gap: the
-error of the large motion would be a false squeeze velocity as large as the true one.
+and the multipliers of these are the film's force. The gap is not computed from a difference of
+positions: the error of the large motion would be a false squeeze velocity, as large as the true
+one.
 
 With the bore's elastic displacement ``u = Psi q`` at its undeformed place, to leading order in
 c / R,
 
     h = c - n . (e + z (psi_y, -psi_x)) + n . u,
 
-and what shapes add where bore or journal are not round (`JointShape`). Forces are the integrals of
-the same fields times the pressure: gap and force are conjugate, but in holes and with the mortar,
-see below. They act at the journal's centre on
-both bodies; the torque about it is that of the oil's shear, and of the pressure on a journal that
-is not round: with the gap's derivative along the angle alpha of the journal ahead of the bore,
+and bores or journals that are not round add their deviations (`JointShape`). Forces are the
+integrals of the same fields times the pressure: gap and force are conjugate, except in holes and
+with the mortar, see below. They act on both bodies at the journal's centre. The torque about the
+centre is that of the oil's shear, and of the pressure on a journal that is not round. With the
+gap's derivative along the angle alpha of the journal relative to the bore,
 ``dh/dalpha = d delta/dphi (phi - alpha)``,
 
     T = int p dh/dalpha dA    on the journal, -T on the bore.
 
-Where the meshes of a body's bore and of its film match, shape functions of the bore are evaluated
-at the film's Gauss points and nothing else is needed. Where they do not, pressures go to the bore
-either conservatively, ``F = int N_s n p``, with resultants that are the film's own, or by the
-paper's mortar (14) and the body's load matrix. A bore may have holes. The gap in one follows the
-bore as extended from the rim (`fenics_ehd.film.transfer`). The film's pressure there bends nothing:
-elastic modes are loaded on the remaining surface alone, as in the body's own matrix. It is part of
-the force between journal and body, for the oil in the hole presses on the far end of its passage.
+If the meshes of a body's bore and of its film match, shape functions of the bore are evaluated at
+the film's Gauss points. If they do not match, pressures are transferred to the bore either
+conservatively, ``F = int N_s n p``, with the resultants of the film, or by the paper's mortar (14)
+and the body's load matrix. A bore may have holes. The gap in a hole follows the bore as extended
+from the rim (`fenics_ehd.film.transfer`). The film's pressure in a hole does not load the elastic
+modes: these are loaded on the remaining surface alone, as in the body's load matrix. The pressure
+in a hole is part of the force between journal and body, because the oil in the hole presses on the
+far end of its passage.
 
-The mean axes of an elastic part, to which its own eccentricity refers, may be clearances away from
-its bore as it is, deformed and with its deviations. The centre of that is the one of the
-least-squares circle of its surface (the LSCI of roundness measurement,
-weisang.com/en/documents-articles/leastsquarescircle_en): for deviations u that are small against
-the radius, as those of a film's bore are, the circle ``u_0 + d . n`` with the least
-``int (u - u_0 - d . n)^2 dA`` over the film. Without gaps in the surface d is the first harmonic,
-``d = 2 <u n>``. The gap ``h = c + u - n . e`` knows it: its first harmonic is ``n . (d - e)``,
-less the eccentricity ``e - d`` of the journal in the circle.
+The eccentricity of an elastic part refers to the part's mean axes, which may be several clearances
+away from the deformed bore. The centre of the deformed bore is that of the least-squares circle of
+its surface (the LSCI of roundness measurement,
+weisang.com/en/documents-articles/leastsquarescircle_en). For deviations u that are small against
+the radius it is the circle ``u_0 + d . n`` with the least ``int (u - u_0 - d . n)^2 dA`` over the
+film. Without gaps in the surface d is the first harmonic, ``d = 2 <u n>``. The first harmonic of
+the gap ``h = c + u - n . e`` is ``n . (d - e)``: minus the eccentricity ``e - d`` of the journal in
+the circle.
 """
 
 from __future__ import annotations
@@ -63,7 +65,7 @@ from fenics_ehd.film.kinematics import Gap, Shape, require_inside, require_shape
 from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
-from fenics_ehd.multibody.joints import OWN, SECOND, Geometry, Joint
+from fenics_ehd.multibody.joints import ADDITIONAL, SECOND, Geometry, Joint
 from fenics_ehd.multibody.tabulated import Variation, variations_of
 from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
@@ -97,27 +99,29 @@ class JointShape:
     Parameters
     ----------
     film
-        On the bore.
+        Film on the bore.
     bore, journal
-        Their shapes; None: round.
+        Shapes of the two surfaces; None: round.
 
     Attributes
     ----------
     plain
-        Whether both are round and nothing is added.
+        Whether both surfaces are round: the gap does not change.
     fixed
-        Change of the gap at Gauss points and nodes that does not turn, shape (w,) [m].
+        Constant change of the gap at Gauss points and nodes, shape (w,) [m].
     turning
-        Whether the journal's shape does.
+        Whether the gap changes as the journal turns: the journal is not round.
     largest_second_derivative
-        Bound of the shapes' second derivative along the angle [m].
+        Bound of the shapes' second derivative along the angle [m/rad^2].
     """
 
     def __init__(self, film: Film, bore: Shape | None, journal: Shape | None):
-        self._film, self._inside = film, film.points.angle.size
-        self._angle, self._height = observed_places(film)
+        self._film = film
+        self._inside = film.points.angle.size
+        self._angle, self._height = observed_positions(film)
         self.plain = bore is None and journal is None
-        bore, self._journal = bore or Shape(), journal or Shape()
+        bore = bore or Shape()
+        self._journal = journal or Shape()
         self.fixed = bore.radial(self._angle, self._height)
         self.turning = not self._journal.round
         if not self.turning:
@@ -128,26 +132,36 @@ class JointShape:
         )
 
     def _deviation_of_journal(self, relative_angle: float, order: int = 0) -> np.ndarray:
-        """Radial deviation of the turned journal at the Gauss points."""
-        angle, height = self._angle[: self._inside], self._height[: self._inside]
+        """Radial deviation of the turned journal at the Gauss points, or a derivative of it."""
+        angle = self._angle[: self._inside]
+        height = self._height[: self._inside]
         return self._journal.radial(angle - relative_angle, height, order)
 
     def gap_reduction(self, relative_angle: float) -> np.ndarray:
-        """Gap taken by the turning shape at Gauss points and nodes, shape (w,) [m]."""
+        """Reduction of the gap by the turned journal at Gauss points and nodes, (w,) [m]."""
         return self._journal.radial(self._angle - relative_angle, self._height)
 
     def added(self, gap: Gap, relative_angle: float, speed: float) -> Gap:
-        """A round joint's gap with the shapes, the journal at an angle [rad] and speed [rad/s]."""
+        """Gap with both shapes.
+
+        Parameters
+        ----------
+        gap
+            Gap between round surfaces.
+        relative_angle, speed
+            Angle [rad] and angular speed [rad/s] of the journal relative to the bore.
+        """
         if self.plain:
             return gap
-        added, rate = self.fixed[: self._inside], np.zeros(self._inside)
+        added = self.fixed[: self._inside]
+        rate = np.zeros(self._inside)
         if self.turning:
             added = added - self._deviation_of_journal(relative_angle)
             rate = speed * self._deviation_of_journal(relative_angle, 1)
         return gap.changed(added, rate)
 
     def rotated(self, relative_angle: float, speed: float) -> RotatedShape:
-        """Derivatives there."""
+        """Derivatives along the angle, at an angle [rad] and angular speed [rad/s]."""
         slope = self._deviation_of_journal(relative_angle, 1)
         curvature = self._deviation_of_journal(relative_angle, 2)
         fields = np.stack([slope, -curvature], axis=-1)
@@ -155,22 +169,24 @@ class JointShape:
         return RotatedShape(slope, -speed * curvature, torque, stiffness, -curvature)
 
 
-def observed_places(film: Film) -> tuple[np.ndarray, np.ndarray]:
-    """Angle and height where a gap is observed: Gauss points, then nodes, shape (w,) each."""
-    nodes, points = film.parameters.grid.node_positions, film.points
+def observed_positions(film: Film) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and heights at which a gap is computed: Gauss points, then nodes, shape (w,) each."""
+    nodes = film.parameters.grid.node_positions
+    points = film.points
     return (
         np.concatenate([points.angle.ravel(), nodes[:, 0]]),
         np.concatenate([points.height.ravel(), nodes[:, 1]]),
     )
 
 
-#: Largest difference of the film's load from the body's own, relative to the largest, of a cosine
-#: pressure. The body integrates over its quadratic cells, 1e-5 off the cylinder with 20 of them.
+#: Largest difference of the film's load from the body's load, over the largest load, of a cosine
+#: pressure. The body integrates over quadratic cells, whose areas differ from those of the cylinder
+#: by 1e-5 with 20 cells.
 LOAD_TOLERANCE = 5e-4
 
 
 def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> Surface:
-    """Surface mesh of a body's bore; a body without cells must have a structured one."""
+    """Surface mesh of a body's bore; the nodes of a bore without cells must be structured."""
     if cells.size:
         return Surface.on_cylinder(nodes, cells, family)
     grid = film_grid(nodes)
@@ -180,7 +196,7 @@ def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> Surface:
 
 
 def sampling_grid(bore: BoreSurface) -> FilmGrid:
-    """Places where it is kept what a part's mesh misses in one of its bores."""
+    """Grid at whose nodes the mesh error of a part's bore is stored."""
     return uniform_grid(bore.radius, bore.width, SAMPLED)
 
 
@@ -192,9 +208,10 @@ class BoreFilm:
     body
         Reduced body.
     film
-        Film on its bore.
+        Film on the body's bore.
     transfer
-        How pressures reach a bore whose mesh the film's does not match.
+        Transfer of pressures to a bore whose mesh does not match that of the film, one of
+        `TRANSFERS`.
 
     Attributes
     ----------
@@ -204,24 +221,23 @@ class BoreFilm:
         Outward displacement at the Gauss points of displacements of the bore nodes, sparse,
         shape (g, 3 m).
     observed_normal
-        The same where the gap is observed, shape (w, 3 m).
+        The same at Gauss points and film nodes, shape (w, 3 m).
     projected
-        Mortar from the film's nodal pressures to the bore's, None where there is none.
+        Mortar from nodal pressures of the film to those of the bore; None: without mortar.
     observed
-        Outward component at Gauss points and film nodes, where the gap is
-        observed, shape (w, n).
+        Outward components of the elastic modes at Gauss points and film nodes, shape (w, n).
     force, load
         Force of nodal film pressures along x and y, shape (2, nodes), and generalised forces on
         the elastic modes, shape (n, nodes).
     holes, solid
-        Holes of the bore's mesh, and what they leave of every Gauss point's area, shape (cells,
-        points); None: the bore is whole.
+        Holes of the bore's mesh, and solid fraction of every Gauss point's area, shape (cells,
+        points); None: the bore has no holes.
 
     Raises
     ------
     InterfaceMismatchError
         The bore is not the film's cylinder, or the body's load matrix does not
-        belong to it.
+        belong to the bore.
     """
 
     def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
@@ -238,44 +254,48 @@ class BoreFilm:
         fields[:, :, 2:] = body.bore_basis
         fields = fields.reshape(3 * m, -1)
         inside = film.points.angle.size
-        self.observed_normal = outward_displacement(surface, *observed_places(film))
+        self.observed_normal = outward_displacement(surface, *observed_positions(film))
         normal = self.normal = self.observed_normal[:inside]
         self.observed = (self.observed_normal @ fields)[:, 2:]
         outward = normal @ fields
         self.outward = self.observed[:inside]
         # n . (e_z x u) is minus the component of u along the circumference.
         self.tangential = -(normal @ turned(fields[:, 2:], 2))
-        # 4-node cells may have 9-node cells' nodes, whose equal pressures are others.
+        # Cells of 4 and of 9 nodes may have the same nodes, with other shape functions.
         family = body.bore.pressure_family or film_layout(body.pressure_nodes)[1]
         alike = grid.family == family
         self._order = match(body.pressure_nodes, grid.nodes) if alike else None
         self._mortar = self._mortar_of(body, grid) if self._order is None else None
         fields = outward.reshape(*film.points.angle.shape, -1)
-        self.holes, self.solid, whole = surface.holes, None, None
+        self.holes = surface.holes
+        self.solid = None
+        force_with_holes = None
         if surface.holes:
             mesh = Surface(grid.node_positions, grid.cell_nodes, grid.family)
             self.solid = solid_share(surface, mesh, film.assembly.reference)
-            whole, fields = film.load(fields[..., :2]), self.solid[..., None] * fields
+            force_with_holes = film.load(fields[..., :2])
+            fields = self.solid[..., None] * fields
         load = film.load(fields)
         self.projected: np.ndarray | None = None
         if transfer == "mortar" and self._mortar is not None:
             matrix = self.projected = self._mortar.to_structure(np.eye(len(grid.nodes)))
             load = body.load_projection[1:] @ matrix
-        self.force, self.load = load[:2], load[2:]
+        self.force = load[:2]
+        self.load = load[2:]
         self._check_load(body, film)
-        if whole is not None:
-            self.force = whole
+        if force_with_holes is not None:
+            self.force = force_with_holes
 
     @staticmethod
     def _check_size(body: ReducedBody, film: Film) -> None:
         grid = film.parameters.grid
-        for name, own, given in (
+        for name, of_film, of_bore in (
             ("radius", grid.radius, body.bore.radius),
             ("width", grid.width, body.bore.width),
         ):
-            if not abs(own - given) <= 1e-6 * given:
+            if not abs(of_film - of_bore) <= 1e-6 * of_bore:
                 raise InterfaceMismatchError(
-                    f"the film's {name} of {own:g} m is not that of the bore, {given:g} m"
+                    f"the film's {name} of {of_film:g} m must be that of the bore, {of_bore:g} m"
                 )
 
     def _mortar_of(self, body: ReducedBody, grid: FilmGrid) -> Mortar:
@@ -286,19 +306,19 @@ class BoreFilm:
         return Mortar(structure, film, grid.radius)
 
     def structure_pressure(self, pressure: np.ndarray) -> np.ndarray:
-        """Pressure on the body's pressure nodes, shape (k,): ``P_s`` of (14)."""
+        """Pressures ``P_s`` of (14) at the body's pressure nodes, shape (k,) [Pa]."""
         if self._mortar is not None:
             return self._mortar.to_structure(pressure)
         return pressure[self._order]
 
     def _check_load(self, body: ReducedBody, film: Film) -> None:
-        """A smooth pressure must do the same work by the film's integrals and by the body's J."""
+        """Refuse a load matrix J whose work of a smooth pressure is not that of the film."""
         grid = film.parameters.grid
         for angle_of, component in ((np.cos, 1), (np.sin, 2)):
             pressure = 1.0 + angle_of(grid.node_positions[:, 0])
-            own = self.force @ pressure
+            of_film = self.force @ pressure
             expected = body.load_projection[TRANSLATIONS] @ self.structure_pressure(pressure)
-            defect = np.abs(own - expected).max() / np.abs(expected).max()
+            defect = np.abs(of_film - expected).max() / np.abs(expected).max()
             if not defect <= LOAD_TOLERANCE:
                 raise InterfaceMismatchError(
                     f"film and body disagree on the work of a pressure by {defect:.1e} "
@@ -307,18 +327,25 @@ class BoreFilm:
                 )
 
 
-#: Unit matrix of the plane, and a quarter turn.
-UNIT, QUARTER = np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])
+#: Unit matrix of the plane.
+UNIT = np.eye(2)
 
-#: Rows of e and of psi, their places in u, and those of what they are tied to: position and tilt
-#: of the journal.
+#: Rotation by a quarter turn.
+QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+#: Rows of e and of psi, their indices in u, and the indices of the journal's position and tilt,
+#: which they are tied to.
 TIED = (
-    (slice(0, 2), slice(OWN, OWN + 2), slice(SECOND, SECOND + 2)),
-    (slice(2, 4), slice(OWN + 2, OWN + 4), slice(SECOND + TILT, SECOND + TILT + 2)),
+    (slice(0, 2), slice(ADDITIONAL, ADDITIONAL + 2), slice(SECOND, SECOND + 2)),
+    (
+        slice(2, 4),
+        slice(ADDITIONAL + 2, ADDITIONAL + 4),
+        slice(SECOND + TILT, SECOND + TILT + 2),
+    ),
 )
 
 
-#: Words of a lubricated joint, by argument.
+#: Allowed words of a lubricated joint, by argument.
 WORDS = {
     "transfer": TRANSFERS,
     "shear_rule": SHEAR_RULES,
@@ -334,32 +361,32 @@ class LubricatedJoint:
     Attributes
     ----------
     journal, bore
-        Markers; the point of a flexible body's own bore is ``bore``.
+        Markers of journal and bore; a flexible body without a named bore has the point ``bore``.
     film
         Film on the bore.
     transfer
-        How pressures reach a bore whose mesh the film's does not match, see `BoreFilm`.
+        Transfer of pressures to a bore whose mesh does not match that of the film, see `BoreFilm`.
     friction
         Whether the oil's shear acts on the bodies.
     eccentricity, eccentricity_rate
-        At the start, in the bore's frame [m], [m/s].
+        Eccentricity of the journal in the bore's frame and its rate, at the start [m], [m/s].
     smallest_film
-        Film thickness at which a run ends, share of the clearance; of a share up to 0.01 at most
-        0.2 um (`fenics_ehd.multibody.run.touching_film`).
+        Film thickness over clearance at which a run ends. For a value up to 0.01 the limit is at
+        most 0.2 um (`fenics_ehd.multibody.run.touching_film`).
     bore_shape, journal_shape
         Radial deviations in the frames of the two bodies; None: round.
     shear_rule
-        For the cavitated zone, see `fenics_ehd.film.forces`.
+        Rule for shear in the cavitated zone, see `fenics_ehd.film.forces`.
     heat
-        Balance of the film's heat over a cycle; None: the oil keeps its temperature.
+        Balance of the film's heat over a cycle; None: the temperature of the oil is constant.
     cavitation
-        Condition, one of `CAVITATIONS`; with ``"mass-conserving"``, on a bilinear mesh, the film
-        keeps account of its oil.
+        Cavitation condition, one of `CAVITATIONS`. ``"mass-conserving"``, the condition of
+        Jakobsson, Floberg and Olsson (JFO), needs a bilinear mesh.
     initial_filling
-        Fluid fraction of the gap at the start, 0 to 1, of such a film.
+        Fluid fraction of the gap at the start, 0 to 1, with mass-conserving cavitation.
     ambient
-        Outside its sides, ``"air"`` or ``"oil"``, which flows back in where the film sucks; beside
-        sides above cavitation pressure there always is oil.
+        Medium outside the sides, ``"air"`` or ``"oil"``; oil flows back in at a side with suction.
+        Outside a side above cavitation pressure the medium is always oil.
     """
 
     journal: str
@@ -388,7 +415,7 @@ class LubricatedJoint:
         require_inside(share, rough=parameters.surfaces is not None)
 
     def _check_arguments(self) -> None:
-        """Words, numbers and classes of the arguments, each by itself."""
+        """Refuse words, numbers and classes of single arguments."""
         for name in ("journal", "bore"):
             require_class(name, getattr(self, name), str)
         require_class("film", self.film, Film)
@@ -410,7 +437,7 @@ class LubricatedJoint:
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variations of the pressures of its supplies."""
+        """Variations of the supplies' pressures, see `fenics_ehd.multibody.tabulated`."""
         return tuple(
             variation
             for feed in self.film.parameters.feeds
@@ -420,19 +447,19 @@ class LubricatedJoint:
 
 @dataclass(frozen=True)
 class Eccentric(Joint):
-    """The joint's constraints, a `Joint`.
+    """Constraints of a lubricated joint.
 
     Attributes
     ----------
     first, second
         Markers of bore and journal.
-    own
-        Number of own coordinates: 2 of the eccentricity and, of a journal that tilts, 2 more.
+    additional
+        Number of additional coordinates: 2 of the eccentricity and 2 of the tilt, if any.
     """
 
     first: str
     second: str
-    own: int
+    additional: int
 
     @property
     def markers(self) -> tuple[str, ...]:
@@ -441,27 +468,30 @@ class Eccentric(Joint):
 
     @property
     def rows(self) -> int:  # type: ignore[override]
-        """Number of constraints, one for each own coordinate."""
-        return self.own
+        """Number of constraints, one for each additional coordinate."""
+        return self.additional
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Distance of the journal from its place in the bore, see `Joint`."""
+        """Difference of eccentricity and tilt from those of the bodies, see `Joint`."""
         turn = rotation(u[ANGLE])
-        turned = QUARTER @ turn
-        pairs = TIED[: self.own // 2]
-        value, jacobian = np.empty(self.rows), np.zeros((self.rows, len(u)))
-        for rows, own, tied in pairs:
-            value[rows] = turn @ u[own] - u[tied]
-            jacobian[rows, own], jacobian[rows, tied] = turn, -UNIT
-            jacobian[rows, ANGLE] = turned @ u[own]
+        turn_derivative = QUARTER @ turn
+        pairs = TIED[: self.additional // 2]
+        value = np.empty(self.rows)
+        jacobian = np.zeros((self.rows, len(u)))
+        for rows, coordinates, tied in pairs:
+            value[rows] = turn @ u[coordinates] - u[tied]
+            jacobian[rows, coordinates] = turn
+            jacobian[rows, tied] = -UNIT
+            jacobian[rows, ANGLE] = turn_derivative @ u[coordinates]
         value[POSITION] += u[POSITION]
         jacobian[POSITION, POSITION] = UNIT
 
         def curvature() -> np.ndarray:
             result = np.zeros((self.rows, len(u), len(u)))
-            for rows, own, _ in pairs:
-                result[rows, ANGLE, ANGLE] = -turn @ u[own]
-                result[rows, ANGLE, own] = result[rows, own, ANGLE] = turned
+            for rows, coordinates, _ in pairs:
+                result[rows, ANGLE, ANGLE] = -turn @ u[coordinates]
+                result[rows, ANGLE, coordinates] = turn_derivative
+                result[rows, coordinates, ANGLE] = turn_derivative
             return result
 
         return Geometry(value, jacobian, curvature)
@@ -473,16 +503,22 @@ class JointFilm:
     Parameters
     ----------
     joint
-        With its film.
+        Lubricated joint.
     part
-        The reduced body whose bore it is, None for a rigid bore.
+        Reduced body with the bore; None: the bore is rigid.
     tilting
         Whether the journal tilts.
 
     Attributes
     ----------
     film
+        Film of the joint, with a temperature of the joint's own if its heat is balanced.
+    clearance, shaft_radius
+        Radial clearance and radius of the journal [m].
+    friction, shear_rule
         See `LubricatedJoint`.
+    journal_coordinates
+        Number of coordinates of the journal in the bore: 2 of e, and 2 of psi if it tilts.
     thickness, mean_velocity, sliding_velocity
         Change of the gap and, per rate, of the two velocities of `Gap` for unit coordinates, at
         the g Gauss points, shape (g, n).
@@ -491,29 +527,33 @@ class JointFilm:
     load
         Generalised forces of nodal pressures on xi, shape (n, nodes).
     bore
-        The flexible bore, None for a rigid one.
+        Maps of a flexible bore; None: the bore is rigid.
     shape
-        Of bore and journal, None where both are round.
+        Shapes of bore and journal.
     """
 
     def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
-        # Joints may share a film, not its temperature.
+        # Joints may share a film, but not the temperature of the film.
         film = self.film = joint.film if joint.heat is None else joint.film.with_own_temperature()
-        p = film.parameters
-        self.clearance, self.shaft_radius = p.clearance, p.grid.radius - p.clearance
-        self.friction, self.own = joint.friction, 4 if tilting else 2
+        self.clearance = film.parameters.clearance
+        self.shaft_radius = film.parameters.grid.radius - self.clearance
+        self.friction = joint.friction
+        self.journal_coordinates = 4 if tilting else 2
         self.shear_rule = joint.shear_rule
         self.shape = JointShape(film, joint.bore_shape, joint.journal_shape)
         self.bore = None if part is None else BoreFilm(part, film, joint.transfer)
-        inside, shape = film.points.angle.size, (*film.points.angle.shape, -1)
-        outward, around = _journal_fields(*observed_places(film), self.own)
-        around, gap = around[:inside], [-outward]
-        mean, sliding = [0.5 * around], [around]
-        load = [-film.load(outward[:inside].reshape(shape))]
+        inside = film.points.angle.size
+        positions = observed_positions(film)
+        outward, around = _journal_fields(*positions, self.journal_coordinates)
+        around = around[:inside]
+        gap = [-outward]
+        mean = [0.5 * around]
+        sliding = [around]
+        load = [-film.load(outward[:inside].reshape((*film.points.angle.shape, -1)))]
         if self.bore is not None:
-            elastic, tangential = self.bore.outward, self.bore.tangential
-            carried = _mean_translation(film, elastic, tangential)
-            # As seen from the bore's mean place, which carries the frame of the film.
+            tangential = self.bore.tangential
+            carried = _mean_translation(film, self.bore.outward, tangential)
+            # The frame of the film moves with the mean translation of the bore.
             mean.append(0.5 * tangential - carried)
             sliding.append(-tangential)
             gap.append(self.bore.observed)
@@ -532,24 +572,24 @@ class JointFilm:
 
     @cached_property
     def circle(self) -> np.ndarray:
-        """Rows that make of a gap at the film's nodes the place of the journal in the bore.
+        """Rows whose product with a gap at the film's nodes is the journal's eccentricity.
 
-        Both are taken for the circles that are nearest to their surfaces.
+        It is the distance of the centres of the least-squares circles of both surfaces.
 
         Returns
         -------
         numpy.ndarray
-            shape (2, k): along x and y, in the frame of the bore.
+            Rows of x and y in the frame of the bore, shape (2, k).
         """
         angle, _ = self.film.parameters.grid.node_positions.T
         waves = np.stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
         # Weights of the nodes are the integrals of their shape functions over the bore.
         weighted = waves * np.ravel(self.film.pressure_areas.sum(axis=0))
-        # Areas of a quadrature: those of 8-node corners are negative, their sums are not.
+        # Weights of the corners of 8-node cells are negative, but not the sums over the cells.
         return np.linalg.solve(weighted @ waves.T, weighted)[1:]
 
     def lengths(self, thickness: np.ndarray) -> np.ndarray:
-        """Lengths that changes of gaps are compared with [m]: the gaps, if surfaces are smooth."""
+        """Lengths that changes of gaps are compared with [m]; the gaps between smooth surfaces."""
         surfaces = self.film.parameters.surfaces
         return thickness if surfaces is None else surfaces.length(thickness)
 
@@ -561,17 +601,17 @@ class JointFilm:
         relative_angle: float = 0.0,
         time: float = 0.0,
     ) -> Gap:
-        """Gap and velocities at the Gauss points, residual patterns left out.
+        """Gap and velocities at the Gauss points, without residual patterns.
 
         Parameters
         ----------
         xi, xi_rate
-            shape (n,).
+            Coordinates of the joint and their rates, shape (n,).
         shaft_rate, relative_angle
-            Speed of the journal relative to the bore [rad/s] and its angle, which matters where
-            the journal is not round, or carries supplies [rad].
+            Angular speed [rad/s] and angle [rad] of the journal relative to the bore. The angle
+            has an influence if the journal is not round or has supplies.
         time
-            Which supplies may depend on [s].
+            Time, which pressures of supplies may depend on [s].
         """
         speed = self.shaft_radius * shaft_rate
         shape = self.film.points.angle.shape
@@ -589,15 +629,16 @@ class JointFilm:
 def _journal_fields(
     angle: np.ndarray, height: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Components of the journal's motion for ``e_x, e_y, psi_x, psi_y``, outward and around."""
-    cosine, sine = np.cos(angle), np.sin(angle)
+    """Outward and tangential motion of the journal for unit ``e_x, e_y, psi_x, psi_y``."""
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
     outward = np.stack([cosine, sine, -height * sine, height * cosine], axis=-1)
     around = np.stack([-sine, cosine, -height * cosine, -height * sine], axis=-1)
     return outward[:, :count], around[:, :count]
 
 
 def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
-    """Tangential component of every field's mean over the bore, at the Gauss points."""
+    """Tangential component of the mean translation of every field, at the Gauss points."""
     cosine, sine = (x.ravel()[:, None] for x in film.points.normal)
     area = film.assembly.area.ravel() / film.assembly.area.sum()
     x = area @ (cosine * outward - sine * tangential)

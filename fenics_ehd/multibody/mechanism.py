@@ -1,12 +1,12 @@
-"""Mechanisms: what they list, where it stands among the unknowns, equations of motion.
+"""Mechanisms: bodies, joints, drives and forces, their unknowns, equations of motion.
 
-Coordinates z are those of the bodies, then each lubricated joint's own. With constraints g and
-multipliers l on position and m on velocity level (Gear, Gupta and Leimkuhler 1985), the films'
-forces left out,
+Coordinates z are those of the bodies, then the additional coordinates of every lubricated joint.
+With constraints g and multipliers l on position and m on velocity level (Gear, Gupta and
+Leimkuhler 1985), without the forces of the films,
 
     z' = v + W G^T m,   F(z, v, v') + G^T l = Q(z, v, t),   g(z, t) = 0,   G v + g_t = 0.
 
-`assemble` finds positions and velocities that satisfy every constraint, from a rough pose.
+`assemble` computes positions and velocities that satisfy every constraint, from a rough pose.
 """
 
 from __future__ import annotations
@@ -59,28 +59,28 @@ from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_
 
 
 def _require_drive(name: str, value: Any) -> None:
-    """Refuse what gives no angle over time; a torque is refused by the `System`, by its name."""
+    """Refuse a drive that is no function of time; the `System` refuses a torque, by its name."""
     if not isinstance(value, Torque):
         require_callable(name, value)
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Bodies and what connects and moves them.
+    """Bodies with their joints, drives and forces.
 
     Attributes
     ----------
     bodies
-        By name; ``ground`` is there without being listed.
+        Bodies by name; ``ground`` exists without being listed.
     joints
-        Ideal and lubricated ones by name; their markers are ``"body.point"``, or ``"body"``
-        for its origin.
+        Ideal and lubricated joints by name; their markers are ``"body.point"``, or ``"body"``
+        for the body's origin.
     drives
-        By the body whose angle they give.
+        Angle and angular speed over the time, by the name of the driven body.
     forces
-        By name.
+        Forces and torques by name.
     gravity
-        [m/s^2].
+        Gravitational acceleration, shape (2,) [m/s^2].
     """
 
     bodies: Mapping[str, Body]
@@ -112,24 +112,24 @@ class Mechanism:
 
 @dataclass(frozen=True, eq=False)
 class FilmBinding:
-    """A lubricated joint's film and where its coordinates are.
+    """Film of a lubricated joint, bound to coordinates of the mechanism.
 
     Attributes
     ----------
     name, joint
-        Of the mechanism's joint.
+        Name and object of the lubricated joint.
     film
-        The joint's `JointFilm`, whose own `film` is the `Film`.
+        Linear maps of the joint; `film.film` is the `Film`.
     xi
-        Places of ``(e, psi, q)`` in z, shape (n,).
+        Indices of ``(e, psi, q)`` in z, shape (n,).
     rows
-        Places of the joint's constraints in g.
+        Rows of the joint's constraints in g.
     journal_angle, bore_angle
-        Places of the bodies' angles in z, None for one that cannot turn.
+        Indices of the angles of the two bodies in z; None: the body cannot turn.
     bore_body, bore
-        Name of the body that has the bore, and of the bore where it is flexible, else empty.
+        Name of the body with the bore, and of the bore if it is flexible, else empty.
     mounted
-        Angles of journal and bore that cannot turn, 0 of those that can [rad].
+        Angles of journal and bore if they cannot turn, else 0 [rad].
     """
 
     name: str
@@ -144,17 +144,18 @@ class FilmBinding:
     mounted: tuple[float, float]
 
     def relative_angle(self, z: np.ndarray) -> float:
-        """Journal's angle less the bore's [rad]."""
+        """Angle of the journal less that of the bore [rad]."""
         return self.relative_speed(z) + self.mounted[0] - self.mounted[1]
 
     def relative_speed(self, rates: np.ndarray) -> float:
-        """Journal's angular speed less the bore's [rad/s]."""
+        """Angular speed of the journal less that of the bore [rad/s]."""
         return float(self.signs @ rates[self.turning])
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
         """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""
-        speed, ahead = self.relative_speed(rates), self.relative_angle(z)
-        return self.film.gap(z[self.xi], rates[self.xi], speed, ahead, time)
+        speed = self.relative_speed(rates)
+        angle = self.relative_angle(z)
+        return self.film.gap(z[self.xi], rates[self.xi], speed, angle, time)
 
     def rotated_shape(self, z: np.ndarray, rates: np.ndarray) -> RotatedShape | None:
         """Shape of a turning journal there; None of one whose turning changes nothing."""
@@ -164,42 +165,43 @@ class FilmBinding:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Places of the angles that `relative_angle` is made of."""
+        """Indices in z of the angles in `relative_angle`."""
         ends = self.journal_angle, self.bore_angle
         return np.array([angle for angle in ends if angle is not None], dtype=int)
 
     @cached_property
     def signs(self) -> np.ndarray:
-        """Signs of these angles in it."""
+        """Signs of the angles in `relative_angle`."""
         known = [self.journal_angle is not None, self.bore_angle is not None]
         return np.array([1.0, -1.0])[known]
 
     def angles(self, values: np.ndarray) -> tuple[float, float]:
-        """Angles of journal and bore in the frame at rest, of coordinates or of their rates."""
-        journal, bore = (
-            0.0 if place is None else values[place]
-            for place in (self.journal_angle, self.bore_angle)
-        )
+        """Angles of journal and bore [rad] from z, or angular speeds [rad/s] from rates of z.
+
+        The value of a body that cannot turn is 0.
+        """
+        journal = 0.0 if self.journal_angle is None else values[self.journal_angle]
+        bore = 0.0 if self.bore_angle is None else values[self.bore_angle]
         return journal, bore
 
 
 @dataclass(frozen=True, eq=False)
 class BoundMarker:
-    """A marker that joints or forces see.
+    """A marker of joints or forces, bound to coordinates of the mechanism.
 
     Attributes
     ----------
     body, point
-        Whose.
-    places
-        Of the body's coordinates in z.
+        Body and name of the point.
+    dofs
+        Indices of the body's coordinates in z.
     columns
-        Of the marker's values in u, once for every joint and force that sees it.
+        Indices of the marker's values in u, once for every joint and force with this marker.
     """
 
     body: Body
     point: str
-    places: slice
+    dofs: slice
     columns: list[slice] = field(default_factory=list)
 
     @cached_property
@@ -207,13 +209,13 @@ class BoundMarker:
         return self.body.marker(self.point, self.body.start)
 
     def at(self, z: np.ndarray) -> Marker:
-        """The marker at coordinates of the mechanism; that of a body without any stays."""
-        return self.body.marker(self.point, z[self.places]) if self.body.size else self._rough
+        """Marker at coordinates z; the marker of a body without coordinates is constant."""
+        return self.body.marker(self.point, z[self.dofs]) if self.body.size else self._rough
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A joint of the mechanism: its rows of g, and where its values are in u."""
+    """A joint of the mechanism, its rows of g and the indices of its values in u."""
 
     name: str
     joint: Joint
@@ -227,23 +229,26 @@ class System:
     Attributes
     ----------
     mechanism
-        What it is of.
+        The mechanism.
     n, m, k
         Numbers of coordinates z, constraints g, and values u of all joints and forces.
     bodies, angles
-        Places of every body's coordinates in z, by name, and of the angle of those that can turn.
+        Indices in z of every body's coordinates, and of the angle of every body that can turn, by
+        name of the body.
     markers
-        By name.
-    own
-        Columns of joints' own coordinates in u, and their places in z.
+        Markers by name.
+    additional
+        Indices of joints' additional coordinates in u and in z.
     films
-        Lubricated joints.
+        Films of the lubricated joints.
     constraints
         Joints, ideal and lubricated, then drives.
     forces
-        With the places of their values in u.
+        Forces with the indices of their values in u.
     weights, mobility
-        Diagonal of W, and how readily assembly changes each coordinate, shape (n,).
+        Diagonal of W, and readiness of each coordinate to change in assembly, shape (n,).
+    minus_gravity
+        Negative gravitational acceleration, shape (2,) [m/s^2].
     """
 
     def __init__(self, mechanism: Mechanism):
@@ -254,8 +259,8 @@ class System:
         for name, drive in mechanism.drives.items():
             if not callable(drive):
                 raise SettingsError(
-                    f"drives: that of {name} must be a Speed, or angle and speed of a time; a "
-                    "Torque stands among the forces in Python"
+                    f"drives.{name} must be a Speed or a function that returns angle and angular "
+                    "speed at a time: list a Torque in forces"
                 )
         bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         # By name: results do not depend on the order in which things are listed.
@@ -275,7 +280,7 @@ class System:
             if body.angle_index is None
         }
         self.markers: dict[str, BoundMarker] = {}
-        self.own: list[tuple[slice, slice]] = []
+        self.additional: list[tuple[slice, slice]] = []
         self.films: list[FilmBinding] = []
         self.constraints: list[Constraint] = []
         for name in sorted(mechanism.joints):
@@ -283,34 +288,39 @@ class System:
             if isinstance(joint, LubricatedJoint):
                 film = self._film(name, joint)
                 self.films.append(film)
-                joint = Eccentric(self.bore_at_rest(film), joint.journal, film.film.own)
+                size = film.film.journal_coordinates
+                joint = Eccentric(self.bore_at_rest(film), joint.journal, size)
             self._constrain(name, joint)
         for name in sorted(mechanism.drives):
             self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
-        fine = np.full(sum(film.film.own for film in self.films), FINE_WEIGHT)
+        count = sum(film.film.journal_coordinates for film in self.films)
+        fine = np.full(count, FINE_WEIGHT)
         self.weights = np.concatenate([*(b.weights for b in self._bodies.values()), fine])
         self.mobility = np.concatenate([*(b.mobility for b in self._bodies.values()), fine])
         forces = [mechanism.forces[name] for name in sorted(mechanism.forces)]
-        self.forces = [(force, self._see(force.markers)) for force in forces]
-        self.lift = -np.array(mechanism.gravity)
+        self.forces = [(force, self._columns(force.markers)) for force in forces]
+        self.minus_gravity = -np.array(mechanism.gravity)
 
     def _constrain(self, name: str, joint: Joint) -> None:
         rows = slice(self.m, self.m + joint.rows)
-        columns = self._see(joint.markers, joint.own)
+        columns = self._columns(joint.markers, joint.additional)
         self.constraints.append(Constraint(name, joint, rows, columns))
         self.m += joint.rows
 
-    def _see(self, markers: tuple[str, ...], own: int = 0) -> slice:
-        """Places in u of the values of markers, and of so many own coordinates behind them."""
+    def _columns(self, markers: tuple[str, ...], additional: int = 0) -> slice:
+        """New indices in u for the values of markers and for additional coordinates."""
         first = self.k
         for marker in markers:
             name, body, point = self._named(marker)
             bound = self.markers.setdefault(marker, BoundMarker(body, point, self.bodies[name]))
             bound.columns.append(slice(self.k, self.k + WIDTH))
             self.k += WIDTH
-        if own:
-            self.own.append((slice(self.k, self.k + own), slice(self.n, self.n + own)))
-            self.k, self.n = self.k + own, self.n + own
+        if additional:
+            in_u = slice(self.k, self.k + additional)
+            in_z = slice(self.n, self.n + additional)
+            self.additional.append((in_u, in_z))
+            self.k += additional
+            self.n += additional
         return slice(first, self.k)
 
     def _film(self, name: str, joint: LubricatedJoint) -> FilmBinding:
@@ -321,13 +331,14 @@ class System:
             part = bore.reduced.at_bore(point)
         film = JointFilm(joint, part, journal.tilts)
         last = self.bodies[bore_name].stop
-        modes = np.arange(last - film.size + film.own, last)
+        size = film.journal_coordinates
+        modes = np.arange(last - film.size + size, last)
         return FilmBinding(
             name,
             joint,
             film,
-            np.concatenate([np.arange(self.n, self.n + film.own), modes]),
-            slice(self.m, self.m + film.own),
+            np.concatenate([np.arange(self.n, self.n + size), modes]),
+            slice(self.m, self.m + size),
             self.angles.get(journal_name),
             self.angles.get(bore_name),
             bore_name,
@@ -335,12 +346,12 @@ class System:
             (self._mounted.get(journal_name, 0.0), self._mounted.get(bore_name, 0.0)),
         )
 
-    def bore_at_rest(self, place: FilmBinding) -> str:
+    def bore_at_rest(self, binding: FilmBinding) -> str:
         """Marker of the undeformed bore of a film."""
-        body = self._bodies[place.bore_body]
-        if isinstance(body, FlexibleBody) and place.bore:
-            return f"{place.bore_body}.{body.at_rest(place.bore)}"
-        return place.joint.bore
+        body = self._bodies[binding.bore_body]
+        if isinstance(body, FlexibleBody) and binding.bore:
+            return f"{binding.bore_body}.{body.at_rest(binding.bore)}"
+        return binding.joint.bore
 
     def _check_names(self) -> None:
         """Refuse names of bodies and points that do not exist, and a bore of two joints.
@@ -376,11 +387,11 @@ class System:
         return name, self._bodies[name], point
 
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
-        """Places, body and its share of some arrays over z, body by body."""
+        """Indices in z, body, and the body's values of arrays over z, for bodies that move."""
         for name, body in self._bodies.items():
-            places = self.bodies[name]
+            dofs = self.bodies[name]
             if body.size:
-                yield places, body, [value[places] for value in values]
+                yield dofs, body, [value[dofs] for value in values]
 
     @cached_property
     def tables(self) -> list[TabulatedLoad]:
@@ -394,19 +405,23 @@ class System:
 
     @cached_property
     def rough_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates as they are given, not assembled yet, and their rates, shape (n,) each."""
-        z, v = np.zeros(self.n), np.zeros(self.n)
-        for places, body, _ in self.each_body():
-            z[places], v[places] = body.start, body.start_rates
+        """Coordinates of the bodies and joints before assembly, and rates, shape (n,) each."""
+        z = np.zeros(self.n)
+        v = np.zeros(self.n)
+        for dofs, body, _ in self.each_body():
+            z[dofs] = body.start
+            v[dofs] = body.start_rates
         for film in self.films:
-            z[film.xi[:2]], v[film.xi[:2]] = film.joint.eccentricity, film.joint.eccentricity_rate
+            eccentricity = film.xi[:2]
+            z[eccentricity] = film.joint.eccentricity
+            v[eccentricity] = film.joint.eccentricity_rate
         return z, v
 
     def worst(self, rows: np.ndarray) -> tuple[str, float]:
-        """Name of the constraint with the largest of some values, shape (m,), and its size."""
+        """Name of the constraint with the largest of values of shape (m,), and the largest size."""
         row = int(np.argmax(np.abs(rows)))
-        place = next(p for p in self.constraints if p.rows.start <= row < p.rows.stop)
-        return place.name, float(np.abs(rows[row]))
+        worst = next(c for c in self.constraints if c.rows.start <= row < c.rows.stop)
+        return worst.name, float(np.abs(rows[row]))
 
     @property
     def least_damping(self) -> float:
@@ -415,13 +430,13 @@ class System:
 
     @cached_property
     def error_measure(self) -> np.ndarray:
-        """Rows that make body coordinates dimensionless for the step control, shape (k, n)."""
+        """Matrix that makes body coordinates dimensionless for the step control, shape (k, n)."""
         measure = linalg.block_diag(*(body.error_measure() for body in self._bodies.values()))
         return np.pad(measure, ((0, 0), (0, self.n - measure.shape[1])))
 
 
 def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
-    """Places of so many values, one after the other, the first behind `first` others."""
+    """Slices of the given sizes, one after the other, the first from index `first` on."""
     ends = [first, *(first + np.cumsum(sizes, dtype=int))]
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
@@ -431,32 +446,39 @@ class Instant:
 
     Attributes
     ----------
+    system, time, z
+        System, time [s] and coordinates, shape (n,).
     u, values_along
-        Values of all joints and forces, shape (k,), and U, shape (k, n).
+        Values of all joints and forces, shape (k,), and their derivative U along z, shape (k, n).
     gradient
-        Derivative of all constraints along the values, shape (m, k).
+        Derivative of all constraints along u, shape (m, k).
     jacobian, defect
         G, shape (m, n), and g, shape (m,).
     imposed_rate
-        What ``G v`` has to be: ``-g_t``, shape (m,).
+        Value ``-g_t`` of ``G v`` that the drives impose, shape (m,).
     """
 
     def __init__(self, system: System, time: float, z: np.ndarray):
-        self.system, self.time, self.z = system, time, z
-        self.u, self.values_along = np.zeros(system.k), np.zeros((system.k, system.n))
+        self.system = system
+        self.time = time
+        self.z = z
+        self.u = np.zeros(system.k)
+        self.values_along = np.zeros((system.k, system.n))
         self._markers = [(bound, bound.at(z)) for bound in system.markers.values()]
         for bound, marker in self._markers:
             for columns in bound.columns:
                 self.u[columns] = marker.values
-                self.values_along[columns, bound.places] = marker.jacobian
-        for columns, places in system.own:
-            self.u[columns] = z[places]
-            self.values_along[columns, places] = np.eye(places.stop - places.start)
+                self.values_along[columns, bound.dofs] = marker.jacobian
+        for in_u, in_z in system.additional:
+            self.u[in_u] = z[in_z]
+            self.values_along[in_u, in_z] = np.eye(in_z.stop - in_z.start)
         self.gradient = np.zeros((system.m, system.k))
-        self.defect, self.imposed_rate = np.zeros(system.m), np.zeros(system.m)
+        self.defect = np.zeros(system.m)
+        self.imposed_rate = np.zeros(system.m)
         self._curved: list[tuple[Constraint, Callable[[], np.ndarray]]] = []
         for constraint in system.constraints:
-            rows, joint = constraint.rows, constraint.joint
+            rows = constraint.rows
+            joint = constraint.joint
             geometry = joint.geometry(self.u[constraint.columns])
             self.gradient[rows, constraint.columns] = geometry.jacobian
             self.defect[rows] = geometry.value
@@ -484,9 +506,9 @@ class Instant:
     def form(self, multipliers: np.ndarray) -> np.ndarray:
         """Second derivative of ``multipliers . phi`` along the values, shape (k, k)."""
         result = np.zeros((len(self.u),) * 2)
-        for place, curvature in self._curvatures:
-            own = place.columns
-            result[own, own] = multipliers[place.rows] @ curvature.swapaxes(0, 1)
+        for constraint, curvature in self._curvatures:
+            columns = constraint.columns
+            result[columns, columns] = multipliers[constraint.rows] @ curvature.swapaxes(0, 1)
         return result
 
     def values_derivative(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
@@ -495,34 +517,38 @@ class Instant:
         for bound, marker in self._markers:
             if marker.force_derivative is not None:
                 for columns in bound.columns:
-                    result[bound.places, bound.places] += marker.force_derivative(force[columns])
+                    result[bound.dofs, bound.dofs] += marker.force_derivative(force[columns])
         return result
 
     def rate_derivative(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of ``U v``, shape (k, n), and of ``G v``, shape (m, n), along z."""
-        values, along = np.zeros_like(self.values_along), np.zeros_like(self.gradient)
+        values = np.zeros_like(self.values_along)
+        along = np.zeros_like(self.gradient)
         for bound, marker in self._markers:
             if marker.rate_derivative is not None:
-                carried = marker.rate_derivative(rates[bound.places])
+                carried = marker.rate_derivative(rates[bound.dofs])
                 for columns in bound.columns:
-                    values[columns, bound.places] = carried
+                    values[columns, bound.dofs] = carried
         value_rates = self.values_along @ rates
-        for place, curvature in self._curvatures:
-            along[place.rows, place.columns] = curvature @ value_rates[place.columns]
+        for constraint, curvature in self._curvatures:
+            columns = constraint.columns
+            along[constraint.rows, columns] = curvature @ value_rates[columns]
         return values, along @ self.values_along + self.gradient @ values
 
 
 class Motion:
-    """Equations of motion of a system, the films' forces left out.
+    """Equations of motion of a system without the forces of the films.
 
     Attributes
     ----------
-    instant, rates, accelerations, multipliers
-        What they are for: v and v', shape (n,), l, shape (m,).
+    instant
+        Markers and constraints at z.
+    rates, accelerations, multipliers
+        v and v', shape (n,), and l, shape (m,).
     value_rates
         ``u'``, shape (k,).
     on_values
-        Generalised forces on u, shape (k,): ``l . phi_u`` less those of the forces.
+        Generalised forces on u, shape (k,): ``l . phi_u`` less the applied forces.
     residual
         ``F + G^T l - Q``, shape (n,).
     """
@@ -534,88 +560,99 @@ class Motion:
         accelerations: np.ndarray,
         multipliers: np.ndarray,
     ):
-        self.instant, self.rates, self.accelerations = instant, rates, accelerations
+        self.instant = instant
+        self.rates = rates
+        self.accelerations = accelerations
         self.multipliers = multipliers
         self.value_rates = instant.values_along @ rates
         self._applied: list[tuple[slice, Load]] = []
         self.on_values = multipliers @ instant.gradient
         system = instant.system
-        for force, own in system.forces:
-            load = force.load(instant.time, instant.u[own], self.value_rates[own])
-            self._applied.append((own, load))
-            self.on_values[own] -= load.value
+        for force, columns in system.forces:
+            load = force.load(instant.time, instant.u[columns], self.value_rates[columns])
+            self._applied.append((columns, load))
+            self.on_values[columns] -= load.value
         self.residual = self.on_values @ instant.values_along
         self._balances: list[tuple[slice, Balance]] = []
-        for places, body, motion in system.each_body(instant.z, rates, accelerations):
-            balance = body.balance(*motion, lift=system.lift)
-            self.residual[places] += balance.forces
-            self._balances.append((places, balance))
+        for dofs, body, motion in system.each_body(instant.z, rates, accelerations):
+            balance = body.balance(*motion, minus_gravity=system.minus_gravity)
+            self.residual[dofs] += balance.forces
+            self._balances.append((dofs, balance))
 
     @cached_property
     def carried(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives along z of the values' rates, shape (k, n), and of ``G v``, shape (m, n)."""
+        """Derivatives along z of ``u'``, shape (k, n), and of ``G v``, shape (m, n)."""
         return self.instant.rate_derivative(self.rates)
 
     def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
         """Forces of joints and loads on points of a body along its x and y, shape (2 a,) [N].
 
-        In the order of their names.
+        The a points are in the order of their names.
         """
-        instant, found = self.instant, np.zeros((len(points), 2))
-        for force, point in zip(found, sorted(points), strict=True):
+        instant = self.instant
+        forces = np.zeros((len(points), 2))
+        for force, point in zip(forces, sorted(points), strict=True):
             marker = instant.system.markers.get(f"{name}.{point}")
             for columns in () if marker is None else marker.columns:
                 force -= self.on_values[columns][POSITION] @ rotation(instant.u[columns][ANGLE])
-        return found.ravel()
+        return forces.ravel()
 
     def derivatives(self) -> Derivatives:
         """Derivatives of the residual along z, v and v', shape (n, n) each."""
-        instant, along = self.instant, self.instant.values_along
+        instant = self.instant
+        along = instant.values_along
         form = instant.form(self.multipliers)
         damping = np.zeros_like(form)
-        for own, load in self._applied:
+        for columns, load in self._applied:
             if load.position is not None:
-                form[own, own] -= load.position
+                form[columns, columns] -= load.position
             if load.rate is not None:
-                damping[own, own] -= load.rate
+                damping[columns, columns] -= load.rate
         position = instant.values_derivative(self.on_values, form)
-        rate, acceleration = np.zeros_like(position), np.zeros_like(position)
+        rate = np.zeros_like(position)
+        acceleration = np.zeros_like(position)
         if damping.any():
             damping = along.T @ damping
             position += damping @ self.carried[0]
             rate += damping @ along
-        for places, balance in self._balances:
+        for dofs, balance in self._balances:
             parts = balance.derivatives()
-            position[places, places] += parts.position
-            rate[places, places] += parts.rate
-            acceleration[places, places] = parts.acceleration
+            position[dofs, dofs] += parts.position
+            rate[dofs, dofs] += parts.rate
+            acceleration[dofs, dofs] = parts.acceleration
         return Derivatives(position, rate, acceleration)
 
     @property
     def drive_power(self) -> float:
-        """Power of what is imposed over time [W]."""
+        """Power of the drives [W]."""
         return float(-self.multipliers @ self.instant.imposed_rate)
 
     @property
     def applied_power(self) -> float:
         """Power of all forces and of gravity [W]."""
         system = self.instant.system
-        power = sum(load.value @ self.value_rates[own] for own, load in self._applied)
-        if system.lift.any():
-            zero, none = np.zeros_like(self.rates), np.zeros(2)
-            for _, body, (z, rates, rest) in system.each_body(self.instant.z, self.rates, zero):
-                lifted, free = (body.balance(z, rest, rest, lift=g) for g in (system.lift, none))
-                power -= (lifted.forces - free.forces) @ rates
+        power = sum(load.value @ self.value_rates[columns] for columns, load in self._applied)
+        if system.minus_gravity.any():
+            resting = np.zeros_like(self.rates)
+            for _, body, (z, rates, rest) in system.each_body(self.instant.z, self.rates, resting):
+                heavy = body.balance(z, rest, rest, minus_gravity=system.minus_gravity)
+                weightless = body.balance(z, rest, rest, minus_gravity=np.zeros(2))
+                power -= (heavy.forces - weightless.forces) @ rates
         return float(power)
 
 
-#: Newton's method on positions, and the largest defect it may leave [m], [rad].
-MAX_ITERATIONS, TOLERANCE = 50, 1e-12
+#: Most iterations of Newton's method on positions, and most halvings of a step.
+MAX_ITERATIONS = 50
 
-#: Distance of a constraint's gradient from the span of the others, as a share of its length.
+#: Largest defect of the constraints after assembly [m], [rad].
+TOLERANCE = 1e-12
+
+#: Distance of a constraint's gradient from the span of the other gradients, over its length, above
+#: which the constraint is independent of the others.
 INDEPENDENT = 1e-9
 
-#: A motion that meets less than this share of any inertia, spring or joint meets none.
+#: Smallest singular value of inertia, stiffness and constraints, over the largest, below which a
+#: motion meets no resistance.
 NOTHING = 1e-10
 
 
@@ -625,10 +662,11 @@ def assemble(
     rough: np.ndarray | None = None,
     rates: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and rates nearest to the rough ones, shape (n,) each.
+    """Coordinates and rates that satisfy all constraints, nearest to rough values, shape (n,) each.
 
-    Frames move, shafts as a whole too; eccentricities and elastic coordinates stay as far as they
-    can. The rough coordinates and rates are those of the bodies if none are given.
+    Frames of bodies move, and shafts as rigid bodies; eccentricities and elastic coordinates change
+    as little as possible. The rough coordinates and rates are those of the bodies unless `rough`
+    and `rates` are given.
 
     Raises
     ------
@@ -641,8 +679,8 @@ def assemble(
     unknown = ~np.isfinite(instant.defect)
     if unknown.any():
         name, _ = system.worst(unknown.astype(float))
-        raise SettingsError(f"joint {name}: the places of its bodies must be finite numbers")
-    # Joints that repeat each other do so in any pose, the rough one too.
+        raise SettingsError(f"joint {name}: the positions of its bodies must be finite numbers")
+    # Joints that repeat each other do so in the rough pose as well.
     _correction(system, instant, instant.defect)
     for _ in range(MAX_ITERATIONS):
         if np.abs(instant.defect).max(initial=0.0) <= TOLERANCE:
@@ -659,7 +697,7 @@ def assemble(
 
 
 def _closer(instant: Instant, change: np.ndarray) -> Instant:
-    """A Newton step, halved until the joints are less open than before."""
+    """Instant after a Newton step, halved until the largest defect is below the former one."""
     before = np.abs(instant.defect).max()
     for halving in range(MAX_ITERATIONS):
         trial = Instant(instant.system, instant.time, instant.z + 0.5**halving * change)
@@ -669,9 +707,9 @@ def _closer(instant: Instant, change: np.ndarray) -> Instant:
 
 
 def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndarray:
-    """Smallest weighted change of coordinates that takes a defect away, shape (n,)."""
+    """Smallest weighted change of coordinates that removes a defect, shape (n,)."""
     weights = system.mobility
-    if not len(defect):  # bodies without joints, which LAPACK does not solve for
+    if not len(defect):  # no joints: LAPACK refuses empty matrices
         return np.zeros_like(weights)
     gradients = (instant.jacobian * weights).T
     lengths = np.linalg.norm(gradients, axis=0)
@@ -686,14 +724,14 @@ def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndar
             f"joint {name} repeats or contradicts other joints: drop one of them, or let it turn "
             "or slide; a linkage at a change point has to be assembled elsewhere"
         )
-    given = (defect / lengths)[order]
-    return -weights * (q @ linalg.solve_triangular(r, given, trans="T"))
+    scaled = (defect / lengths)[order]
+    return -weights * (q @ linalg.solve_triangular(r, scaled, trans="T"))
 
 
 def check_inertia(system: System, z: np.ndarray) -> None:
     """Refuse a motion of a frame that no constraint, inertia, spring, damper or film resists.
 
-    The oil's shear is none: its derivative is left out of a step's equations.
+    The oil's shear is no such resistance: the equations of a step do not contain its derivative.
 
     Raises
     ------
@@ -701,7 +739,8 @@ def check_inertia(system: System, z: np.ndarray) -> None:
         Naming the body.
     """
     frames = np.flatnonzero(system.weights == 1.0)
-    rest, instant = np.zeros(system.n), Instant(system, 0.0, z)
+    rest = np.zeros(system.n)
+    instant = Instant(system, 0.0, z)
     forces = Motion(instant, rest, rest, np.zeros(system.m)).derivatives()
     blocks = [
         instant.jacobian[:, frames],
@@ -716,16 +755,16 @@ def check_inertia(system: System, z: np.ndarray) -> None:
 
 
 def unresisted(system: System, columns: np.ndarray, blocks: Sequence[np.ndarray]) -> str:
-    """Body that moves most in a motion that nothing resists; empty: there is no such motion.
+    """Body that moves most in a motion without resistance; empty: there is no such motion.
 
     Parameters
     ----------
     system
         The mechanism.
     columns
-        Numbers of the k coordinates that take part in the motion.
+        Indices in z of the k coordinates that may move.
     blocks
-        What resists them, constraints, stiffness or inertia: shape (any, k) each.
+        Constraints, stiffness and inertia of these coordinates, shape (any, k) each.
     """
     _, sizes, motions = linalg.svd(np.vstack([_directions(block) for block in blocks]))
     if not len(columns) or (len(sizes) == len(columns) and sizes[-1] >= NOTHING * sizes[0]):
@@ -736,7 +775,7 @@ def unresisted(system: System, columns: np.ndarray, blocks: Sequence[np.ndarray]
 
 
 def _directions(rows: np.ndarray) -> np.ndarray:
-    """Rows of length 1, without those that are nothing but round-off."""
+    """Rows scaled to length 1, without rows of round-off."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > 1e-14 * lengths.max(initial=0.0)
     return rows[kept] / lengths[kept, None]

@@ -23,6 +23,7 @@ from fenics_ehd.base.errors import (
 from fenics_ehd.base.layout import Group, Stateful, Value
 from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.lubricant import Oil
+from fenics_ehd.multibody.cycle import Recurrence
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep
 from fenics_ehd.multibody.run import Run
@@ -46,9 +47,6 @@ def crank(system: System) -> int | None:
 
     return next((place for place in named() if place is not None), None)
 
-
-#: Rounding of a turn.
-WHOLE = 1e-6
 
 #: Cycles that change the films by less than this tell where the next one should begin, at most so
 #: many of them; and the share that a film may become thinner by that.
@@ -78,6 +76,18 @@ def repeating(mechanism: Mechanism) -> tuple[float, str]:
     """Time from which all loads and drives recur [s], and the key of the last to do so."""
     over_time = ((key, each) for key, each in mechanism.variations() if not each.angle_of)
     return max([(0.0, ""), *((each.settled, key) for key, each in over_time)])
+
+
+def recurrence_of(system: System) -> Recurrence:
+    """Reference angle and time after which all loads recur."""
+    degrees = [360.0]
+    seconds = [0.0]
+    for _, each in system.mechanism.variations():
+        if each.angle_of:
+            degrees.append(float(np.degrees(each.period)))
+        else:
+            seconds.append(each.period)
+    return Recurrence(max(degrees), max(seconds))
 
 
 def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:

@@ -47,7 +47,7 @@ from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED, AsperityContact
 from fenics_ehd.multibody.contact import JointContact
-from fenics_ehd.multibody.lubricated_joint import observed_places
+from fenics_ehd.multibody.lubricated_joint import observed_positions
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, film_friction
 
@@ -163,7 +163,7 @@ class JointStep:
     @cached_property
     def thinnest(self) -> tuple[float, float]:
         """Angle [rad] and height [m] of the thinnest film."""
-        return upper_most(np.column_stack(observed_places(self.film)), self.gap)
+        return upper_most(np.column_stack(observed_positions(self.film)), self.gap)
 
     @cached_property
     def load(self) -> np.ndarray:

@@ -34,18 +34,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from fenics_ehd.base import fields
+from fenics_ehd.base.checks import as_float, unless
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import (
-    LARGEST_LENGTH,
-    as_float,
-    count,
-    metres,
-    number,
-    place,
-    rows,
-    table,
-    unless,
-)
+from fenics_ehd.base.fields import LARGEST_LENGTH, count, metres, number, place, rows, table
 from fenics_ehd.multibody.body import (
     ELASTIC_SHARE,
     FINE_WEIGHT,
@@ -86,18 +77,18 @@ class Shaft:
 
     @property
     def mass(self) -> float:
-        """[kg]."""
+        """Mass of the shaft without disks [kg]."""
         return self.density * self.area * self.length
 
     @property
     def bending(self) -> float:
-        """About the square of its first free bending frequency [rad^2/s^2]."""
+        """Square of the first free bending frequency, approximately [rad^2/s^2]."""
         flexural = self.youngs_modulus * self.second_moment
         return 500.0 * flexural / (self.density * self.area * self.length**4)
 
     @property
     def polar_inertia(self) -> float:
-        """About the axis [kg m^2]."""
+        """Moment of inertia about the axis, without disks [kg m^2]."""
         return 2 * self.density * self.second_moment * self.length
 
 
@@ -110,7 +101,7 @@ class BeamPlane:
     Attributes
     ----------
     shaft
-        What was discretised.
+        Shaft that the beam is a model of.
     stiffness, mass, gyroscopic
         K, M and G, symmetric, shape (d, d), d = 2 (elements + 1).
     """
@@ -121,9 +112,9 @@ class BeamPlane:
     gyroscopic: np.ndarray
 
     def point(self, position: float) -> np.ndarray:
-        """Deflection and slope at a share of the length, shape (2, d).
+        """Rows of deflection and slope at a share of the length, shape (2, d).
 
-        Read the other way, the generalised forces of a unit force and a unit moment there.
+        The same rows are the generalised forces of a unit force and of a unit moment there.
         """
         n = self.shaft.elements
         element = min(int(position * n), n - 1)
@@ -147,10 +138,10 @@ def beam_plane(shaft: Shaft, disks: Sequence[Sequence[float]] = ()) -> BeamPlane
     rotary = shaft.density * shaft.second_moment * rotation
     stiffness, mass, gyroscopic = (np.zeros((2 * n + 2, 2 * n + 2)) for _ in range(3))
     for e in range(n):
-        place = slice(2 * e, 2 * e + 4)
-        stiffness[place, place] += shaft.youngs_modulus * shaft.second_moment * bending
-        mass[place, place] += shaft.density * shaft.area * translation + rotary
-        gyroscopic[place, place] += 2 * rotary
+        dofs = slice(2 * e, 2 * e + 4)
+        stiffness[dofs, dofs] += shaft.youngs_modulus * shaft.second_moment * bending
+        mass[dofs, dofs] += shaft.density * shaft.area * translation + rotary
+        gyroscopic[dofs, dofs] += 2 * rotary
     for end in (0, 2 * n):
         stiffness[end, end] += shaft.support_stiffness
     beam = BeamPlane(shaft, stiffness, mass, gyroscopic)
@@ -208,18 +199,19 @@ def _hermite(s: float, h: float) -> np.ndarray:
     return np.array([values, slopes])
 
 
-#: Share of its first bending frequency's square below which a shaft's mode is one of the whole.
+#: Squared frequency of a mode, over that of the first bending mode, below which the shaft moves as
+#: a rigid body.
 FREE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class ModalRotor:
-    """Rotor in the coordinates ``(a, b)``, m of each.
+    """Rotor in the modal coordinates ``(a, b)`` of both planes, m of each.
 
     Attributes
     ----------
     beam
-        The plane it was reduced from.
+        Finite-element model of one plane.
     shapes
         Phi, shape (d, m).
     angular
@@ -232,11 +224,12 @@ class ModalRotor:
 
     @classmethod
     def of(cls, beam: BeamPlane, modes: int) -> ModalRotor:
-        """Keep the lowest `modes` of each plane."""
-        # Ascending in 1 / omega^2, the lowest modes are the largest eigenvalues: exact to
-        # round-off however high the highest are. A shaft without supports moves as a whole too,
-        # at no frequency, and 1 / (omega^2 + shift) is there as well.
-        d, shift = len(beam.mass), 0.0 if beam.shaft.support_stiffness else beam.shaft.bending
+        """Rotor in the lowest `modes` of each plane."""
+        # The lowest modes are the largest eigenvalues 1 / omega^2: these are exact to round-off
+        # for any highest frequency. Rigid motions of a shaft without supports have omega = 0, for
+        # which 1 / (omega^2 + shift) is finite.
+        d = len(beam.mass)
+        shift = 0.0 if beam.shaft.support_stiffness else beam.shaft.bending
         raised = beam.stiffness + shift * beam.mass
         values, shapes = eigh(beam.mass, raised, subset_by_index=(d - modes, d - 1))
         squares = 1.0 / values[::-1]
@@ -246,8 +239,8 @@ class ModalRotor:
     def motion(self, position: float) -> np.ndarray:
         """Deflections and tilt ``(u, v, psi_x, psi_y)`` at a share of the length, shape (4, 2 m).
 
-        Small rotations about x and y: ``psi_x = -dv/dz`` and ``psi_y = du/dz``. Read the other
-        way, the generalised forces of unit forces and moments there.
+        Small rotations about x and y are ``psi_x = -dv/dz`` and ``psi_y = du/dz``. The same rows
+        are the generalised forces of unit forces and moments there.
         """
         deflection, slope = (
             np.kron(np.eye(2), row) for row in self.beam.point(position) @ self.shapes
@@ -256,7 +249,7 @@ class ModalRotor:
 
 
 def _shares(help_text: str) -> Any:
-    """Free table of names and shares."""
+    """Setting: table of names and shares of the length."""
     check = unless(
         lambda n: isinstance(n, float) and 0.0 <= n <= 1.0, "a share of the length, 0 to 1"
     )
@@ -301,8 +294,8 @@ class ShaftBody(Shaft, Body):
         return ModalRotor.of(beam_plane(self, self.disks), self.modes // 2)
 
     @cached_property
-    def _turned_inertia(self) -> float:
-        """Of shaft and disks about the axis [kg m^2]."""
+    def _polar_inertia(self) -> float:
+        """Moment of inertia of shaft and disks about the axis [kg m^2]."""
         return self.polar_inertia + sum(disk[2] for disk in self.disks)
 
     @property
@@ -312,12 +305,15 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Share of the multipliers: 1 of the angle, `FINE_WEIGHT` of the modes."""
+        """Weight of velocity multipliers: 1 on the angle, `FINE_WEIGHT` on the modes."""
         return np.concatenate([[1.0], np.full(self.modes, FINE_WEIGHT)])
 
     @cached_property
     def mobility(self) -> np.ndarray:
-        """Readiness in assembly: a free shaft moves whole, any other bends with least energy."""
+        """Readiness to change in assembly, by mode: the compliance of bending.
+
+        A shaft without supports moves as a rigid body, any other bends with the least energy.
+        """
         return np.concatenate([[1.0], 1.0 / np.maximum(self._angular, 1.0)])
 
     @cached_property
@@ -347,23 +343,24 @@ class ShaftBody(Shaft, Body):
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        """Names of the points along it."""
+        """Names of the points along the shaft."""
         return tuple(self.points)
 
     @cached_property
     def _shapes(self) -> dict[str, np.ndarray]:
-        """Shapes of every marker, shape (5, n)."""
+        """Derivative of every point's values along the coordinates, shape (5, n), by name."""
         shapes = {"": np.zeros((5, self.size))}
         for name, share in self.points.items():
             motion = self.rotor.motion(share)
             shape = shapes[name] = np.zeros((5, self.size))
-            shape[:2, 1:], shape[3:, 1:] = motion[:2], motion[2:]
+            shape[:2, 1:] = motion[:2]
+            shape[3:, 1:] = motion[2:]
         for shape in shapes.values():
             shape[2, 0] = 1.0
         return shapes
 
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
-        """Marker of a point, see `Body`; the origin is the undeformed axis."""
+        """Marker of a point, see `Body`; the origin lies on the undeformed axis."""
         shape = self._shapes[point]
         values = shape @ coordinates
         values[:2] += self.position
@@ -380,17 +377,17 @@ class ShaftBody(Shaft, Body):
         return np.concatenate([self.rotor.angular, self.rotor.angular])
 
     @cached_property
-    def _moved(self) -> tuple[np.ndarray, float]:
-        """Nodal forces that accelerate the whole along one axis by 1, and the total mass [kg]."""
+    def _translation(self) -> tuple[np.ndarray, float]:
+        """Nodal forces of a unit acceleration of the rotor along one axis, and its mass [kg]."""
         beam = self.rotor.beam
-        whole = np.zeros(len(beam.mass))
-        whole[::2] = 1.0
-        return beam.mass @ whole, float(whole @ beam.mass @ whole)
+        translation = np.zeros(len(beam.mass))
+        translation[::2] = 1.0
+        return beam.mass @ translation, float(translation @ beam.mass @ translation)
 
     @cached_property
     def _carried(self) -> np.ndarray:
-        """Generalised mass of unit accelerations of the frame at rest, shape (2 modes, 2)."""
-        return np.kron(np.eye(2), (self.rotor.shapes.T @ self._moved[0])[:, None])
+        """Modal forces of unit accelerations of the frame at rest, shape (2 modes, 2)."""
+        return np.kron(np.eye(2), (self.rotor.shapes.T @ self._translation[0])[:, None])
 
     def balance(
         self,
@@ -398,14 +395,17 @@ class ShaftBody(Shaft, Body):
         rates: np.ndarray,
         accelerations: np.ndarray,
         *,
-        lift: np.ndarray,
+        minus_gravity: np.ndarray,
     ) -> Balance:
         """Inertia, gyroscopic, stiffness and damping forces, see `Body`."""
-        q, q_rate, q_acceleration = coordinates[1:], rates[1:], accelerations[1:]
-        turned = self._gyroscopic @ (rates[0] * q_rate + 0.5 * accelerations[0] * q)
+        q = coordinates[1:]
+        q_rate = rates[1:]
+        q_acceleration = accelerations[1:]
+        gyroscopic = self._gyroscopic @ (rates[0] * q_rate + 0.5 * accelerations[0] * q)
         damping = 2 * self.damping_ratio * self._angular * q_rate
-        on_q = q_acceleration + turned + damping + self._angular**2 * q + self._carried @ lift
-        on_angle = self._turned_inertia * accelerations[0]
+        weight = self._carried @ minus_gravity
+        on_q = q_acceleration + gyroscopic + damping + self._angular**2 * q + weight
+        on_angle = self._polar_inertia * accelerations[0]
         on_angle += 0.5 * q_acceleration @ (self._gyroscopic @ q)
         derivatives = partial(self._derivatives, coordinates, rates, accelerations)
         return Balance(np.concatenate([[on_angle], on_q]), derivatives)
@@ -413,7 +413,8 @@ class ShaftBody(Shaft, Body):
     def _derivatives(
         self, coordinates: np.ndarray, rates: np.ndarray, accelerations: np.ndarray
     ) -> Derivatives:
-        g, n = self._gyroscopic, self.size
+        g = self._gyroscopic
+        n = self.size
         position, by_rate, by_acceleration = (np.zeros((n, n)) for _ in range(3))
         position[1:, 1:] = np.diag(self._angular**2) + 0.5 * accelerations[0] * g
         position[0, 1:] = 0.5 * accelerations[1:] @ g
@@ -421,13 +422,14 @@ class ShaftBody(Shaft, Body):
         by_rate[1:, 0] = g @ rates[1:]
         by_acceleration[1:, 1:] = np.eye(n - 1)
         by_acceleration[0, 1:] = by_acceleration[1:, 0] = 0.5 * g @ coordinates[1:]
-        by_acceleration[0, 0] = self._turned_inertia
+        by_acceleration[0, 0] = self._polar_inertia
         return Derivatives(position, by_rate, by_acceleration)
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
-        """Kinetic and strain energy, and the power that damping takes."""
-        q, q_rate = coordinates[1:], rates[1:]
-        turning = self._turned_inertia * rates[0] + q_rate @ (self._gyroscopic @ q)
+        """Kinetic and strain energy, and the power that damping dissipates."""
+        q = coordinates[1:]
+        q_rate = rates[1:]
+        turning = self._polar_inertia * rates[0] + q_rate @ (self._gyroscopic @ q)
         return Energies(
             float(0.5 * (q_rate @ q_rate + rates[0] * turning)),
             float(0.5 * np.sum((self._angular * q) ** 2)),
@@ -435,6 +437,6 @@ class ShaftBody(Shaft, Body):
         )
 
     def error_measure(self) -> np.ndarray:
-        """Measure of errors: angle in rad, deflections in their mass norm."""
-        scale = ELASTIC_SHARE * self.reach * np.sqrt(self._moved[1])
+        """Angle in rad, deflections in the mass norm, see `Body`."""
+        scale = ELASTIC_SHARE * self.reach * np.sqrt(self._translation[1])
         return np.diag(np.concatenate([[1.0], np.full(self.modes, 1.0 / scale)]))

@@ -4,10 +4,8 @@ A `Simulation` makes a row of every accepted step and keeps it. Figures are extr
 energies over columns of these rows; what no row has, past loads of an estimate, say, goes on from
 step to step, and is what a run that goes on needs beside its history.
 
-Last cycle of a search for a periodic solution: its last whole one, see `last_whole_cycle`. Of
-another run: its last full one, the turn of the crank before its end, or the two turns of a load
-over 720 degrees, or the period of loads over time if that is longer; else all of it. Which one it
-was is told.
+Figures ``cycle_...`` of the summary are of the last complete cycle, which
+`fenics_ehd.multibody.cycle` decides.
 
 With one lubricated joint its columns and figures stand alone, with several they bear its name.
 """
@@ -15,7 +13,7 @@ With one lubricated joint its columns and figures stand alone, with several they
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter, process_time
 from typing import Any, ClassVar
 
@@ -35,13 +33,14 @@ from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
 from fenics_ehd.film.film import steepest_thickening
 from fenics_ehd.film.heat import require_cycle
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
+from fenics_ehd.multibody.cycle import Cycle, Recurrence, first_of_last
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
+    TURN_ROUNDING,
     History,
     column_name,
     fixed,
     is_column,
-    last_whole_cycle,
 )
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import (
@@ -51,7 +50,7 @@ from fenics_ehd.multibody.newton import (
     unresolved,
 )
 from fenics_ehd.multibody.notices import stepped_shapes, unusual_totals
-from fenics_ehd.multibody.periodic import WHOLE, PeriodicSolver, crank, temperatures
+from fenics_ehd.multibody.periodic import PeriodicSolver, crank, recurrence_of, temperatures
 from fenics_ehd.multibody.quantities import (
     CONTENT,
     averaged,
@@ -81,9 +80,6 @@ from fenics_ehd.multibody.trust import (
     too_coarse,
 )
 
-#: Share of a cycle that may be missing at its start, whose first step has a length.
-MISSING = 1e-4
-
 Columns = Mapping[str, np.ndarray]
 
 #: A step: numbers by path with unit, ``joints/big_end/force_x_N``, arrays by path.
@@ -108,104 +104,57 @@ def extreme_step(column: str, values: np.ndarray) -> int:
     return int(np.argmin(values) if column.startswith("min_") else np.argmax(values))
 
 
-@dataclass(frozen=True)
-class UsedCycle:
-    """Part of a run that its places, extremes and means are of.
+#: Columns that decide which cycle is the last complete one.
+DECIDE_CYCLE = ("time_s", "run/crank_angle_deg", "run/cycle", "run/cycle_time_s")
 
-    Attributes
+
+def cycle_of(columns: Columns, recurrence: Recurrence) -> Cycle:
+    """The last complete cycle of a run, from its columns by path.
+
+    Parameters
     ----------
-    start, end
-        [s].
-    told
-        Which one, in words.
-    rows
-        Steps after its start, and up to its end.
-    under_way
-        Whether it is the cycle under way of a search, or all of another run.
+    columns
+        Of the run; of a search for a periodic solution of its last cycle at least.
+    recurrence
+        Of the loads, which decide the cycle of a run once through.
     """
-
-    start: float
-    end: float
-    told: str
-    rows: slice
-    under_way: bool
-
-    def figures(self, columns: Columns, joint: str, rates: Iterable[str]) -> dict[str, float]:
-        """Entries on a joint, with means of some of its rates.
-
-        Those of the cycle under way, or of the run, are told without a cycle.
-        """
-        found: dict[str, float] = {}
-        for name, column, before, places in EXTREMES:
-            values = columns[f"joints/{joint}/{column}"][self.rows]
-            row = self.rows.start + extreme_step(column, values)
-            for own in (column, *places):
-                found[f"cycle_{before}{own}"] = float(columns[f"joints/{joint}/{own}"][row])
-            angle = columns["run/crank_angle_deg"][row]
-            found[f"cycle_{name}_crank_angle_deg"] = float(angle)
-        for name in ("force_N", *(() if self.under_way else rates)):
-            found[f"cycle_mean_{name}"] = self._mean(columns, f"joints/{joint}/{name}")
-        return found
-
-    def _mean(self, columns: Columns, name: str) -> float:
-        """Mean of a column over time."""
-        time, values = columns["time_s"], columns[name]
-        times = np.append(self.start, time[self.rows])
-        values = np.append(np.interp(self.start, time, values), values[self.rows])
-        return float(integral(times, values[:, None])[0] / (times[-1] - times[0]))
-
-
-def used_cycle(system: System, columns: Columns) -> UsedCycle:
-    """Cycle of a run, from its columns by path; of a search of its last cycle at least."""
+    times = columns["time_s"]
     if "run/cycle" in columns:
-        return _searched(columns)
-    return _last(system, columns)
+        return Cycle.of_search(times, columns["run/cycle"], columns["run/cycle_time_s"])
+    return Cycle.of_run(times, columns["run/crank_angle_deg"], recurrence)
 
 
-def cycle_length(system: System) -> tuple[float, float]:
-    """Reference angle [degrees] and time [s] after which all loads recur; 0 s: at any time."""
-    degrees = [360.0]
-    seconds = [0.0]
-    for _, each in system.mechanism.variations():
-        if each.angle_of:
-            degrees.append(float(np.degrees(each.period)))
-        else:
-            seconds.append(each.period)
-    return max(degrees), max(seconds)
+def cycle_figures(
+    cycle: Cycle, columns: Columns, joint: str, rates: Iterable[str]
+) -> dict[str, float]:
+    """Entries ``cycle_...`` of the summary on a joint: extremes, and means of some of its rates.
+
+    Means are entered if they are not those over the cycle under way, or over the whole run, which
+    have entries without ``cycle_``.
+    """
+    figures: dict[str, float] = {}
+    times = columns["time_s"]
+    rows = cycle.rows(times)
+    for name, column, prefix, others in EXTREMES:
+        values = columns[f"joints/{joint}/{column}"][rows]
+        row = rows.start + extreme_step(column, values)
+        for reported in (column, *others):
+            value = columns[f"joints/{joint}/{reported}"][row]
+            figures[f"cycle_{prefix}{reported}"] = float(value)
+        angle = columns["run/crank_angle_deg"][row]
+        figures[f"cycle_{name}_crank_angle_deg"] = float(angle)
+    under_way = rows.stop == len(times) and (cycle.periodic or not cycle.start)
+    for name in ("force_N", *(() if under_way else rates)):
+        values = columns[f"joints/{joint}/{name}"]
+        figures[f"cycle_mean_{name}"] = _mean_after(cycle.start, times, values, rows)
+    return figures
 
 
-def _last(system: System, columns: Columns) -> UsedCycle:
-    """The last full cycle of a run from time zero that is no search for a periodic solution."""
-    time, angle = columns["time_s"], columns["run/crank_angle_deg"]
-    degrees, seconds = cycle_length(system)
-    end, ahead = float(time[-1]), np.abs(angle[-1] - angle)
-    counts, starts = [], []
-    if seconds:
-        counts.append(end / seconds)
-        starts.append(end - seconds)
-    if ahead[0] > 0.0:
-        counts.append(float(ahead[0]) / degrees)
-        # A crank may swing back: the last time that it was a cycle behind.
-        before = int(np.flatnonzero(ahead >= min(degrees, ahead[0]))[-1])
-        pair = slice(before, before + 2)
-        starts.append(float(np.interp(-degrees, -ahead[pair], time[pair])))
-    full = int(min(counts, default=0.0) + MISSING)
-    if not full:
-        return UsedCycle(0.0, end, "whole run: no full cycle", slice(0, None), True)
-    start = min(starts)
-    start = start if start > MISSING * end else 0.0
-    first = int(np.searchsorted(time, start + 1e-9 * (end - start), side="right"))
-    rows = slice(min(first, len(time) - 1), None)
-    return UsedCycle(start, end, f"last of {full}", rows, not start)
-
-
-def _searched(columns: Columns) -> UsedCycle:
-    """The last whole cycle of a search."""
-    numbers, clock, time = (columns[name] for name in ("run/cycle", "run/cycle_time_s", "time_s"))
-    rows = last_whole_cycle(numbers, clock)
-    start = float(time[rows][0] - clock[rows][0])
-    told = f"last of {numbers[rows][-1]:.0f}" if numbers[-1] > 1 else "first cycle: films build up"
-    return UsedCycle(start, float(time[rows][-1]), told, rows, rows.stop is None)
+def _mean_after(start: float, times: np.ndarray, values: np.ndarray, rows: slice) -> float:
+    """Mean of a column over time from a start [s], between two steps or not, to the last row."""
+    knots = np.append(start, times[rows])
+    values = np.append(np.interp(start, times, values), values[rows])
+    return float(integral(knots, values[:, None])[0] / (knots[-1] - knots[0]))
 
 
 #: Pressure beyond which a notice asks for the reason [Pa]: bearing metals yield far below, and
@@ -287,7 +236,8 @@ def _coordinates(system: System) -> list[tuple[str, str]]:
         modes = own.stop - own.start - len(frame)
         found += [(f"bodies/{name}/mode_{i + 1}", MODAL) for i in range(modes)]
     for place in system.films:
-        found += [split_unit(f"joints/{place.name}/{n}") for n in JOURNAL[: place.film.own]]
+        names = JOURNAL[: place.film.journal_coordinates]
+        found += [split_unit(f"joints/{place.name}/{n}") for n in names]
     return found
 
 
@@ -386,7 +336,7 @@ class Simulation(Stateful):
         self.rows: list[Row] = []
         self._stored = False
         self.worth: dict[str, dict[str, Any]] = {}
-        self._crank, self._turn = crank(self.system), cycle_length(self.system)[0]
+        self._crank, self.recurrence = crank(self.system), recurrence_of(self.system)
         self._coordinates = _coordinates(self.system)
         self.estimates = {
             place.name: estimate_at(bore_body(self.system, place), place.bore)
@@ -421,8 +371,18 @@ class Simulation(Stateful):
     @property
     def first(self) -> int:
         """Row of the first step of the cycle under way."""
-        cycles = [row.get("run/cycle") for row in self.rows]
-        return cycles.index(cycles[-1]) if cycles else 0
+        if not self.rows or "run/cycle" not in self.rows[0]:
+            return 0
+        return first_of_last([row["run/cycle"] for row in self.rows])
+
+    @property
+    def last_cycle(self) -> Cycle | None:
+        """The last complete cycle; None before the first step."""
+        if not self.rows:
+            return None
+        names = [name for name in DECIDE_CYCLE if name in self.rows[0]]
+        columns = {name: np.array([row[name] for row in self.rows]) for name in names}
+        return cycle_of(columns, self.recurrence)
 
     def known_sizes(self) -> Sizes:
         """Number of unknowns of a step."""
@@ -510,7 +470,8 @@ class Simulation(Stateful):
         former, cycles = 0.0, self.cycles
         if cycles is not None and cycles.number > 1:
             began = float(np.degrees(cycles.began.x[0, self._crank]))
-            former = self._turn * np.floor(began / self._turn + WHOLE)
+            turn = self.recurrence.angle
+            former = turn * np.floor(began / turn + TURN_ROUNDING)
         return float(np.degrees(step.x[self._crank]) - former)
 
     def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
@@ -545,7 +506,7 @@ class Simulation(Stateful):
 
     def history(self) -> History:
         """History of the steps that are kept."""
-        return history_of(self.system, self.rows)
+        return replace(history_of(self.system, self.rows), stored_cycle=self.last_cycle)
 
     def ended(self) -> History:
         """History of a run that has ended, of a search its last cycle, both its ends."""
@@ -577,22 +538,20 @@ class Simulation(Stateful):
         return balance_error(columns_of(self.rows[self.first :])) if self.rows else 0.0
 
     def figures(self) -> dict[str, Any]:
-        """Entries of ``summary.json`` on the run and its last cycle, see `UsedCycle`."""
+        """Entries of ``summary.json`` on the run and its last complete cycle."""
         columns = columns_of(self.rows)
         joints: dict[str, dict[str, Any]] = {place.name: {} for place in self.system.films}
-        cycle: dict[str, Any] = {}
-        if self.rows:
-            used = used_cycle(self.system, columns)
-            cycle = {"cycle_used": used.told, "cycle_start_s": used.start, "cycle_end_s": used.end}
+        cycle = self.last_cycle
+        if cycle is not None:
             for place in self.system.films:
-                joints[place.name] = self._joint(place, columns, used)
+                joints[place.name] = self._joint(place, columns, cycle)
         alone: dict[str, Any] = {"joints": joints}
         if len(joints) == 1:
             ((name, found),) = joints.items()
             alone = {"joint": name, **found}
         return {
             **alone,
-            **cycle,
+            **({} if cycle is None else cycle.entries()),
             "energy_balance_error": self.energy_error,
             "simulated_time_s": self.time,
             **self.counts,
@@ -601,7 +560,7 @@ class Simulation(Stateful):
             **({} if self.cycles is None else self.cycles.figures()),
         }
 
-    def _joint(self, place: FilmBinding, columns: Columns, used: UsedCycle) -> dict[str, Any]:
+    def _joint(self, place: FilmBinding, columns: Columns, cycle: Cycle) -> dict[str, Any]:
         """Entries on a lubricated joint, from columns by path."""
         name, start = place.name, f"joints/{place.name}/"
         own = {key.removeprefix(start): v for key, v in columns.items() if key.startswith(start)}
@@ -623,7 +582,7 @@ class Simulation(Stateful):
             found |= wear(place, self.slid[name])
         if name in self.worth:
             found["error_budget"] = self.worth[name]
-        return found | used.figures(columns, name, rates)
+        return found | cycle_figures(cycle, columns, name, rates)
 
     def _means(self, place: FilmBinding, time: np.ndarray, rates: Columns) -> dict[str, float]:
         """Means of a joint's rates over the run, or the cycle, and what follows from them."""

@@ -9,9 +9,12 @@ as BDF2-OPT: like BDF2 it is A-stable at constant steps and damps the high-frequ
 which carry no dynamics, with half the error (Shampine and Reichelt, SIAM J. Sci. Comput. 1997;
 Vatsa, Carpenter and Lockard 2010). For k = 3 it is A(82)-stable, BDF3 A(86).
 
-Nobody asks for a load between two steps: the rows of a table that lie there count only as far as
-the values at the steps foretell them. An estimate of the solution's error cannot tell, as a
-solution that never met a load is as smooth as one without it.
+A load is evaluated at the ends of steps alone. A row of a table between two ends has no influence
+on the solution, unless the values at the ends predict it. The estimated error of the solution does
+not show this: a solution without the load is as smooth as one with it. Steps therefore end at rows
+that the polynomial through the past points misses (`rows_missed`).
+
+Imports inside functions: SciPy's interpolation is slow to import.
 """
 
 from __future__ import annotations
@@ -27,13 +30,15 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 
-#: The formula of order k + 1 is left out while steps grow faster than it is zero-stable for.
+#: Largest ratio of successive steps, by order k, with the formula of order k + 1: above it that
+#: formula is not zero-stable.
 BLENDED_GROWTH = {2: 1.55, 3: 1.25}
 
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
     """Weights of the derivative, at the first time, of the polynomial through all times."""
-    distance, share = times[0] - times[1:], 1.0 / _products(times[:, None] - times)
+    distance = times[0] - times[1:]
+    share = 1.0 / _products(times[:, None] - times)
     weights = np.empty(len(times))
     weights[0] = np.sum(1.0 / distance)
     weights[1:] = share[1:] / (share[0] * distance)
@@ -43,28 +48,35 @@ def derivative_weights(times: np.ndarray) -> np.ndarray:
 def extrapolation_weights(times: np.ndarray, target: float | np.ndarray) -> np.ndarray:
     """Weights of the value at `target` of the polynomial through all points.
 
-    shape (n,), or (n, k) for targets of shape (k, 1).
+    The shape is (n,), or (n, k) for targets of shape (k, 1).
     """
-    ahead = (target - times)[..., None, :]
-    return (_products(ahead) / _products(times[:, None] - times)).T
+    distance = (target - times)[..., None, :]
+    return (_products(distance) / _products(times[:, None] - times)).T
 
 
 def _products(factors: np.ndarray) -> np.ndarray:
-    """Products of every row, its diagonal left out; one row stands for all."""
+    """Products of every row without its diagonal element; a single row is used for all rows."""
     return np.prod(np.where(np.eye(factors.shape[-1]), 1.0, factors), axis=-1)
 
 
 def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np.ndarray, float]:
-    """Weights of the derivative at a new point, that point first, and the share of order k.
+    """Weights of the derivative at a new point, and the share of the formula of order k.
 
     Parameters
     ----------
     time, past
-        The new point and those before it, newest first [s].
+        Time of the new point, and times of the past points, newest first [s].
     order
         k, at most the number of past points.
     blend
-        b, for k > 1 and where there are points enough.
+        b; it is used for k > 1 if the number of past points is above k.
+
+    Returns
+    -------
+    weights : numpy.ndarray
+        Of the new point, then of past points.
+    share : float
+        ``1 - b``, or 1 without the formula of order k + 1.
     """
     times = np.concatenate([[time], past[: order + 1]])
     weights = derivative_weights(times[: order + 1])
@@ -77,29 +89,30 @@ def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np
     return higher, 1.0 - blend
 
 
-#: A row is missed if its value is further than this, of the largest one, from the polynomial. The
-#: gas of an engine in rows of two degrees stays below a third of it at the default tolerances.
+#: Distance of a row's value from the polynomial, over the largest value of the table, above which
+#: a step misses the row. Gas forces of an engine in rows of two degrees stay below a third of it at
+#: the default tolerances.
 MISSED = 0.01
 
-#: Past points of the polynomial, which is cubic as the curves through tables are.
+#: Number of past points of the polynomial, which is cubic like the curves through tables.
 POINTS = 3
 
-#: A step over more than so many periods is no step that a table allows.
+#: Largest number of a table's periods in one step.
 PERIODS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A function through rows, which no step of an integration may jump over.
+    """A function through rows of a table, which no step of an integration may cross.
 
     Attributes
     ----------
     curve
         Piecewise polynomial whose breakpoints are the rows.
     periodic
-        Whether it repeats itself; if not, its values at both ends stay.
+        Whether the values recur; if not, the first and last values continue outside the rows.
     scale
-        What counts as large; 0: the largest value.
+        Size that differences are compared with; 0: the largest value of the rows.
     """
 
     curve: PPoly
@@ -108,7 +121,7 @@ class Curve:
 
     @property
     def period(self) -> float:
-        """From the first row to the last."""
+        """Distance of the last row from the first [s] or [rad]."""
         return float(self.curve.x[-1] - self.curve.x[0])
 
     @property
@@ -124,41 +137,41 @@ class Curve:
         moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
         return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 
-    def _inside(self, places: Any) -> Any:
-        """Places between the first row and the last that stand for any, of numbers or arrays."""
+    def _inside(self, positions: Any) -> Any:
+        """Positions between the first and the last row with the values of any positions."""
         first, last = self.curve.x[[0, -1]]
         if self.periodic:
-            return first + (places - first) % self.period
-        return np.clip(places, first, last)
+            return first + (positions - first) % self.period
+        return np.clip(positions, first, last)
 
-    def values(self, places: np.ndarray) -> np.ndarray:
-        """Values at many places."""
-        return self.curve(self._inside(places))
+    def values(self, positions: np.ndarray) -> np.ndarray:
+        """Values at times or angles, of the same shape."""
+        return self.curve(self._inside(positions))
 
     @cached_property
     def largest(self) -> float:
-        """Size of a value that counts as large."""
+        """Size that differences are compared with, above 0."""
         largest = self.scale or float(np.abs(self.curve(self.curve.x)).max())
         return max(largest, float(np.finfo(float).tiny))
 
-    def __call__(self, place: float) -> tuple[float, float]:
-        """Value and derivative."""
-        inside = self._inside(place)
-        moves = self.periodic or inside == place
-        return float(self.curve(inside)), float(self.curve(inside, 1)) if moves else 0.0
+    def __call__(self, position: float) -> tuple[float, float]:
+        """Value and derivative at a time or angle."""
+        inside = self._inside(position)
+        varies = self.periodic or inside == position
+        return float(self.curve(inside)), float(self.curve(inside, 1)) if varies else 0.0
 
-    def integral(self, place: float) -> float:
-        """From place zero, of a curve that is not periodic."""
+    def integral(self, position: float) -> float:
+        """Integral from zero to a time or angle, of a curve that is not periodic."""
         first = self.curve.x[0]
         ends = [
-            float(self.curve.integrate(first, self._inside(at)))
-            + (at - self._inside(at)) * self(at)[0]
-            for at in (0.0, place)
+            float(self.curve.integrate(first, self._inside(end)))
+            + (end - self._inside(end)) * self(end)[0]
+            for end in (0.0, position)
         ]
         return ends[1] - ends[0]
 
     def scaled(self, factor: float) -> Curve:
-        """The same times a factor."""
+        """The curve times a factor."""
         from scipy.interpolate import PPoly
 
         curve = PPoly(factor * self.curve.c, self.curve.x)
@@ -210,55 +223,56 @@ def variations_of(
 
 @dataclass(frozen=True, eq=False)
 class TabulatedLoad:
-    """A curve over the time, or over an angle that the state of a mechanism knows.
+    """A curve over the time, or over an angle in the state of a mechanism.
 
     Attributes
     ----------
     curve
-        Of rows.
+        Table.
     angle
-        Place of the angle in the state; None: it is read at the time [s].
+        Index of the angle in the state; None: the curve is over the time.
     """
 
     curve: Curve
     angle: int | None = None
 
-    def places(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Places of the curve that points of the integration are at."""
+    def positions(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Times [s] or angles [rad] of the curve at points of the integration."""
         return times if self.angle is None else states[:, self.angle]
 
     def missed(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much a step misses the rows within it.
+        """Rows within a step, and the distance of their values from the polynomial.
 
         Parameters
         ----------
         times, states
-            Points of the integration, newest first: the end of the step, its beginning, and those
-            before [s].
+            Points of the integration, newest first: the end of the step, its beginning, and
+            earlier points [s].
 
         Returns
         -------
         when, amount : numpy.ndarray
-            Times of the rows strictly within the step [s], and how far their values lie from the
-            polynomial through those at the points, over the largest of the table. Half the step
-            and infinity, if it leads across more than `PERIODS` or to no place at all.
+            Times of the rows strictly within the step [s], and distance of the rows' values from
+            the polynomial through the values at the points, over `Curve.largest`. Half the step
+            and infinity, if the step spans more than `PERIODS` or its end is not finite.
         """
-        places = self.places(times, states)
-        end, start = places[:2]
-        curve, places_of_rows = self.curve, self.curve.curve.x
+        positions = self.positions(times, states)
+        end, start = positions[:2]
+        curve = self.curve
+        breakpoints = curve.curve.x
         period = curve.period
         if not abs(end - start) <= PERIODS * period:
             return 0.5 * (times[:1] + times[1:2]), np.array([np.inf])
-        first, last = np.floor((np.sort(places[:2]) - places_of_rows[0]) / period)
+        first, last = np.floor((np.sort(positions[:2]) - breakpoints[0]) / period)
         if curve.periodic:
             turns = period * np.arange(first, last + 1)
-            rows = np.add.outer(turns, places_of_rows[:-1]).ravel()
+            rows = np.add.outer(turns, breakpoints[:-1]).ravel()
         else:
-            rows = places_of_rows
+            rows = breakpoints
         within = rows[(rows - start) * (rows - end) < 0]
         when = times[1] + (within - start) / (end - start) * (times[0] - times[1])
-        foretold = extrapolation_weights(times, when[:, None]).T @ curve.values(places)
-        return when, np.abs(foretold - curve.values(within)) / curve.largest
+        predicted = extrapolation_weights(times, when[:, None]).T @ curve.values(positions)
+        return when, np.abs(predicted - curve.values(within)) / curve.largest
 
 
 def rows_missed(
@@ -276,10 +290,11 @@ def rows_missed(
     Returns
     -------
     when : numpy.ndarray
-        Ascending [s].
+        Times of the rows, ascending [s].
     missed : bool
+        Whether the distance of a row exceeds `MISSED`.
     """
-    found = [load.missed(times, states) for load in loads]
-    when, amount = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    parts = zip(*(load.missed(times, states) for load in loads), strict=True)
+    when, amount = (np.concatenate(part) for part in parts)
     late = when > times[1] + nearest
     return np.sort(when[late]), bool((amount[late] > MISSED).any())

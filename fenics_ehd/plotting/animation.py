@@ -42,7 +42,7 @@ from fenics_ehd.plotting.animated_bodies import (
 from fenics_ehd.plotting.curves import clearance_circle, pressure_and_film
 from fenics_ehd.plotting.maps import ANGLES, draw_section, lay_out_section, sampled
 from fenics_ehd.plotting.picture import BLUE, PRESSURES, require_format
-from fenics_ehd.plotting.shown import recorded
+from fenics_ehd.plotting.shown import moving_part, recorded
 from fenics_ehd.results.motion import RecordedMotion, between_steps
 from fenics_ehd.results.paraview import parts_of_bases
 from fenics_ehd.results.recorded_run import SCENE_NAME
@@ -419,7 +419,7 @@ def draw_run(
     SettingsError
         No such joint, or a basis is that of no body.
     """
-    result = load_history(directory).last_cycle()
+    result = moving_part(load_history(directory))
     run = recorded(directory, result)
     pressures = run.motion.pressures
     if len(run.time) < 2:

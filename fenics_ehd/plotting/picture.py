@@ -17,7 +17,6 @@ import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import matplotlib
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import unit, unit_of
 from fenics_ehd.base.files import (
     PICTURE_FORMATS,
     Kind,
@@ -26,6 +25,7 @@ from fenics_ehd.base.files import (
     require_output,
     write_whole,
 )
+from fenics_ehd.base.units import unit, unit_of
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first

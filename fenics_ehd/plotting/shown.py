@@ -17,8 +17,7 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.multibody.history import FilmResult, History, load_history
-from fenics_ehd.multibody.periodic import WHOLE
+from fenics_ehd.multibody.history import TURN_ROUNDING, FilmResult, History, load_history
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.run import stored_scene
@@ -47,6 +46,11 @@ def recorded(directory: Path, result: History | None = None) -> RecordedMotion:
     # Forces move nothing here, and their tables may be gone.
     _, built = stored_scene(directory, forces=False)
     return RecordedMotion(built.mechanism, result or load_history(directory))
+
+
+def moving_part(history: History) -> History:
+    """Steps that show a mechanism moving: the last cycle of a periodic run, else all of them."""
+    return history.last_cycle() if history.cycle.periodic else history
 
 
 #: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.
@@ -98,18 +102,15 @@ class ShownRun:
         self.name, self.directory = name, Path(directory)
         result = load_history(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
-        summary = result.summary()
-        if not summary:
-            result = result.last_cycle()
         time = result.run.time
-        start = summary.get("cycle_start_s", time[0] - result.run.get("cycle_time", time)[0])
-        end = summary.get("cycle_end_s", time[-1])
-        used = str(summary.get("cycle_used", ""))
-        self.told = "" if used.startswith("last") else used
+        cycle = result.cycle
+        start = cycle.start
+        self.told = "" if cycle.complete else cycle.label
         # Over its first cycle a search builds up its films as any other run does at its start.
         self.starts = start <= 0.0
-        self._start = 0.0 if "cycle" in result.run else start
-        first, behind = np.searchsorted(time, [start, end], side="right")
+        self._start = 0.0 if cycle.periodic else start
+        rows = cycle.rows(np.asarray(time))
+        first, behind = rows.start, rows.stop
         if first:
             # It begins between two steps.
             last, share = first - 1, np.interp(start, time, np.arange(len(time))) - first + 1
@@ -118,6 +119,8 @@ class ShownRun:
                     [(1 - share) * v[last:first] + share * v[first : first + 1], v[first:behind]]
                 )
             )
+        else:
+            result = result.each(lambda v: v[:behind])
         self.cycle = result
         self.time = self.cycle.run.time - start
         angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
@@ -125,7 +128,7 @@ class ShownRun:
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
         # Whole cycles are taken off: a turn of a cycle of two would be another stroke.
         turn = 360.0 * max(1.0, np.round(np.ptp(angle) / 360.0))
-        self.angle = angle - turn * np.floor(angle[:1] / turn + WHOLE)
+        self.angle = angle - turn * np.floor(angle[:1] / turn + TURN_ROUNDING)
 
     @cached_property
     def joints(self) -> dict[str, ShownJoint]:

@@ -40,7 +40,8 @@ from fenics_ehd.reduction.bore import (
 from fenics_ehd.reduction.structure import check_surface
 
 #: Places of the translations and of the elastic modes among the fields of a body.
-TRANSLATIONS, ELASTIC = slice(1, 3), slice(3, None)
+TRANSLATIONS = slice(1, 3)
+ELASTIC = slice(3, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,9 +270,11 @@ class ReducedBody:
         """The bores, one after the other."""
         nodes = pressures = 0
         for name, bore in self.bores.items():
-            last, end = nodes + len(bore.coordinates), pressures + len(bore.pressure_coordinates)
+            last = nodes + len(bore.coordinates)
+            end = pressures + len(bore.pressure_coordinates)
             yield BoreRows(name, bore, slice(nodes, last), slice(pressures, end))
-            nodes, pressures = last, end
+            nodes = last
+            pressures = end
 
     def rows_of(self, name: str) -> BoreRows:
         """One of the bores.
@@ -332,7 +335,8 @@ class ReducedBody:
     def bore_flexibility(self) -> np.ndarray:
         """Bore displacement per nodal pressure that the body follows, shape (m, 3, k) [m/Pa]."""
         m = len(self.bore_basis)
-        shape, load = self.bore_basis.reshape(3 * m, -1), self.load_projection[ELASTIC]
+        shape = self.bore_basis.reshape(3 * m, -1)
+        load = self.load_projection[ELASTIC]
         if self.frame != "clamped" and self.rigid_mass.size:
             share = np.linalg.solve(self.rigid_mass, self.rigid_coupling)
             shape = shape - rigid_fields(self.places()) @ share

@@ -33,16 +33,20 @@ def rigid_fields(coordinates: np.ndarray) -> np.ndarray:
     x, y, z = coordinates.T
     fields = np.zeros((len(coordinates), 3, 6))
     fields[:, range(3), range(3)] = 1.0
-    fields[:, 1, 3], fields[:, 2, 3] = -z, y
-    fields[:, 0, 4], fields[:, 2, 4] = z, -x
-    fields[:, 0, 5], fields[:, 1, 5] = -y, x
+    fields[:, 1, 3] = -z
+    fields[:, 2, 3] = y
+    fields[:, 0, 4] = z
+    fields[:, 2, 4] = -x
+    fields[:, 0, 5] = -y
+    fields[:, 1, 5] = x
     return fields.reshape(-1, 6)
 
 
 def turned(columns: np.ndarray, axis: int) -> np.ndarray:
     """``e_axis x u`` node by node, for displacement fields of shape (3 nodes, k)."""
     result = np.zeros_like(columns)
-    first, second = (axis + 1) % 3, (axis + 2) % 3
+    first = (axis + 1) % 3
+    second = (axis + 2) % 3
     result[first::3] = -columns[second::3]
     result[second::3] = columns[first::3]
     return result
@@ -66,7 +70,8 @@ def make_row_major(record: Any) -> None:
 
 
 #: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
-WAVES, HEIGHTS = 9, 3
+WAVES = 9
+HEIGHTS = 3
 SMOOTH = (2 * WAVES + 1) * HEIGHTS
 
 #: Quadratic cells around and along a bore at whose nodes displacements are kept.
@@ -290,8 +295,10 @@ class BoreHole:
         """True at points within the rim."""
         x = self.angle + np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi
         # Crossings of a ray along the circumference with every edge.
-        (a, low), (b, high) = self.polygon.T, np.roll(self.polygon, -1, axis=0).T
-        x, z = x[..., None], np.asarray(height)[..., None]
+        (a, low) = self.polygon.T
+        (b, high) = np.roll(self.polygon, -1, axis=0).T
+        x = x[..., None]
+        z = np.asarray(height)[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
             beyond = x < a + (z - low) / (high - low) * (b - a)
         return np.sum(((low > z) != (high > z)) & beyond, axis=-1) % 2 == 1
@@ -333,7 +340,8 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
 def _moments(polygon: np.ndarray) -> tuple[float, float, float]:
     """Area of a polygon, with its sense, and the middle of the area."""
     first = polygon[0]
-    a, b = polygon - first, np.roll(polygon, -1, axis=0) - first
+    a = polygon - first
+    b = np.roll(polygon, -1, axis=0) - first
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     area = 0.5 * cross.sum()
     middle = first + ((a + b) * cross[:, None]).sum(axis=0) / (6 * area)
@@ -344,7 +352,8 @@ def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.nd
     """Nodes around every hole: edges of one cell alone that lie at no end of the bore."""
     kind = ELEMENTS[family]
     ends, first, uses, at_end = _edges(coordinates, cells, family)
-    count, single = len(kind.edges), first[(uses == 1) & ~at_end]
+    count = len(kind.edges)
+    single = first[(uses == 1) & ~at_end]
     ways = corners = ends[single]
     if cells.shape[1] >= kind.corners + count:
         # Mid-side nodes come behind the corners, edge by edge.
@@ -358,7 +367,8 @@ def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.nd
             f"{odd[0]}"
         )
     graph = summed(np.ones(len(ways)), ways[:, 0], ways[:, 1], (len(coordinates),) * 2)
-    loops, left = [], set(corners.ravel().tolist())
+    loops = []
+    left = set(corners.ravel().tolist())
     while left:
         loops.append(csgraph.depth_first_order(graph, min(left), False, False))
         left -= set(loops[-1].tolist())
@@ -378,14 +388,16 @@ def _edges(
     ends = cells[:, ELEMENTS[element].edges].reshape(-1, 2)
     _, first, uses = np.unique(np.sort(ends, axis=1), axis=0, return_index=True, return_counts=True)
     z = coordinates[:, 2]
-    heights, slack = z[ends[first]], END_TOLERANCE * np.ptp(z)
+    heights = z[ends[first]]
+    slack = END_TOLERANCE * np.ptp(z)
     at_end = (heights < z.min() + slack).all(axis=1) | (heights > z.max() - slack).all(axis=1)
     return ends, first, uses, at_end
 
 
 #: Gauss points a direction. A load is polynomial, of degree 7 in each variable on 9 nodes and 6
 #: in both on 6: exact. An area is not, and needs more where a cell is bent by 30 degrees.
-_LOAD_POINTS, _AREA_POINTS = 4, 8
+_LOAD_POINTS = 4
+_AREA_POINTS = 8
 
 #: Largest distance of a bore node from the cylinder, relative to its radius.
 CYLINDER_TOLERANCE = 1e-6
@@ -500,7 +512,8 @@ def _checked(
     nodes: np.ndarray, faces: np.ndarray, element: str, centre: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, NodalElement]:
     """Nodes from the centre, and faces in the order of the package."""
-    nodes, faces = np.asarray(nodes, dtype=float), np.asarray(faces)
+    nodes = np.asarray(nodes, dtype=float)
+    faces = np.asarray(faces)
     kind = surface_element(element, faces)
     if nodes.ndim != 2 or nodes.shape[1] != 3:
         raise StructureError(f"nodes have shape {nodes.shape}, (nodes, 3) is needed")

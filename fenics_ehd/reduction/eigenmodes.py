@@ -106,7 +106,8 @@ class LowestModes:
     """Lowest modes for any count: a smaller one is cut from the largest asked for so far."""
 
     def __init__(self, flexibility: Flexibility, options_prefix: str):
-        self._flexibility, self._prefix = flexibility, options_prefix
+        self._flexibility = flexibility
+        self._prefix = options_prefix
         self._angular, self._modes = lowest_modes(flexibility, 0)
 
     def __call__(self, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -199,7 +200,8 @@ def _with_missed(
     The lowest mode orthogonal to those found, from another start, must not lie below them.
     While it does, as many modes again are sought beside them and the lowest kept.
     """
-    structure, count = flexibility.structure, len(eigenvalues)
+    structure = flexibility.structure
+    count = len(eigenvalues)
     if structure.size < 3 * count:
         return eigenvalues, modes
     start = flexibility.apply(_scattered(structure, 0.5)[:, None])
@@ -212,7 +214,8 @@ def _with_missed(
         more = _solve(flexibility, count, start, found, EIGEN_TOLERANCE, options_prefix)
         values = np.concatenate([eigenvalues, more[0]])
         order = np.argsort(values)[:count]
-        eigenvalues, modes = values[order], np.hstack([modes, more[1]])[:, order]
+        eigenvalues = values[order]
+        modes = np.hstack([modes, more[1]])[:, order]
     frequencies = np.sqrt([lowest[0], eigenvalues[-1]]) / (2 * np.pi)
     raise VerificationError(
         f"SLEPc misses modes: {frequencies[0]:.6g} Hz below {frequencies[1]:.6g} Hz, the highest "
@@ -316,7 +319,8 @@ class FixedBoundary:
 
     def _apart(self, columns: np.ndarray) -> np.ndarray:
         """Columns less a combination of the constraints that makes them orthogonal to these."""
-        given, comm = self._constraints, self.structure.comm
+        given = self._constraints
+        comm = self.structure.comm
         share = np.linalg.solve(inner(given, given, comm), inner(given, columns, comm))
         return columns - combine(given, share)
 

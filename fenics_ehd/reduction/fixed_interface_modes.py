@@ -129,7 +129,8 @@ def hold(
         Static modes of unit boundary dofs with C2 held, shape (owned dofs, n_b).
     """
     constraints = points if centre is None else np.hstack([centre, points])
-    count, boundary = constraints.shape[1], points.shape[1]
+    count = constraints.shape[1]
+    boundary = points.shape[1]
     if not count:
         return support, points
     fixed = FixedBoundary(support, constraints)
@@ -150,10 +151,12 @@ def boundary_basis(
     VerificationError
         The blocks are not decoupled in stiffness, or the boundary is not where it should be.
     """
-    structure, points = reductor.structure, reductor.points
+    structure = reductor.structure
+    points = reductor.points
     columns = np.asfortranarray(np.hstack([modes, constraint_modes]))
     stiffness, mass = gram_matrices(structure, reductor.mass, columns)
-    n, comm = modes.shape[1], structure.comm
+    n = modes.shape[1]
+    comm = structure.comm
     scale = np.sqrt(np.diag(stiffness))
     wanted = np.zeros_like(stiffness)
     wanted[:n, :n] = np.diag(angular**2)
@@ -220,7 +223,8 @@ def two_step_craig_bampton(
         From the solvers and the checks of the result.
     """
     reductor = Reductor.of(part)
-    structure, free = reductor.structure, reductor.free
+    structure = reductor.structure
+    free = reductor.free
     held = _held_weights(reductor)
     available = 3 * len(structure.bore_nodes) - held.shape[1] + n_interior_modes
     if not 1 <= n_modes <= available:
@@ -271,8 +275,10 @@ class FirstStep:
 
 def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     """Reduce to interior modes, the boundary dofs and every bore dof (21), (22)."""
-    structure, on_bore = reductor.structure, _on_bore(reductor)
-    nodes, prefix = structure.bore_nodes, reductor.options_prefix
+    structure = reductor.structure
+    on_bore = _on_bore(reductor)
+    nodes = structure.bore_nodes
+    prefix = reductor.options_prefix
     interior = reductor.once(
         "interior",
         None,
@@ -286,11 +292,14 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     )
     support, boundary_modes = hold(interior, None, reductor.points[:, ~on_bore])
     modes = lowest_modes(support, n_interior_modes, options_prefix=f"{prefix}modes_")[1]
-    comm, bore = structure.comm, BoreColumns(structure)
+    comm = structure.comm
+    bore = BoreColumns(structure)
     others = np.hstack([modes, boundary_modes])
     # What is known of the bores' columns by symmetry is left out, and filled in at the end.
-    o, p = others.shape[1], 3 * len(nodes)
-    stiffness, mass = np.zeros((o + p,) * 2), np.zeros((o + p,) * 2)
+    o = others.shape[1]
+    p = 3 * len(nodes)
+    stiffness = np.zeros((o + p,) * 2)
+    mass = np.zeros((o + p,) * 2)
     stiffness[:o, :o], mass[:o, :o] = gram_matrices(structure, reductor.mass, others)
     stiffness[o:, n_interior_modes:o] = bore.forces(boundary_modes)
     for part in blocks(p, len(modes), comm):
@@ -308,14 +317,16 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
 
 def _on_bore(reductor: Reductor) -> np.ndarray:
     """Mask of the boundary dofs that are means over nodes of the bores alone, shape (b,)."""
-    points, comm = reductor.points, reductor.structure.comm
+    points = reductor.points
+    comm = reductor.structure.comm
     there = np.sum(bore_rows(reductor.structure, points) ** 2, axis=(0, 1))
     return there >= (1 - ON_BORE) * comm.allreduce(np.sum(points**2, axis=0))
 
 
 def _held_weights(reductor: Reductor) -> np.ndarray:
     """Weights at the bores that the second step holds: C2 of a free part, then means, (3 m, w)."""
-    structure, points = reductor.structure, reductor.points[:, _on_bore(reductor)]
+    structure = reductor.structure
+    points = reductor.points[:, _on_bore(reductor)]
     means = bore_rows(structure, points).reshape(3 * len(structure.bore_nodes), -1)
     if not reductor.free:
         return means
@@ -334,8 +345,10 @@ def _second_step(
     """
     from scipy import linalg
 
-    v, o = first.modes, first.columns.shape[1]
-    size, b = len(first.stiffness), o - v
+    v = first.modes
+    o = first.columns.shape[1]
+    size = len(first.stiffness)
+    b = o - v
     # Bore displacements of which nothing held moves: what is orthogonal to its weights.
     free = np.linalg.qr(held, mode="complete")[0][:, held.shape[1] :]
     admissible = np.zeros((size, v + free.shape[1]))
@@ -354,7 +367,8 @@ def _second_step(
     stiffness, mass = (matrix * np.outer(scale, scale) for matrix in (stiffness, mass))
     last = len(scale) - 1
     values, vectors = linalg.eigh(mass, stiffness, subset_by_index=[last + 1 - n_modes, last])
-    values, vectors = values[::-1], vectors[:, ::-1]
+    values = values[::-1]
+    vectors = vectors[:, ::-1]
     modes = scale[:, None] * vectors / np.sqrt(values)
     coupling = admissible.T @ first.stiffness @ unit
     static = -linalg.solve(stiffness, scale[:, None] * coupling, assume_a="pos")
@@ -385,7 +399,8 @@ class BoreColumns:
 
     def __init__(self, structure: Structure):
         dofs = (3 * structure.bore_nodes[:, None] + np.arange(3)).ravel()
-        self.structure, self.stiffness = structure, some_columns(structure.stiffness, dofs)
+        self.structure = structure
+        self.stiffness = some_columns(structure.stiffness, dofs)
 
     def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
         """Static modes of bore displacements, shape (3 m, w), owned rows (owned dofs, w)."""

@@ -293,7 +293,8 @@ def tetrahedron_mass(nodes: np.ndarray, cells: np.ndarray, density: float) -> sp
     StructureError
         `cells` are no 10-node tetrahedra of these nodes, or one is turned inside out.
     """
-    nodes, cells = np.asarray(nodes, dtype=float), np.asarray(cells)
+    nodes = np.asarray(nodes, dtype=float)
+    cells = np.asarray(cells)
     if cells.ndim != 2 or cells.shape[1] != 10 or cells.dtype.kind not in "iu" or not len(cells):
         raise StructureError(
             f"cells of shape {cells.shape}: (cells, 10) of whole numbers is needed"

@@ -428,7 +428,9 @@ def dual_basis(
         The reduced matrices are not diagonal, a column moves the mean axis, or the static modes
         lack energy of the responses.
     """
-    solver, angular, modes = responses.solver, responses.angular, responses.modes
+    solver = responses.solver
+    angular = responses.angular
+    modes = responses.modes
     exact = weights.T @ responses.stiffness @ weights
     columns = combine(responses.columns, weights @ energy_orthonormal(exact))
     # Twice: the first pass orthonormalises in products of solved columns, whose round-off

@@ -56,15 +56,18 @@ def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
     StructureError
         `function` raised one, or anything else: `name` is put before its message.
     """
-    result, problem = None, None
+    result = None
+    problem = None
     cause: Exception | None = None
     try:
         result = function()
     except StructureError as error:
-        problem, cause = str(error), error
+        problem = str(error)
+        cause = error
     except Exception as error:  # whatever it is, the other ranks must not wait for this one
         first_line = next(iter(str(error).splitlines()), type(error).__name__)
-        problem, cause = f"{name}: {first_line}", error
+        problem = f"{name}: {first_line}"
+        cause = error
     agree(comm, problem, cause)
     return result
 
@@ -322,7 +325,8 @@ def _in_binary(path: str) -> Opened:
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         own = slice(indptr[first], indptr[last])
-        data, indices = reals[own].astype(float), columns[own].astype(PETSc.IntType)
+        data = reals[own].astype(float)
+        indices = columns[own].astype(PETSc.IntType)
         return data, indices, indptr[first : last + 1] - indptr[first]
 
     return (height, width), read
@@ -465,7 +469,8 @@ def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
 
 def some_columns(matrix: PETSc.Mat, numbers: np.ndarray) -> PETSc.Mat:
     """All rows and some columns of a matrix, as their numbers go; the ranks share them."""
-    comm, (first, last) = matrix.comm, matrix.getOwnershipRange()
+    comm = matrix.comm
+    (first, last) = matrix.getOwnershipRange()
     mine = np.array_split(numbers, comm.size)[comm.rank].astype(PETSc.IntType)
     rows = PETSc.IS().createStride(last - first, first, 1, comm=comm)
     return matrix.createSubMatrix(rows, PETSc.IS().createGeneral(mine, comm=comm))
@@ -499,7 +504,8 @@ class MassOperator:
     """
 
     def __init__(self, mass: PETSc.Mat):
-        self._mass, comm = mass, mass.comm.tompi4py()
+        self._mass = mass
+        comm = mass.comm.tompi4py()
         self.matrix = mass
         first, last = mass.getOwnershipRange()
         rows = PETSc.IS().createStride((last - first) // 3, first, 3, comm=mass.comm)
@@ -546,7 +552,8 @@ class NodalProduct:
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """``y = M x``, one component after the other."""
         values, product = self.vectors
-        source, target = x.getArray(readonly=True), y.array
+        source = x.getArray(readonly=True)
+        target = y.array
         for component in range(3):
             values.array = source[component::3]
             self.nodal.mult(values, product)

@@ -98,7 +98,8 @@ def smooth_answers(solver: StaticSolver) -> Answers:
     from fenics_ehd.reduction.matrices import inner, load_columns
     from fenics_ehd.reduction.reductor import bore_rows
 
-    part, bores = solver.structure, solver.structure.every_bore()
+    part = solver.structure
+    bores = solver.structure.every_bore()
     pressures = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores]
     loads = load_columns(part.load, block_diag(*pressures))
     points = (part.attachments[name][:2] for name in sorted(part.attachments))

@@ -191,7 +191,8 @@ def save_structure(structure: Structure, path: str | Path) -> None:
     for name in (*structure.attachments, *structure.bores):
         if not name or "/" in name or name == ".":
             raise StructureError(f"name {name!r}: a file needs one without a slash")
-    comm, matrices = structure.comm, {"stiffness": structure.stiffness, "mass": structure.mass}
+    comm = structure.comm
+    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
     matrices |= {f"bores/{name}/load": bore.load for name, bore in structure.bores.items()}
     shapes = {name: matrix.size for name, matrix in matrices.items()}
     blocks = {name: matrix.getValuesCSR() for name, matrix in matrices.items()}
@@ -357,7 +358,9 @@ def save_basis(
     BodyFileError
         The file cannot be written. Every rank raises it.
     """
-    comm, nodes, modes = structure.comm, len(structure.coordinates), columns.shape[-1]
+    comm = structure.comm
+    nodes = len(structure.coordinates)
+    modes = columns.shape[-1]
     shapes = comm.allgather((columns.shape, 3 * nodes))
     for shape, owned in shapes:
         if len(shape) != 2 or shape != (owned, shapes[0][0][-1]):
@@ -436,7 +439,8 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         BASIS_LAYOUT.check(self._file, "", {})
         if ("stress" in self._file) != ("stress_points" in self._file):
             raise ValueError("/stress or /stress_points is missing")
-        cells, nodes = self._file["cells"], len(self._file["nodes"])
+        cells = self._file["cells"]
+        nodes = len(self._file["nodes"])
         # Those of 27 nodes are stored with 20.
         if cells.shape[1] not in _VERTICES or values(cells).max(initial=-1) >= nodes:
             raise ValueError(f"/cells of shape {cells.shape} are no cells of {nodes} nodes")

@@ -108,7 +108,8 @@ def gram_matrices(
     structure: Structure, mass: MassOperator, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """``T^T K T`` and ``T^T M T``, on every rank."""
-    comm, by_stiffness = structure.comm, partial(multiply, structure.stiffness)
+    comm = structure.comm
+    by_stiffness = partial(multiply, structure.stiffness)
     stiffness = product(columns, by_stiffness, columns, comm)
     mass_matrix = product(columns, mass.multiply, columns, comm)
     return symmetric(stiffness), symmetric(mass_matrix)
@@ -134,7 +135,8 @@ def inertia_integrals(
     structure: Structure, mass: MassOperator, fields: np.ndarray
 ) -> InertiaIntegrals:
     """Inertia coupling of the given fields, owned rows (owned dofs, 3 + n)."""
-    spun, comm = turned(fields, 2), structure.comm
+    spun = turned(fields, 2)
+    comm = structure.comm
     spin = product(spun, mass.multiply, fields, comm).T
     return InertiaIntegrals(
         mass=symmetric(product(fields, mass.multiply, fields, comm)),
@@ -201,9 +203,14 @@ class StaticResponses:
         angular: np.ndarray,
         modes: np.ndarray,
     ):
-        self.solver, self._fields, self._pressures = solver, fields, pressures
-        self.angular, self.modes = angular, modes
-        comm, load, a = solver.structure.comm, solver.structure.load, fields.shape[1]
+        self.solver = solver
+        self._fields = fields
+        self._pressures = pressures
+        self.angular = angular
+        self.modes = modes
+        comm = solver.structure.comm
+        load = solver.structure.load
+        a = fields.shape[1]
         self.count = a + pressures.shape[1]
         covered = self.work(modes).T / angular[:, None] ** 2
         stiffness = np.empty((self.count, self.count))
@@ -217,7 +224,8 @@ class StaticResponses:
             works.append(transpose_multiply(load, responses))
             stiffness[:, part] = self.work(responses, works[-1])
             self.columns[:, part] = responses
-        self.stiffness, self.nodal_work = symmetric(stiffness), np.hstack(works)
+        self.stiffness = symmetric(stiffness)
+        self.nodal_work = np.hstack(works)
 
     def work(self, columns: np.ndarray, nodal: np.ndarray | None = None) -> np.ndarray:
         """``L^T @ columns`` on every rank, shape (count, width); ``J^T @ columns`` if known."""
@@ -231,7 +239,8 @@ class StaticResponses:
         """``X^T M X``, shape (count, count), a block of M X in memory at a time; collective."""
         mass = np.zeros((self.count,) * 2)
         for part in blocks(self.count, len(self.columns), self.solver.structure.comm):
-            inertia, left = self.solver.mass.multiply(self.columns[:, part]), slice(part.stop)
+            inertia = self.solver.mass.multiply(self.columns[:, part])
+            left = slice(part.stop)
             mass[left, part] = inner(self.columns[:, left], inertia, self.solver.structure.comm)
         return np.triu(mass) + np.triu(mass, 1).T
 
@@ -279,7 +288,9 @@ class Reductor:
     ):
         require_class("structure", structure, Structure)
         check_structure(structure)
-        self.structure, self.solver, self.options_prefix = structure, solver, options_prefix
+        self.structure = structure
+        self.solver = solver
+        self.options_prefix = options_prefix
         self._directions = attachment_directions
         self._kept: dict[str, tuple[Hashable, Any]] = {}
 
@@ -330,7 +341,8 @@ class Reductor:
         """
         load = self.structure.load
         identity = np.eye(load.size[1])
-        rows, work = [], []
+        rows = []
+        work = []
         for part in blocks(len(identity), load.local_size[0], self.structure.comm):
             responses = self.static.solve(load_columns(load, identity[:, part]))
             rows.append(bore_rows(self.structure, responses))
@@ -358,10 +370,13 @@ class Reductor:
 
         Parameters as in `ReducedBody` and `load_dependent`; the frame is that of a free part.
         """
-        structure, mass, comm = self.structure, self.mass, self.structure.comm
+        structure = self.structure
+        mass = self.mass
+        comm = self.structure.comm
         rigid = rigid_fields(structure.coordinates)
         fields = np.hstack([structure.coordinates.reshape(-1, 1), rigid[:, :2], basis.columns])
-        load, mass_rigid = structure.load, mass.multiply(rigid)
+        load = structure.load
+        mass_rigid = mass.multiply(rigid)
         angular = np.sqrt(np.diag(basis.stiffness) / np.diag(basis.mass))
         body = ReducedBody(
             method=method,

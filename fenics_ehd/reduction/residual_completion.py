@@ -70,7 +70,8 @@ def missing_answers(
     count
         How many there are.
     """
-    comm, fields = static.structure.comm, np.empty((len(columns), count))
+    comm = static.structure.comm
+    fields = np.empty((len(columns), count))
     for some in blocks(count, len(columns), comm):
         given = loads(some)
         work = inner(columns, static.equilibrate(given), comm)
@@ -145,7 +146,8 @@ def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.nd
     VerificationError
         They are not reductions of the same part by the same method.
     """
-    old, new = _seen(body), _seen(made)
+    old = _seen(body)
+    new = _seen(made)
     if old.shape != new.shape:
         raise VerificationError(
             f"the part made again has {made.modes} modes and {len(made.bore_basis)} bore nodes, "
@@ -251,7 +253,8 @@ def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
     ``J^T S_res`` is symmetric and positive semidefinite: its eigenvectors V are pressure
     patterns that store energy apart from each other, ``S_res = (S_res V) V^T``.
     """
-    structure, (displacement, energy) = reductor.structure, reductor.flexibility
+    structure = reductor.structure
+    (displacement, energy) = reductor.flexibility
     load = transpose_multiply(structure.load, basis.columns).T
     covered = np.linalg.solve(basis.stiffness, load)
     shape = bore_rows(structure, basis.columns)

@@ -280,7 +280,8 @@ def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
     """
     if count <= KEPT_COLUMNS:
         return np.empty((rows, count), order="F")
-    size, failure = max(1, 8 * rows * count), ""
+    size = max(1, 8 * rows * count)
+    failure = ""
     file = tempfile.TemporaryFile(dir=scratch_folder())
     try:
         os.posix_fallocate(file.fileno(), 0, size)  # a mapped file that finds no room kills
@@ -365,9 +366,12 @@ class StaticSolver:
     ):
         self.structure = structure
         self.mass = mass or MassOperator(structure.mass)
-        matrix, direct = structure.stiffness.copy(), is_direct(solver, structure.size)
-        rows, (first, last) = structure.stiffness.local_size[0], matrix.getOwnershipRange()
-        self.rigid_modes, held = np.zeros((rows, 0)), np.zeros(0, dtype=np.int32)
+        matrix = structure.stiffness.copy()
+        direct = is_direct(solver, structure.size)
+        rows = structure.stiffness.local_size[0]
+        (first, last) = matrix.getOwnershipRange()
+        self.rigid_modes = np.zeros((rows, 0))
+        held = np.zeros(0, dtype=np.int32)
         if clamped is not None:
             held = (3 * clamped[:, None] + np.arange(3)).ravel()
         else:

@@ -335,7 +335,8 @@ def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
     StructureError
         All nodes lie in one place, or on an axis; the part is neither free nor clamped.
     """
-    fields, comm = rigid_fields(structure.coordinates), structure.comm
+    fields = rigid_fields(structure.coordinates)
+    comm = structure.comm
     diagonal = structure.stiffness.getDiagonal().array
     bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
     if not bound.all():
@@ -524,7 +525,8 @@ def _check_minors(stiffness: PETSc.Mat) -> None:
 
 def _check_order(structure: Structure) -> None:
     """Translations load only the nodes at supports, unless the degrees of freedom have no nodes."""
-    stiffness, comm = structure.stiffness, structure.comm
+    stiffness = structure.stiffness
+    comm = structure.comm
     limit = _UNLOADED * stiffness.getDiagonal().array
     rows = np.arange(*stiffness.getOwnershipRange())
     along = np.sqrt([[1.0], [2.0], [3.0]])  # no plane of symmetry has it
@@ -542,7 +544,8 @@ def _check_order(structure: Structure) -> None:
 
 def _check_units(structure: Structure) -> None:
     """Mass and nodes make a density that a part may have; in any units motions are rigid ones."""
-    comm, along = structure.comm, rigid_fields(structure.coordinates)[:, :1]
+    comm = structure.comm
+    along = rigid_fields(structure.coordinates)[:, :1]
     sides = np.ptp(np.vstack(comm.allgather(structure.coordinates)), axis=0)
     mass = float(inner(along, multiply(structure.mass, along), comm)[0, 0])
     density = mass / max(float(np.prod(sides)), 1e-300)
@@ -593,7 +596,8 @@ def _check_definite(mass: PETSc.Mat) -> None:
 
 def _check_attachments(structure: Structure) -> None:
     """Mean displacements, and no two of them the same."""
-    translations, comm = rigid_fields(structure.coordinates)[:, :3], structure.comm
+    translations = rigid_fields(structure.coordinates)[:, :3]
+    comm = structure.comm
     units = {}
     for name, three in structure.attachments.items():
         columns = np.column_stack([vector.array for vector in three])
@@ -626,7 +630,8 @@ def check_surface(bore: BoreSurface, name: str) -> None:
     StructureError
         Naming the array.
     """
-    nodes, pressures = len(bore.coordinates), len(bore.pressure_coordinates)
+    nodes = len(bore.coordinates)
+    pressures = len(bore.pressure_coordinates)
     _require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes, {pressures} of pressures")
     shapes = {
         "coordinates": (nodes, 3),
@@ -651,7 +656,8 @@ def check_surface(bore: BoreSurface, name: str) -> None:
     )
     for prefix in ("", "pressure_"):
         x = getattr(bore, f"{prefix}coordinates")
-        cells, family = getattr(bore, f"{prefix}cells"), getattr(bore, f"{prefix}family")
+        cells = getattr(bore, f"{prefix}cells")
+        family = getattr(bore, f"{prefix}family")
         if cells.size or family:  # having none is right
             surface_element(family, cells, f"{name}.{prefix}cells")
             _require(
@@ -707,12 +713,14 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
 
 def _check_load(structure: Structure, bore: Bore, name: str) -> None:
     """A uniform pressure sweeps the lateral area when the bore grows, and loads nothing else."""
-    columns, pressures = bore.load.size[1], len(bore.pressure_coordinates)
+    columns = bore.load.size[1]
+    pressures = len(bore.pressure_coordinates)
     _require(
         columns == pressures,
         f"{name}.load has {columns} columns, there are {pressures} pressure nodes",
     )
-    x, comm = structure.coordinates - bore.centre, structure.comm
+    x = structure.coordinates - bore.centre
+    comm = structure.comm
     force = load_columns(bore.load, np.ones((columns, 1))).reshape(-1, 3)
     on_bore = np.isin(np.arange(*structure.node_range), bore.nodes)
     work = np.sum(force[on_bore, :2] * x[on_bore, :2]) / bore.radius

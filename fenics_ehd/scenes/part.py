@@ -21,7 +21,7 @@ from mpi4py import MPI
 from scipy import sparse
 
 from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
-from fenics_ehd.base.fields import NONE
+from fenics_ehd.base.needs import NONE
 from fenics_ehd.base.settings import keys_excluded_by
 from fenics_ehd.fem.models import check_model, is_shipped, model_path, stored_mesh_error
 from fenics_ehd.film.grid import match

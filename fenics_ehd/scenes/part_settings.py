@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import attrs
 
-from fenics_ehd.base.fields import NONE, choice, count, flag, names, number, text
-from fenics_ehd.base.needs import not_with, only_with
+from fenics_ehd.base.fields import choice, count, flag, names, number, text
+from fenics_ehd.base.needs import NONE, not_with, only_with
 
 ELEMENTS = ("serendipity", "lagrange")
 METHODS = ("m1", "m2", "m3", "m4", "full", "rigid")

@@ -21,14 +21,14 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE, entries, section
+from fenics_ehd.base.fields import entries, section
 from fenics_ehd.base.files import MANIFEST, SCENE_NAME
-from fenics_ehd.base.needs import no_effect
+from fenics_ehd.base.needs import NONE, no_effect
+from fenics_ehd.base.printed import key_hint
 from fenics_ehd.base.settings import (
     UnknownKeyError,
     build,
     idle_settings,
-    key_hint,
     read_toml,
     require_effects,
     setting_names,

@@ -23,15 +23,9 @@ from fenics_ehd.base.fields import (
     FILM_ELEMENTS,
     INTERPOLATIONS,
     LARGEST_LENGTH,
-    NONE,
     REQUIRED,
-    ROUGH,
     SHEAR_RULES,
     TRANSFERS,
-    Deviations,
-    Material,
-    OilSettings,
-    Roughness,
     checked,
     choice,
     count,
@@ -40,7 +34,6 @@ from fenics_ehd.base.fields import (
     names,
     number,
     numbers,
-    only_if_rough,
     option,
     pair,
     place,
@@ -50,8 +43,16 @@ from fenics_ehd.base.fields import (
     section,
     text,
 )
-from fenics_ehd.base.needs import not_with, only_with
+from fenics_ehd.base.needs import NONE, not_with, only_with
 from fenics_ehd.base.settings import keys_excluded_by
+from fenics_ehd.base.shared_settings import (
+    ROUGH,
+    Deviations,
+    Material,
+    OilSettings,
+    Roughness,
+    only_if_rough,
+)
 from fenics_ehd.film.heat import Heat
 from fenics_ehd.film.supply import (
     AMBIENTS,

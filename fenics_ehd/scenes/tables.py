@@ -49,8 +49,9 @@ import scipy  # whose interpolation, slow to import, comes when it is used
 
 from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import INTERPOLATIONS, parse_number
+from fenics_ehd.base.fields import INTERPOLATIONS
 from fenics_ehd.base.files import read_text
+from fenics_ehd.base.units import parse_number
 from fenics_ehd.multibody.tabulated import Curve
 
 #: Beyond any force [N], torque, time or angle; squares and sums of such numbers stay finite.

@@ -22,9 +22,10 @@ import numpy as np
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import parse_number
 from fenics_ehd.base.files import read_text, write_whole
-from fenics_ehd.base.settings import key_hint, walk
+from fenics_ehd.base.printed import key_hint
+from fenics_ehd.base.settings import walk
+from fenics_ehd.base.units import parse_number
 from fenics_ehd.scenes.needed_bodies import NeededBody, checksum, content_of, needed_bodies
 from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
 
@@ -199,7 +200,8 @@ def _range(key: str, item: str) -> list[float]:
     logarithmic = counted[1:] == ["log"]
     if len(counted) != 1 and not logarithmic:
         raise SettingsError(f"{key} = {item!r} must be first:last:count or first:last:count:log")
-    first, last = _number(first_text), _number(last_text)
+    first = _number(first_text)
+    last = _number(last_text)
     if first is None or last is None or not (isfinite(first) and isfinite(last)):
         raise SettingsError(f"{key} = {item!r}: first and last must be finite numbers")
     is_whole = counted[0].isascii() and counted[0].isdecimal() and len(counted[0]) < 10

@@ -70,7 +70,8 @@ class StoredRun:
     """
 
     def __init__(self, directory: Path, scene: Scene, start: float):
-        self.directory, self.scene = directory, scene
+        self.directory = directory
+        self.scene = scene
         self.result = load_history(directory, films=False)
         self.times = self.result.time
         self.joints = tuple(scene.films)
@@ -96,7 +97,8 @@ class StoredRun:
         """Gap by joint [m], shape (steps, points), in a motion, where films of a scene are."""
         meshes: dict[str, Any] = {}
         for name in self.joints:
-            joint, key = films.joints[name], f"joints.{name}"
+            joint = films.joints[name]
+            key = f"joints.{name}"
             meshes |= {f"{key}.cells": list(joint.cells), f"{key}.element": joint.element}
         scene = changed(self.scene, meshes)
         bodies = stored_bodies(scene, self.directory)
@@ -122,9 +124,11 @@ class StoredRun:
         exact = between_steps(self.filmed, times + (self.result.run.time[0] - self.times[0]))
         right = self.gaps(exact, self.scene)
         ours = run.gaps(run.result.each(lambda values: values[inside]), self.scene)
-        curves, errors = {TIME: times}, {}
+        curves = {TIME: times}
+        errors = {}
         for joint in self.joints:
-            own, prefix = run.result.joints[joint], joint_prefix(joint, self.joints)
+            own = run.result.joints[joint]
+            prefix = joint_prefix(joint, self.joints)
             peak = self.result.joints[joint].max_pressure[self.counted].max()
             nodal = exact.joints[joint].film.pressure
             pairs = {
@@ -301,7 +305,8 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
     folder
         The study and its errors so far.
     """
-    case, outcome = folder.study.cases[REFERENCE], folder.outcomes.get(REFERENCE)
+    case = folder.study.cases[REFERENCE]
+    outcome = folder.outcomes.get(REFERENCE)
     settings = next(iter(case.bodies.values())).settings.reduction
     found: dict[str, Any] = {
         "run": REFERENCE,
@@ -321,7 +326,8 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
 
 
 def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
-    (run, meaning), errors = folder.study.checks[kind], folder.own_error(kind)
+    (run, meaning) = folder.study.checks[kind]
+    errors = folder.own_error(kind)
     if errors is None:
         return dict.fromkeys(ERRORS) | {"why": folder.why_not(run, REFERENCE)}
     joints = {joint: {name: own[name] for name in ERRORS} for joint, own in errors.items()}
@@ -401,7 +407,8 @@ def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
 def _settings(case: Case, joint: str) -> dict[str, Any]:
     """Columns that the settings alone fill; of a reduction what the method reads."""
     reduction = next(iter(case.bodies.values())).settings.reduction
-    time, cells = case.scene.time, case.scene.joints[joint].cells
+    time = case.scene.time
+    cells = case.scene.joints[joint].cells
     values = {"method": reduction.method, "tolerance": time.tolerance, "order": time.order}
     for name in method_keys(reduction.method):
         values["vibration_modes" if name == "modes" else name] = getattr(reduction, name)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import NONE
+from fenics_ehd.base.needs import NONE
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.scene import Scene, as_stored, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS

@@ -195,7 +195,8 @@ def _block_interrupts() -> None:
 
 
 #: Entries of a body's provenance: what it took, by the clock and of the processor.
-SECONDS, PROCESSOR_SECONDS = "reduction_time_s", "reduction_processor_time_s"
+SECONDS = "reduction_time_s"
+PROCESSOR_SECONDS = "reduction_processor_time_s"
 
 
 def body_path(directory: Path, body: NeededBody) -> Path:

@@ -20,8 +20,9 @@ from fenics_ehd.analysis.sensitivity import (
     settled,
 )
 from fenics_ehd.base.errors import EhdError, SensitivityError, SettingsError
-from fenics_ehd.base.fields import NO_TEMPERATURE, SCALES, unit_of
+from fenics_ehd.base.needs import NO_TEMPERATURE
 from fenics_ehd.base.settings import walk
+from fenics_ehd.base.units import SCALES, unit_of
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.run import Run

@@ -185,7 +185,8 @@ class SweepFolder(RunsFolder):
     def __init__(
         self, directory: str | Path, sweep: Sweep, *, resume: bool = False, overwrite: bool = False
     ):
-        self.sweep, self.table = sweep, Path(directory) / "sweep.csv"
+        self.sweep = sweep
+        self.table = Path(directory) / "sweep.csv"
         if resume and not self.table.is_file():
             raise InputError(f"--resume: {self.table} does not exist, there is nothing to resume")
         super().__init__(directory, sweep.cases, OWN, sweep.identity, overwrite=overwrite)

@@ -45,7 +45,8 @@ MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
 PRESSURE_MARKERS = {"pc1": "p", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
 
 #: An error of which only a bound is known, and what the legend says.
-BOUND, BOUND_LABEL = "v", "at most this, where the reference cannot tell"
+BOUND = "v"
+BOUND_LABEL = "at most this, where the reference cannot tell"
 FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
 
 #: Truncation of M4 that goes without saying.
@@ -58,7 +59,8 @@ COARSE = 1e-2
 GREY = "#BBBBBB"
 
 #: Errors of the reference itself.
-FLOOR, FLOOR_LABEL = "#DDDDDD", "reference's own error"
+FLOOR = "#DDDDDD"
+FLOOR_LABEL = "reference's own error"
 
 SELECTIONS = {
     "lowest-frequency": ("lowest frequencies", "-"),
@@ -68,7 +70,8 @@ SELECTIONS = {
 }
 
 #: Width of a figure [inches], columns of its legend.
-WIDTH, LEGEND_COLUMNS = 10.5, 3
+WIDTH = 10.5
+LEGEND_COLUMNS = 3
 
 
 def family(row: StudyRow) -> str:
@@ -96,7 +99,8 @@ def truncated(row: StudyRow) -> bool:
 
 def line_style(row: StudyRow) -> dict[str, Any]:
     """Arguments of `Axes.plot` for a family of runs."""
-    marker, fill = MARKERS.get(row["method"], "x"), FILLS.get(row["selection"], "full")
+    marker = MARKERS.get(row["method"], "x")
+    fill = FILLS.get(row["selection"], "full")
     if truncated(row):
         fill = "none" if row["residual_truncation"] >= COARSE else "bottom"
     return {
@@ -205,7 +209,8 @@ def legend_below(figure: Figure) -> None:
 
 
 #: What is paid: columns of the table, and their names on an axis.
-ONLINE, COORDINATES = "online_s", "coordinates"
+ONLINE = "online_s"
+COORDINATES = "coordinates"
 LABELS = {
     ONLINE: "time integration [s of processor time]",
     COORDINATES: "elastic coordinates",
@@ -264,7 +269,8 @@ def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) 
         axes.plot([row[cost] for row in members], errors, label=label, markevery=seen, **style)
     others = "small signs: other step tolerances"
     for row in rows:
-        style, place = line_style(row), (row[cost], 100 * row.visible_error(curve))
+        style = line_style(row)
+        place = (row[cost], 100 * row.visible_error(curve))
         if row.bounded(curve):
             axes.plot(*place, BOUND, color=style["color"], label=BOUND_LABEL)
         elif row["group"] != "methods":
@@ -317,7 +323,8 @@ def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow
 
     Against the same model with very fine steps, and none below the reference's own step error.
     """
-    column, floor = f"own_{curve.key}_error_max", joint.own_error("step", curve)
+    column = f"own_{curve.key}_error_max"
+    floor = joint.own_error("step", curve)
     # The very fine steps themselves have no such error.
     rows = [row for row in joint.measured("tolerance") if math.isfinite(row[column])]
     return {
@@ -348,7 +355,8 @@ def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
 
     def draw(axes: Axes, _: object, joint: JointData, curve: Curve) -> None:
         floor = joint.own_error("step", curve)
-        series, told = tolerance_series(joint, curve), ["slopes"]
+        series = tolerance_series(joint, curve)
+        told = ["slopes"]
         percent_axes(axes, "time.tolerance", f"largest step error of {curve.title} [%]")
         for label, (row, points) in series.items():
             exponent = slope(points, floor)
@@ -369,8 +377,10 @@ def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
     """
     if not math.isfinite(row["order"]):
         return
-    (first, _), (last, error) = points[0], points[-1]
-    line, order = np.array([first, last]), round(row["order"])
+    (first, _) = points[0]
+    (last, error) = points[-1]
+    line = np.array([first, last])
+    order = round(row["order"])
     axes.plot(line, 50 * error * (line / last) ** (order / (order + 1)), color="0.5",
               linewidth=1, linestyle=(0, (6, 2)), label=f"slope {order}/{order + 1}")  # fmt: skip
 
@@ -416,7 +426,8 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
     """Every run's own estimate of its gap error against the true one, if there is any."""
 
     def draw(axes: Axes, rows: list[StudyRow], joint: JointData, _: Curve) -> None:
-        values, floor = [], gap_floor(joint)
+        values = []
+        floor = gap_floor(joint)
         for label, members in families(rows).items():
             true = [1e6 * max(row["true_gap_error_m"], floor) for row in members]
             own = [1e6 * row["estimated_gap_error_m"] for row in members]
@@ -539,7 +550,8 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
 ROW_HEIGHT = 1.75
 
 #: Modes of a row, and largest deflection in the picture, bore radius 1.
-COLUMNS, DEFLECTION = 6, 0.32
+COLUMNS = 6
+DEFLECTION = 0.32
 
 #: Circles of the bore that are drawn, by their place along z, and their lines.
 RINGS: dict[str, dict[str, Any]] = {
@@ -651,7 +663,8 @@ def draw_pressure(joint: JointData) -> Figure | None:
         "highest pressure": int(found.max_pressure.argmax()),
         "thinnest film": int(found.min_film_thickness.argmin()),
     }
-    grid, pressure = film_grid(found.film), 1e-6 * found.film.pressure
+    grid = film_grid(found.film)
+    pressure = 1e-6 * found.film.pressure
     rasters = [
         raster_of(grid, pressure[step], f"{moment}, {1e3 * history.time[step]:.3f} ms")
         for moment, step in moments.items()

@@ -221,7 +221,8 @@ def _of_markdown(value: Any) -> Any:
 
 
 #: Pages, the first one without need of another file, and the folder of the figures.
-PAGES, FIGURES = ("report.html", "report.md"), "figures"
+PAGES = ("report.html", "report.md")
+FIGURES = "figures"
 
 
 def write_report(directory: str | Path) -> Path:

@@ -1,0 +1,159 @@
+"""Checks of values: finite numbers within limits, whole numbers, pairs, words.
+
+A check is a function of name and value that raises `SettingsError`. Fields of settings
+(`fenics_ehd.base.fields`) and arguments of functions (`fenics_ehd.base.arguments`) have the same
+checks, and so the same messages.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from contextlib import suppress
+from math import inf
+from typing import Any
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.printed import shown
+from fenics_ehd.base.units import in_unit
+
+#: Sizes of a number whose powers and products are still numbers.
+SMALLEST = 1e-30
+
+LARGEST = 1e30
+
+
+def unless(holds: Callable[[Any], bool], wanted: str) -> Callable[[str, Any], None]:
+    """A check that refuses values without a property, `wanted` in words."""
+
+    def check(name: str, value: Any) -> None:
+        if not holds(value):
+            raise SettingsError(f"{name} = {shown(value)} must be {wanted}")
+
+    return check
+
+
+def limits(
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    unit: str = "",
+    hint: str = "",
+    sized: bool = True,
+) -> Callable[[str, Any], None]:
+    """A check that accepts finite numbers within limits.
+
+    Parameters
+    ----------
+    above, below
+        Exclusive limits.
+    least, most
+        Inclusive limits.
+    unit, hint
+        Unit of the number, and end of the message for one beyond a limit.
+    sized
+        Whether numbers are refused, too, whose powers and products overflow or vanish.
+    """
+
+    def check(name: str, value: Any) -> None:
+        require_finite(name, value, unit)
+        for limit, words, holds in (
+            (above, "above", operator.gt),
+            (least, "at least", operator.ge),
+            (below, "below", operator.lt),
+            (most, "at most", operator.le),
+        ):
+            if limit is not None and not holds(value, limit):
+                raise SettingsError(
+                    f"{name} = {value!r} must be {words} {limit:g}"
+                    + (hint if words != "above" else "")
+                )
+        if sized and value and not SMALLEST <= abs(value) <= LARGEST:
+            raise SettingsError(
+                f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in size"
+            )
+
+    return check
+
+
+def require_finite(name: str, value: Any, unit: str = "") -> None:
+    """Refuse a value that is not a finite number, or a text with a number and its unit.
+
+    Raises
+    ------
+    SettingsError
+        Naming the unit.
+    """
+    if isinstance(value, str):
+        try:
+            in_unit(value, unit)
+        except SettingsError as error:
+            raise SettingsError(f"{name} = {value!r} {error}") from None
+    if not (isinstance(value, float) and abs(value) < float("inf")):
+        raise SettingsError(f"{name} = {value!r} must be a finite number")
+
+
+def as_float(value: Any, unit: str | None = None) -> Any:
+    """A number as a float, a text with a number and its unit too; anything else unchanged.
+
+    Values that cannot be converted are refused by a check, whose message has the name.
+    """
+    value = value.tolist() if hasattr(value, "tolist") else value  # of NumPy
+    with suppress(SettingsError, OverflowError):
+        if unit is not None and isinstance(value, str):
+            return in_unit(value, unit)
+        if type(value) is int:
+            return float(value)
+    return value
+
+
+def as_tuple(value: Any, unit: str | None = None) -> Any:
+    """Nested lists as nested tuples, their numbers as floats, see `as_float`."""
+    plain = as_float(value, unit)
+    listed = isinstance(plain, (list, tuple))
+    return tuple(as_tuple(entry, unit) for entry in plain) if listed else plain
+
+
+def one_of(options: tuple[str, ...]) -> Callable[[str, Any], None]:
+    """A check that accepts one of several words."""
+    return unless(
+        lambda word: isinstance(word, str) and word in options, f"one of {', '.join(options)}"
+    )
+
+
+def whole_number(least: int = 0, most: int | None = None) -> Callable[[str, Any], None]:
+    """A check that accepts whole numbers of at least `least` and at most `most`."""
+    limit = "" if most is None else f" and at most {most}"
+    return unless(
+        lambda n: type(n) is int and least <= n and (most is None or n <= most),
+        f"a whole number, at least {least}{limit}",
+    )
+
+
+def plane_vector(
+    unit: str = "", *, below: float = inf, zero: bool = True
+) -> Callable[[str, Any], None]:
+    """A check that accepts a tuple of two numbers along x and y.
+
+    Parameters
+    ----------
+    unit
+        Unit of the numbers.
+    below
+        Limit of their sizes, exclusive.
+    zero
+        Whether both may be 0.
+    """
+
+    def holds(value: Any) -> bool:
+        if not isinstance(value, tuple) or len(value) != 2:
+            return False
+        numbers = all(isinstance(n, float) and abs(n) < below for n in value)
+        return numbers and (zero or any(value))
+
+    measured = f" in {unit}" if unit else ""
+    limit = f", below {below:g}" if below < inf else ""
+    no_zero = "" if zero else ", one of them not 0"
+    return unless(holds, f"two finite numbers [x, y]{measured}{limit}{no_zero}")

@@ -1,0 +1,200 @@
+"""Units: a number written with its unit, ``"9000 rpm"`` or ``"20 um"``, in the unit of its setting.
+
+The unit of a setting is in brackets in its help text. Units are a table, not a library: pint would
+read "40 C" as coulombs, multiply "1 / 3 m" out and accept hertz for radians per second, and it is
+larger than the rest of `base`. Here C is a temperature. An angle is a dimension of its own, so that
+a frequency is no angular speed. Factors are exact until the last product: ``"20 um"`` is the same
+number as ``20e-6``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from math import pi
+
+from fenics_ehd.base.errors import SettingsError
+
+#: A number in the digits 0 to 9, none of them grouped: Python reads 1_0 as 10, and digits of other
+#: scripts.
+NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+
+#: A number and its unit. No exponent beyond what a float has.
+WRITTEN = re.compile(
+    rf"\s*({NUMBER.replace('[0-9]+)?', '[0-9]{1,3})?')})\s*"
+    r"((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
+)
+
+#: Characters of a number; Python converts no integer of more than 4300 digits.
+LONGEST = 400
+
+#: Powers of ten of the prefixes; u, and the micro and mu signs.
+PREFIXES = {"n": -9, "u": -6, "\u00b5": -6, "\u03bc": -6, "m": -3, "c": -2, "k": 3, "M": 6, "G": 9}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit in kg, m, s, K and rad.
+
+    Attributes
+    ----------
+    factor, turns
+        Size of the unit: the factor times pi to the power `turns`.
+    powers
+        Powers of kg, m, s, K and rad.
+    zero
+        Zero of a scale of temperatures [K].
+    """
+
+    factor: Fraction
+    powers: Counter[str]
+    turns: int = 0
+    zero: Fraction = Fraction(0)
+
+
+#: A word of a unit, and its symbol and power.
+_WORD = re.compile(r"[^\s*\u00b7]+")
+
+_SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?[0-9])?")
+
+
+def _unit(factor: str, powers: str = "", turns: int = 0, zero: str = "0") -> Unit:
+    """A unit whose powers are written as ``kg m s-2``."""
+    by_symbol = {m[1]: int(m[2] or 1) for m in map(_SYMBOL.fullmatch, powers.split()) if m}
+    return Unit(Fraction(factor), Counter(by_symbol), turns, Fraction(zero))
+
+
+#: Units that take a prefix.
+_PLAIN = {
+    "m": _unit("1", "m"),
+    "g": _unit("1/1000", "kg"),
+    "s": _unit("1", "s"),
+    "K": _unit("1", "K"),
+    "rad": _unit("1", "rad"),
+    "N": _unit("1", "kg m s-2"),
+    "Pa": _unit("1", "kg m-1 s-2"),
+    "bar": _unit("100000", "kg m-1 s-2"),
+    "J": _unit("1", "kg m2 s-2"),
+    "W": _unit("1", "kg m2 s-3"),
+    "P": _unit("1/10", "kg m-1 s-1"),
+    "St": _unit("1/10000", "m2 s-1"),
+    "l": _unit("1/1000", "m3"),
+    "Hz": _unit("1", "s-1"),
+}
+
+#: Units without a prefix; names of one unit share it.
+_ALONE = {
+    "t": _unit("1000", "kg"),
+    **dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), _unit("1/180", "rad", 1)),
+    "rev": _unit("2", "rad", 1),
+    "rpm": _unit("1/30", "rad s-1", 1),
+    "min": _unit("60", "s"),
+    "h": _unit("3600", "s"),
+    "L": _unit("1/1000", "m3"),
+    "%": _unit("1/100"),
+    "in": _unit("127/5000", "m"),
+}
+
+#: Scales of temperature, which are no factors of other units.
+SCALES = {
+    **dict.fromkeys(("C", "degC", "\u00b0C"), _unit("1", "K", zero="273.15")),
+    **dict.fromkeys(("F", "degF", "\u00b0F"), _unit("5/9", "K", zero="45967/180")),
+}
+
+
+def _symbol(symbol: str) -> Unit | None:
+    """A unit with or without a prefix: ``min`` is a minute, not a milli-inch."""
+    known = _PLAIN.get(symbol) or _ALONE.get(symbol)
+    if known is None and symbol[:1] in PREFIXES and symbol[1:] in _PLAIN:
+        plain = _PLAIN[symbol[1:]]
+        return replace(plain, factor=plain.factor * Fraction(10) ** PREFIXES[symbol[0]])
+    return known
+
+
+@lru_cache(maxsize=256)
+def unit(text: str) -> Unit | None:
+    """Unit of a text, ``C``, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``; None if it is none.
+
+    Everything behind the slash is in the denominator, in parentheses or not.
+    """
+    if text in SCALES:
+        return SCALES[text]
+    above, slash, below = text.replace("\u00b2", "2").replace("\u00b3", "3").partition("/")
+    if slash and re.fullmatch(r"\s*\(.*\)\s*", below):
+        below = below.strip()[1:-1]
+    if slash and above.strip() == "1":
+        above = ""
+    words = [(1, word) for word in _WORD.findall(above)]
+    words += [(-1, word) for word in _WORD.findall(below)]
+    factor = Fraction(1)
+    turns = 0
+    powers = Counter[str]()
+    for sign, word in words:
+        match = _SYMBOL.fullmatch(word)
+        base = _symbol(match[1]) if match else None
+        if match is None or base is None:
+            return None
+        power = sign * int(match[2] or 1)
+        factor *= base.factor**power
+        turns += power * base.turns
+        for name, exponent in base.powers.items():
+            powers[name] += power * exponent
+    return Unit(factor, powers, turns)
+
+
+def parse_number(text: str) -> float:
+    """Number of a text without a unit; it may be larger than any float, and then is infinite.
+
+    Raises
+    ------
+    ValueError
+        The text is no number in plain digits.
+    """
+    if not re.fullmatch(NUMBER, text.strip()):
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
+
+
+def in_unit(written: str, wanted: str) -> float:
+    """A text's number in the unit of a setting.
+
+    Parameters
+    ----------
+    written
+        Number and unit, ``"20 um"``.
+    wanted
+        Unit of the setting, ``"m"``; empty: it has none, and takes per cent.
+
+    Raises
+    ------
+    SettingsError
+        The text is no number with a unit of this kind; the message has no name and begins with
+        "must be".
+    """
+    expected = f" in {wanted}" if wanted else ""
+    match = WRITTEN.fullmatch(written)
+    if match is None or len(match[1]) > LONGEST:
+        raise SettingsError(f"must be a finite number{expected}, or one with its unit")
+    symbol = match[2]
+    have = unit(match[2])
+    want = unit(wanted)
+    if have is None:
+        raise SettingsError(f"must be a number{expected}: {symbol!r} is no unit that is known")
+    if want is None or have.powers != want.powers or (have.zero and not want.zero):
+        raise SettingsError(
+            f"must be a number{expected} or a unit of the same kind: {symbol} is of another kind"
+        )
+    number = (Fraction(match[1]) * have.factor + have.zero - want.zero) / want.factor
+    try:
+        return float(number) * pi ** (have.turns - want.turns)
+    except OverflowError:
+        raise SettingsError(f"must be a finite number{expected}") from None
+
+
+def unit_of(help_text: str) -> str:
+    """Unit in brackets of a help text, empty if there is none."""
+    match = re.search(r"\[([^];-]+)\]", help_text)
+    return match[1] if match else ""

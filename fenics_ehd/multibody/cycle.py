@@ -1,0 +1,211 @@
+"""The last complete cycle of a run, which its figures, pictures and stresses are of.
+
+A search for a periodic solution numbers its cycles, and its last complete cycle is the last one
+that reached its end. The first cycle, in which the films build up, counts if there is no other.
+
+A run once through has no numbers. Its last complete cycle ends with the run, and begins where the
+reference angle was a cycle behind, or a period of the loads over time before, whichever is earlier
+(`Recurrence`). A run that is shorter than that has no complete cycle: figures are of all of it.
+
+The cycle is decided once, by the constructors `Cycle.of_search` and `Cycle.of_run`, and stored by
+its times with the history and in the summary. `Cycle.rows` finds its steps again, whatever part
+of the run a history has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from fenics_ehd.base.layout import Group, Value
+
+#: Share of a period by which the last step of a complete cycle may be early: rounding of times.
+END_ROUNDING = 1e-6
+
+#: Share of a cycle that may be missing at its start, whose first step has a length.
+FIRST_STEP = 1e-4
+
+#: Share of a cycle within which a step is at its start or end: rounding of stored times.
+TIME_ROUNDING = 1e-9
+
+#: Labels of figures that are of no complete cycle.
+BUILDS_UP = "first cycle: films build up"
+TOO_SHORT = "whole run: no full cycle"
+UNKNOWN = "whole run"
+
+
+def first_of_last(numbers: Sequence[float] | np.ndarray) -> int:
+    """First step of the cycle under way, from the cycle's number at every step; of no steps 0."""
+    return int(np.searchsorted(numbers, numbers[-1])) if len(numbers) else 0
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """After what the loads of a mechanism repeat themselves.
+
+    Attributes
+    ----------
+    angle
+        Turn of the reference angle, 360 or 720 [degrees].
+    time
+        Longest period of loads over time [s], 0 without any.
+    """
+
+    angle: float = 360.0
+    time: float = 0.0
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """The last complete cycle of a run, or all of a run that has none.
+
+    Attributes
+    ----------
+    start, end
+        Times since the start of the run [s].
+    label
+        Which cycle of the run it is, for people: ``"last of 3"``.
+    complete
+        Whether the run has a complete cycle; the first cycle of a search counts as incomplete.
+    periodic
+        Whether the run was a search for a periodic solution.
+    """
+
+    start: float
+    end: float
+    label: str
+    complete: bool
+    periodic: bool
+
+    #: Layout of a cycle in ``history.h5``.
+    layout: ClassVar = Group(
+        {
+            "start": Value("float", attribute=True),
+            "end": Value("float", attribute=True),
+            "label": Value("text", attribute=True),
+            "complete": Value("truth", attribute=True),
+            "periodic": Value("truth", attribute=True),
+        },
+        required=False,
+    )
+
+    @property
+    def period(self) -> float:
+        """Length of the cycle [s]."""
+        return self.end - self.start
+
+    @classmethod
+    def of_search(cls, times: np.ndarray, numbers: np.ndarray, clock: np.ndarray) -> Self:
+        """Decide the cycle of a search for a periodic solution.
+
+        Parameters
+        ----------
+        times, numbers, clock
+            Time [s], number of the cycle and time since its start [s] of every step, shape
+            (steps,).
+        """
+        first = first_of_last(numbers)
+        rows = slice(first, None)
+        if first and clock[-1] < (1.0 - END_ROUNDING) * clock[first - 1]:
+            rows = slice(int(np.searchsorted(numbers, numbers[-1] - 1)), first)
+        start = float(times[rows][0] - clock[rows][0])
+        complete = bool(numbers[-1] > 1)
+        label = f"last of {numbers[rows][-1]:.0f}" if complete else BUILDS_UP
+        return cls(start, float(times[rows][-1]), label, complete, periodic=True)
+
+    @classmethod
+    def of_run(cls, times: np.ndarray, angles: np.ndarray, recurrence: Recurrence) -> Self:
+        """Decide the cycle of a run once through, which began at time 0.
+
+        Parameters
+        ----------
+        times, angles
+            Time [s] and reference angle [degrees] of every step, shape (steps,).
+        recurrence
+            Of the loads.
+        """
+        end = float(times[-1])
+        turned = np.abs(angles[-1] - angles)
+        counts, starts = [], []  # of cycles by time and by angle
+        if recurrence.time:
+            counts.append(end / recurrence.time)
+            starts.append(end - recurrence.time)
+        if turned[0] > 0.0:
+            counts.append(float(turned[0]) / recurrence.angle)
+            # A crank may swing back: the last time that it was a cycle behind.
+            before = int(np.flatnonzero(turned >= min(recurrence.angle, turned[0]))[-1])
+            pair = slice(before, before + 2)
+            starts.append(float(np.interp(-recurrence.angle, -turned[pair], times[pair])))
+        number = int(min(counts, default=0.0) + FIRST_STEP)
+        if not number:
+            return cls(0.0, end, TOO_SHORT, complete=False, periodic=False)
+        start = min(starts)
+        if start <= FIRST_STEP * end:
+            start = 0.0
+        return cls(start, end, f"last of {number}", complete=True, periodic=False)
+
+    @classmethod
+    def of_columns(
+        cls, times: np.ndarray, numbers: np.ndarray | None, clock: np.ndarray | None
+    ) -> Self:
+        """Decide the cycle of a history that was stored without one.
+
+        Of a run once through the loads are unknown: all of it counts.
+
+        Parameters
+        ----------
+        times, numbers, clock
+            As of `of_search`; None of a run once through.
+        """
+        if numbers is not None and clock is not None and len(times):
+            return cls.of_search(times, numbers, clock)
+        end = float(times[-1]) if len(times) else 0.0
+        return cls(0.0, end, UNKNOWN, complete=False, periodic=False)
+
+    @classmethod
+    def of_summary(cls, summary: Mapping[str, Any]) -> Self | None:
+        """The cycle that a summary of any version names, None without one."""
+        names = ("cycle_start_s", "cycle_end_s", "cycle_used")
+        if not summary.keys() >= set(names):
+            return None
+        start, end, label = (summary[name] for name in names)
+        complete, periodic = label not in (BUILDS_UP, TOO_SHORT, UNKNOWN), "cycles" in summary
+        return cls(float(start), float(end), label, complete, periodic or label == BUILDS_UP)
+
+    def entries(self) -> dict[str, Any]:
+        """Entries of the summary."""
+        return {"cycle_used": self.label, "cycle_start_s": self.start, "cycle_end_s": self.end}
+
+    def rows(self, times: np.ndarray) -> slice:
+        """Steps after the start of the cycle and up to its end.
+
+        Parameters
+        ----------
+        times
+            Of the steps of a history since the start of the run, ascending, shape (steps,) [s].
+        """
+        rounding = TIME_ROUNDING * self.period
+        first = int(np.searchsorted(times, self.start + rounding, side="right"))
+        stop = int(np.searchsorted(times, self.end + rounding, side="right"))
+        return slice(min(first, max(stop - 1, 0)), stop)
+
+    def rows_from_start(self, times: np.ndarray, numbers: np.ndarray | None = None) -> slice:
+        """Steps of the cycle, and the step at its start if a history has one of this cycle.
+
+        Parameters
+        ----------
+        times
+            As of `rows`.
+        numbers
+            Number of the cycle at every step of a search, shape (steps,): the end of the cycle
+            before is no step of this one.
+        """
+        rows = self.rows(times)
+        before = rows.start - 1
+        if before < 0 or times[before] < self.start - TIME_ROUNDING * self.period:
+            return rows
+        alike = numbers is None or numbers[before] == numbers[rows.start]
+        return slice(before, rows.stop) if alike else rows

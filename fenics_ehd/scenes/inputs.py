@@ -1,0 +1,219 @@
+"""Files and tables that a scene names, read and checked before anything is meshed.
+
+One entry of a scene may become several forces or drives: a load over time has a component along x
+and one along y, a drive by a torque is a force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from math import radians
+
+import attrs
+import numpy as np
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.needs import NONE
+from fenics_ehd.film.kinematics import ShapeTable
+from fenics_ehd.film.supply import Supply
+from fenics_ehd.multibody.forces import (
+    Force,
+    PointForce,
+    RotatingForce,
+    SpringDamper,
+    Table,
+    Torque,
+)
+from fenics_ehd.multibody.joints import AngleOverTime, Speed
+from fenics_ehd.multibody.tabulated import Curve
+from fenics_ehd.reduction.body import ReducedBody, load_body
+from fenics_ehd.scenes import schema
+from fenics_ehd.scenes.library import table_file
+from fenics_ehd.scenes.scene import Scene, flexible
+from fenics_ehd.scenes.shape_tables import read_shape_table
+from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table, require_closed
+
+#: Settings with the shapes of a lubricated joint's surfaces.
+SURFACES = ("bore_shape", "journal_shape")
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Values of all files and tables of a scene.
+
+    Attributes
+    ----------
+    drives
+        Angles over time, by the body that they turn.
+    forces
+        Forces and torques by name, without gravity.
+    supplies
+        Supplies of every lubricated joint, by its name.
+    shapes
+        Measured deviations of a bore or journal, by the key of their table.
+    bodies
+        Reduced bodies that are there already, by body name.
+    """
+
+    drives: Mapping[str, AngleOverTime]
+    forces: Mapping[str, Force]
+    supplies: Mapping[str, tuple[Supply, ...]]
+    shapes: Mapping[str, ShapeTable]
+    bodies: Mapping[str, ReducedBody]
+
+    @property
+    def supply_curves(self) -> dict[str, Curve]:
+        """Pressures over time of the supplies that have a table, by key."""
+        return {
+            f"joints.{joint}.supply.{supply.name}": supply.curve
+            for joint, supplies in self.supplies.items()
+            for supply in supplies
+            if isinstance(supply.curve, Curve)
+        }
+
+
+def read_inputs(scene: Scene, bodies: Mapping[str, ReducedBody]) -> Inputs:
+    """Read every file and table of a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    bodies
+        Reduced bodies by body name that are used in place of models and files.
+
+    Raises
+    ------
+    SettingsError, MeshError, BodyFileError
+        Naming the file or value that cannot be used.
+    """
+    drives = imposed_angles(scene)
+    acting = forces(scene)
+    supplies = {name: supplies_of(scene, name) for name in scene.films}
+    return Inputs(drives, acting, supplies, _shapes(scene), _bodies(scene, bodies))
+
+
+def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
+    """Drives that impose an angle over time, by body."""
+    drives: dict[str, AngleOverTime] = {}
+    for name, drive in scene.drives.items():
+        if not isinstance(drive, Speed):
+            continue
+        if drive.speed and drive.table != NONE:
+            raise SettingsError(f"drives.{name}: give a speed or a table, one of them")
+        start = radians(scene.bodies[name].angle)
+        curve = _curve(read_time_table, drive.table, f"drives.{name}.table", "speed", "rad_per_s")
+        drives[name] = attrs.evolve(drive, start=start, curve=curve)
+    return drives
+
+
+def forces(scene: Scene) -> dict[str, Force]:
+    """Forces by name, gravity left out, and torques of drives."""
+    acting: dict[str, Force] = {}
+    for name, entry in scene.forces.items():
+        key = f"forces.{name}"
+        if isinstance(entry, RotatingForce | SpringDamper):
+            acting[name] = entry
+        elif isinstance(entry, schema.ConstantForceSettings):
+            size = float(np.hypot(*entry.force))
+            acting[name] = PointForce(entry.point, entry.force, _constant(size))
+        elif isinstance(entry, schema.TimeTableSettings):
+            file = table_file(entry.file, f"{key}.file")
+            x, y = read_load(file, entry.scale, entry.interpolation, entry.period, key)
+            acting[f"{name}.x"] = PointForce(entry.point, (1.0, 0.0), x)
+            acting[f"{name}.y"] = PointForce(entry.point, (0.0, 1.0), y)
+        elif isinstance(entry, schema.AngleTableSettings):
+            file = table_file(entry.file, f"{key}.file")
+            table = read_angle_table(file, f"{key}.file", {"force": {"N": 1.0}})
+            size_of = table.scaled(entry.scale)
+            acting[name] = PointForce(entry.point, entry.direction, size_of, entry.angle_of)
+    for name, drive in scene.drives.items():
+        if isinstance(drive, Torque):
+            read = read_angle_table if drive.over == "angle" else read_time_table
+            curve = _curve(read, drive.table, f"drives.{name}.table", "torque", "Nm")
+            acting[f"drive of {name}"] = attrs.evolve(drive, body=name, curve=curve)
+    return acting
+
+
+def _constant(size: float) -> Table:
+    """Function of time with one value [N] and the derivative zero."""
+    return lambda _: (size, 0.0)
+
+
+def _curve(read: Callable[..., Curve], file: str, key: str, column: str, unit: str) -> Curve | None:
+    """Curve of the table that a key names; None if it names none."""
+    if file == NONE:
+        return None
+    return read(table_file(file, key), key, {column: {unit: 1.0}})
+
+
+def gravity(scene: Scene) -> tuple[float, float]:
+    """Sum of all gravities [m/s^2]."""
+    settings = [g for g in scene.forces.values() if isinstance(g, schema.GravitySettings)]
+    x, y = np.sum([(0.0, 0.0), *(g.acceleration for g in settings)], axis=0)
+    return float(x), float(y)
+
+
+def supplies_of(scene: Scene, name: str) -> tuple[Supply, ...]:
+    """Supplies of a lubricated joint with their names and tables.
+
+    Raises
+    ------
+    SettingsError
+        A pressure and a table are given, or the table cannot be used.
+    """
+    supplies = []
+    for label, supply in scene.joints[name].supply.items():
+        key = f"joints.{name}.supply.{label}"
+        curve = _pressure_curve(supply, key, periodic=scene.time.periodic)
+        supplies.append(attrs.evolve(supply, name=label, curve=curve))
+    return tuple(supplies)
+
+
+def _pressure_curve(supply: Supply, key: str, *, periodic: bool) -> Curve | None:
+    """Pressure over time of a supply with a table, repeated in a periodic scene; else None."""
+    if supply.table == NONE:
+        return None
+    if supply.pressure:
+        raise SettingsError(f"{key}: give a pressure or a table, one of them")
+    path = table_file(supply.table, f"{key}.table")
+    curve = read_time_table(path, f"{key}.table", {"pressure": {"Pa": 1.0, "bar": 1e5}})
+    values = np.array([curve(row)[0] for row in curve.curve.x])
+    if values.min() < 0.0:
+        raise SettingsError(
+            f"{key}.table {path}: a pressure of {values.min():g} Pa, it must be at least 0, that "
+            "at which the film cavitates"
+        )
+    if periodic:
+        ends = values[[0, -1]][:, None]
+        require_closed(f"{key}.table {path}", ends, "a periodic run needs a table that closes")
+    return replace(curve, periodic=periodic)
+
+
+def _shapes(scene: Scene) -> dict[str, ShapeTable]:
+    """Measured shapes of bores and journals, by key."""
+    named = {
+        f"joints.{name}.{surface}.table": getattr(joint, surface).table
+        for name, joint in scene.films.items()
+        for surface in SURFACES
+    }
+    return {key: read_shape_table(file, key) for key, file in named.items() if file != NONE}
+
+
+def _bodies(scene: Scene, given: Mapping[str, ReducedBody]) -> dict[str, ReducedBody]:
+    """Reduced bodies of the caller and of files; models of the other bodies are looked for."""
+    bodies: dict[str, ReducedBody] = {}
+    for name in flexible(scene):
+        settings = scene.bodies[name]
+        if name in given:
+            bodies[name] = given[name]
+        elif settings.model == NONE:
+            bodies[name] = load_body(settings.body)
+        else:
+            # Imports all reductions.
+            from fenics_ehd.scenes.part import model_file, require_snapshots
+
+            model_file(settings, f"bodies.{name}")
+            require_snapshots(settings, f"bodies.{name}")
+    return bodies
