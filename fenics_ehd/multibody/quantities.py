@@ -318,7 +318,7 @@ def feed_flows(joint: JointStep) -> dict[str, float]:
 
 @quantity("max_pressure", "Pa")
 def max_pressure(joint: JointStep) -> float:
-    """Peak oil film pressure (POFP), between the nodes, see `fenics_ehd.base.extremes`."""
+    """Peak oil film pressure (POFP), between the nodes."""
     return joint.rows.largest(joint.pressure[None])[0][0]
 
 
