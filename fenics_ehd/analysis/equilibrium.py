@@ -102,7 +102,7 @@ class Equilibrium:
 
     def joints(self) -> dict[str, JointStep]:
         """Lubricated joints by name, as the quantities of a history read them."""
-        return {joint.place.name: joint for joint in self.state.joints}
+        return {joint.binding.name: joint for joint in self.state.joints}
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +168,7 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
     try:
         return replace(balanced(system, tolerance), notices=notices)
     except SolverError as error:
-        conserving = any(place.joint.cavitation != "reynolds" for place in system.films)
+        conserving = any(binding.joint.cavitation != "reynolds" for binding in system.films)
         hint = "; take cavitation = 'reynolds', or run it" if conserving else ""
         error.args = (f"no equilibrium found from the pose at the start: {error}{hint}",)
         raise
@@ -193,8 +193,8 @@ def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
     solver = CoupledSteps(system)
     # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
     system.weights = np.full(system.n, GIVEN)
-    for place in system.films:
-        system.weights[place.xi[: place.film.journal_coordinates]] = 1.0
+    for binding in system.films:
+        system.weights[binding.xi[: binding.film.journal_coordinates]] = 1.0
     norm = StepNorm(solver.equations)
     x = np.concatenate([z, solver.equations.resting(z)])
     observed = norm.observe(x)
@@ -236,11 +236,11 @@ def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[st
     yield from _varying_loads(system, z, rates)
     instant = Instant(system, 0.0, z)
     yield from _moving_parts(system, instant, rates)
-    for place in system.films:
-        yield from _turning_surfaces(place, rates)
+    for binding in system.films:
+        yield from _turning_surfaces(binding, rates)
     resting = np.zeros(system.n)
     stiffness = Motion(instant, resting, resting, np.zeros(system.m)).derivatives().position
-    films = [place.xi[: place.film.journal_coordinates] for place in system.films]
+    films = [binding.xi[: binding.film.journal_coordinates] for binding in system.films]
     resisted = np.eye(system.n)[np.concatenate([*films, np.zeros(0, dtype=int)])]
     name = unresisted(system, np.arange(system.n), [instant.jacobian, stiffness, resisted])
     if name:
@@ -276,11 +276,11 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
         ]
         if _differs(loads):
             yield f"the force {name} varies: give it a constant size, or run it"
-    for place in system.films:
-        for feed in place.film.film.parameters.feeds:
+    for binding in system.films:
+        for feed in binding.film.film.parameters.feeds:
             if _differs([feed.pressure_at(time) for time in times]):
                 yield (
-                    f"the pressure of a supply of {place.name} varies: give it a constant one, or "
+                    f"the pressure of a supply of {binding.name} varies: give it a constant one, or "
                     "run it"
                 )
 
@@ -320,18 +320,18 @@ def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterat
             yield f"the centre of mass of {name} is carried around as the body turns: run it"
 
 
-def _turning_surfaces(place: FilmBinding, rates: np.ndarray) -> Iterator[str]:
+def _turning_surfaces(binding: FilmBinding, rates: np.ndarray) -> Iterator[str]:
     """Shapes and supplies of a film that turn against the load."""
-    journal, bore = place.angles(rates)
-    shapes = {"journal": place.joint.journal_shape, "bore": place.joint.bore_shape}
+    journal, bore = binding.angles(rates)
+    shapes = {"journal": binding.joint.journal_shape, "bore": binding.joint.bore_shape}
     speeds = {"journal": journal, "bore": bore}
-    p = place.film.film.parameters
+    p = binding.film.film.parameters
     for surface, speed in speeds.items():
         shape = shapes[surface]
         feeds = [feed for feed in p.feeds if feed.on == surface and not _all_around(feed)]
         fixed = surface == "bore" and p.regions
         if speed and ((shape is not None and not shape.round) or feeds or fixed):
-            yield f"the shape or a supply of the {surface} of {place.name} turns: run it"
+            yield f"the shape or a supply of the {surface} of {binding.name} turns: run it"
 
 
 def _all_around(feed: Supply) -> bool:
@@ -341,14 +341,14 @@ def _all_around(feed: Supply) -> bool:
 
 def _rate(system: System) -> float:
     """Largest reference rate of a film [rad/s]."""
-    return max((place.film.film.parameters.rate for place in system.films), default=1.0)
+    return max((binding.film.film.parameters.rate for binding in system.films), default=1.0)
 
 
 def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
     """Pressures under Reynolds' condition of films between rigid surfaces, as a first guess."""
     values = np.zeros(len(equations.lower))
     for film, own in zip(equations.films, equations.places, strict=True):
-        gap = film.place.gap(z, rates, 0.0)
+        gap = film.binding.gap(z, rates, 0.0)
         try:
             values[own] = film.values(film.film.solve(gap).pressure)
         except SolverError:

@@ -267,7 +267,7 @@ def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
 Missing = tuple[BasisErrorEstimate, sparse.spmatrix]
 
 
-def missing_in_basis(body: FlexibleBody, place: FilmBinding) -> Missing:
+def missing_in_basis(body: FlexibleBody, binding: FilmBinding) -> Missing:
     """Displacement that the basis of a body lacks in the bore of a film.
 
     Raises
@@ -275,20 +275,20 @@ def missing_in_basis(body: FlexibleBody, place: FilmBinding) -> Missing:
     SettingsError
         Its missing flexibility is not known.
     """
-    estimate = estimate_at(body, place.bore)
-    bore = place.film.bore
+    estimate = estimate_at(body, binding.bore)
+    bore = binding.film.bore
     if not estimate.known:
-        raise SettingsError(f"{place.name}: reduction.estimate_error is off")
+        raise SettingsError(f"{binding.name}: reduction.estimate_error is off")
     assert bore is not None
     # Outward displacements of the bore's nodes.
-    radial = body.reduced.at_bore(place.bore).bore_nodes * [1.0, 1.0, 0.0]
+    radial = body.reduced.at_bore(binding.bore).bore_nodes * [1.0, 1.0, 0.0]
     radial /= np.linalg.norm(radial, axis=1)[:, None]
     nodes = np.repeat(np.arange(len(radial)), 3)
     outward = sparse.csr_matrix((radial.ravel(), (np.arange(radial.size), nodes)))
     return estimate, bore.observed_normal @ outward
 
 
-def missing_in_mesh(body: FlexibleBody, place: FilmBinding) -> Missing:
+def missing_in_mesh(body: FlexibleBody, binding: FilmBinding) -> Missing:
     """Displacement that the mesh of a part lacks under pressures and boundary forces.
 
     Raises
@@ -300,14 +300,14 @@ def missing_in_mesh(body: FlexibleBody, place: FilmBinding) -> Missing:
     bores = body.reduced.bores
     if not missing.size:
         raise SettingsError(
-            f"{place.bore_body}: no other mesh of the part is known, see output.part_mesh_error"
+            f"{binding.bore_body}: no other mesh of the part is known, see output.part_mesh_error"
         )
-    error = np.vsplit(missing, len(bores))[[*bores].index(place.bore)]
+    error = np.vsplit(missing, len(bores))[[*bores].index(binding.bore)]
     smooth = smooth_part(bores)
     pressed, forced = np.split(error, [len(smooth)], axis=1)
     error = np.hstack([pressed @ smooth, forced])
-    grid = sampling_grid(bores[place.bore])
-    film = place.film.film
+    grid = sampling_grid(bores[binding.bore])
+    film = binding.film.film
     surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
     reading = interpolation_matrix(surface, *observed_positions(film))
     return BasisErrorEstimate(error, body.damping_time), reading
@@ -338,12 +338,12 @@ def missing_gaps(
         raise SettingsError("a run of one step is too short for an estimate: raise time.end")
     loads = _loads(system, trajectory)
     accelerations = trajectory.state("accelerations")
-    for place in system.films:
-        if not place.bore:
-            changes.append(np.zeros((len(times), len(place.film.observed))))
+    for binding in system.films:
+        if not binding.bore:
+            changes.append(np.zeros((len(times), len(binding.film.observed))))
             continue
-        estimate, interpolation = missing(bore_body(system, place), place)
-        amplitudes = equations.responses.of_body(place.bore_body)
+        estimate, interpolation = missing(bore_body(system, binding), binding)
+        amplitudes = equations.responses.of_body(binding.bore_body)
         fields: list[np.ndarray] = []
         # Twice, so that the structure starts with its memory of the cycle before.
         for _ in range(2 if periodic else 1):
@@ -351,7 +351,7 @@ def missing_gaps(
             before = trajectory.began
             for time, load, accelerated in zip(times, loads, accelerations, strict=True):
                 starts = not periodic and time - trajectory.began <= estimate.start
-                applied = load[place.bore_body][: estimate.loads]
+                applied = load[binding.bore_body][: estimate.loads]
                 acceleration = None if starts else accelerated[amplitudes]
                 fields.append(estimate.field(time - before, applied, acceleration))
                 before = time
@@ -503,7 +503,7 @@ class Estimator:
             "step_size": self._change_by_steps,
             "film_mesh": self._change_by_films,
         }
-        if any(place.bore for place in self._system.films):
+        if any(binding.bore for binding in self._system.films):
             estimates["basis"] = partial(self._change_by_gaps, missing_in_basis)
             estimates["part_mesh"] = partial(self._change_by_gaps, missing_in_mesh)
         try:
@@ -523,7 +523,7 @@ class Estimator:
             if self._left_out:
                 left_out[name] = self._left_out
         joints = {
-            place.name: self._joint(i, place, changes) for i, place in enumerate(self._system.films)
+            binding.name: self._joint(i, binding, changes) for i, binding in enumerate(self._system.films)
         }
         seconds = process_time() - began
         return ErrorBudget(joints, self._curves, changes, notes, left_out, self.iterations, seconds)
@@ -587,7 +587,7 @@ class Estimator:
         finer = self._run.with_mechanism(with_finer_films(self._system.mechanism))
         start = transferred_state(again.start, self._run, finer)
         refined = self._follow(again, finer, start=start)
-        grids = [place.film.film.parameters.grid for place in self._system.films]
+        grids = [binding.film.film.parameters.grid for binding in self._system.films]
         orders = np.array([FILM_ORDERS[grid.family != "bilinear"] for grid in grids])
         # Errors of the films' meshes over the change by finer meshes.
         return self._change(again, refined, 1.0 / (1.0 - FINER**-orders))
@@ -605,19 +605,19 @@ class Estimator:
         return self._change(again, widened, 1.0)
 
     def _joint(
-        self, i: int, place: FilmBinding, changes: Mapping[str, np.ndarray]
+        self, i: int, binding: FilmBinding, changes: Mapping[str, np.ndarray]
     ) -> dict[str, Any]:
         """Errors of a joint by quantity, from its index and the changes by component."""
         errors: dict[str, Any] = {}
         largest: dict[str, Any] = {}
         known: dict[str, Any] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
-        if not place.bore:
+        if not binding.bore:
             known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
             changes = {name: each for name, each in changes.items() if name not in OF_BORES}
         for quantity in QUANTITIES:
-            value = self._solved.extremes[place.name][quantity][0]
+            value = self._solved.extremes[binding.name][quantity][0]
             extreme = Extreme(quantity, i, value, self._curves.reported)
-            shares, over = (known | {"start": start} for start in self._start(place.name, quantity))
+            shares, over = (known | {"start": start} for start in self._start(binding.name, quantity))
             for name, change in changes.items():
                 shares[name] = extreme.share(change)
                 over[name] = extreme.over(change)

@@ -441,7 +441,7 @@ class Replay(Run):
         gaps = base.norm.film_gaps(base.norm.observe(x))
         volumes = []
         for film, gap in zip(base.equations.films, gaps, strict=True):
-            fractions = trajectory.joints[film.place.name].film.fluid_fraction
+            fractions = trajectory.joints[film.binding.name].film.fluid_fraction
             full = np.ones(film.film.assembly.size)
             oil = full if fractions is None else np.asarray(fractions[row])
             volumes.append(film.volumes_with(1.0 - oil, x, gap))
@@ -585,7 +585,7 @@ class _Guess:
             self._values[:, equations.rest][:, equations.system.n :] = multipliers
         matrices = interpolations(trajectory.base, run)
         for film, dofs, matrix in zip(equations.films, equations.places, matrices, strict=True):
-            result = trajectory.joints[film.place.name].film
+            result = trajectory.joints[film.binding.name].film
             fractions = result.fluid_fraction
             for row, pressure in enumerate(np.asarray(result.pressure)):
                 void = None if fractions is None else matrix @ (1.0 - np.asarray(fractions[row]))

@@ -46,7 +46,7 @@ class JointContact:
 
     Parameters
     ----------
-    place
+    binding
         The joint, its surfaces rough.
 
     Attributes
@@ -64,15 +64,15 @@ class JointContact:
         the first without what the journal's shape does.
     """
 
-    def __init__(self, place: FilmBinding):
-        joint, film = place.film, place.film.film
+    def __init__(self, binding: FilmBinding):
+        joint, film = binding.film, binding.film.film
         assert film.parameters.surfaces is not None
         self.surfaces, self._shaft_radius = film.parameters.surfaces, joint.shaft_radius
         area = film.parameters.grid.radius**2 * film.assembly.area
         self.area = np.where(film.supplied_points, 0.0, area).ravel()
         self.friction = joint.friction and self.surfaces.boundary_friction > 0.0
-        self.rows = np.concatenate([place.xi, place.turning])
-        self._signs = place.signs
+        self.rows = np.concatenate([binding.xi, binding.turning])
+        self._signs = binding.signs
         speeds = joint.shaft_radius * np.tile(self._signs, (len(self.area), 1))
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
@@ -172,20 +172,20 @@ class Contacts:
     def __init__(self, system: System, responses: BoreResponses):
         self._responses = responses
         self.joints = [
-            None if place.film.film.parameters.surfaces is None else JointContact(place)
-            for place in system.films
+            None if binding.film.film.parameters.surfaces is None else JointContact(binding)
+            for binding in system.films
         ]
-        self.areas = np.zeros(sum(len(place.film.thickness) for place in system.films))
-        for i, (place, joint) in enumerate(zip(system.films, self.joints, strict=True)):
+        self.areas = np.zeros(sum(len(binding.film.thickness) for binding in system.films))
+        for i, (binding, joint) in enumerate(zip(system.films, self.joints, strict=True)):
             body = responses.body_of(i)
             if body is None:
                 continue
             if joint is not None:
                 self.areas[responses.points[i]] = joint.area
             rough = any(self.joints[other] for other in body.films)
-            if rough and place.film.bore is not None and place.film.bore.projected is not None:
+            if rough and binding.film.bore is not None and binding.film.bore.projected is not None:
                 raise SettingsError(
-                    f"joints.{place.name}.transfer = 'mortar': contact needs 'conservative'"
+                    f"joints.{binding.name}.transfer = 'mortar': contact needs 'conservative'"
                 )
         self.answering = bool(self.areas.any())
 

@@ -136,7 +136,7 @@ class FilmModel(ABC, Generic[PointT]):
 
     Parameters
     ----------
-    place
+    binding
         The joint.
     nodes, inside
         Nodes with unknowns, shape (m,), and which of these have a pressure.
@@ -173,18 +173,18 @@ class FilmModel(ABC, Generic[PointT]):
 
     def __init__(
         self,
-        place: FilmBinding,
+        binding: FilmBinding,
         nodes: np.ndarray,
         inside: np.ndarray,
         pattern: Pattern,
         contents: int = 0,
     ):
-        self.place = place
+        self.binding = binding
         self.nodes = nodes
         self.inside = inside
         self.pattern = pattern
         self.contents = contents
-        joint = place.film
+        joint = binding.film
         self.film = joint.film
         self.scale = 1.0
         self.lower = np.zeros(len(nodes))
@@ -336,8 +336,8 @@ class FilmModel(ABC, Generic[PointT]):
         size
             Number of unknowns x.
         """
-        place = self.place
-        n = self.place.film.size
+        binding = self.binding
+        n = self.binding.film.size
         along_h, along_v, along_u = self.along_gap(point, shift)
         inputs = along_h @ self._gap
         velocity = along_v @ self._velocity
@@ -347,9 +347,9 @@ class FilmModel(ABC, Generic[PointT]):
         inputs[:, n] += velocity[:, n]
         spread = np.zeros((inputs.shape[1], size))
         ahead = np.zeros((2, size))
-        ahead[0, place.turning] = place.signs
-        ahead[1, : speed.shape[1]] = place.signs @ speed[place.turning]
-        spread[np.arange(n), place.xi] = 1.0
+        ahead[0, binding.turning] = binding.signs
+        ahead[1, : speed.shape[1]] = binding.signs @ speed[binding.turning]
+        spread[np.arange(n), binding.xi] = 1.0
         spread[n] = ahead[1]
         spread[self.retained, patterns] = np.eye(patterns.stop - patterns.start)
         found = FilmBlock(
@@ -359,13 +359,13 @@ class FilmModel(ABC, Generic[PointT]):
             inputs=inputs[self.nodes] / self.scale,
             spread=spread,
             outputs=np.vstack([self._forces, share * self._shares]),
-            rows=np.concatenate([place.xi, np.arange(patterns.start, patterns.stop)]),
+            rows=np.concatenate([binding.xi, np.arange(patterns.start, patterns.stop)]),
             gap=self._gap,
             along_gap=along_h,
         )
         follows = np.zeros((n, size))
-        follows[:, : speed.shape[1]] = speed[place.xi]
-        follows[np.arange(n), place.xi] -= shift
+        follows[:, : speed.shape[1]] = speed[binding.xi]
+        follows[np.arange(n), binding.xi] -= shift
         if np.abs(follows).max() > LEAST_DRIFT:
             along = self._along_rate(point, shift, along_h) @ self._gap[:, :n] + velocity[:, :n]
             found = found.extended(
@@ -381,8 +381,8 @@ class FilmModel(ABC, Generic[PointT]):
             along = along_h @ slope + along_rate @ (point.rotated.rate_slope - shift * slope)
             inputs = np.stack([along, along_rate @ slope], axis=-1)[self.nodes] / self.scale
             gap = np.stack([slope, np.zeros_like(slope)], axis=-1)
-            outputs = -place.signs[:, None] * self.of_pressures(point.rotated.torque)
-            found = found.extended(inputs, ahead, gap, (outputs, place.turning))
+            outputs = -binding.signs[:, None] * self.of_pressures(point.rotated.torque)
+            found = found.extended(inputs, ahead, gap, (outputs, binding.turning))
         return found
 
     def _along_rate(self, point: PointT, shift: float, along_gap: Any) -> sparse.csc_matrix:
@@ -403,8 +403,8 @@ class FilmModel(ABC, Generic[PointT]):
         if point.rotated is not None:
             pressure = self.film.parameters.pressure_scale * point.nodal
             stiffness = point.rotated.stiffness @ pressure
-            turning = self.place.turning
-            signs = self.place.signs
+            turning = self.binding.turning
+            signs = self.binding.signs
             core[np.ix_(turning, turning)] -= stiffness * np.outer(signs, signs)
 
 
@@ -413,10 +413,10 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
 
     nearly_linear = True
 
-    def __init__(self, place: FilmBinding):
-        film = place.film.film
+    def __init__(self, binding: FilmBinding):
+        film = binding.film.film
         super().__init__(
-            place, film.free, np.ones(len(film.free), dtype=bool), film.equation.pattern
+            binding, film.free, np.ones(len(film.free), dtype=bool), film.equation.pattern
         )
         self.weighted = film.equation.weights is not None
         self.symmetric = film.parameters.lubricant.linear
@@ -502,7 +502,7 @@ class ConservedOil(FilmModel[OilPoint]):
 
     Parameters
     ----------
-    place
+    binding
         The joint, its cavitation mass-conserving.
 
     Attributes
@@ -513,13 +513,13 @@ class ConservedOil(FilmModel[OilPoint]):
 
     conserves_oil = True
 
-    def __init__(self, place: FilmBinding):
-        joint = place.joint
+    def __init__(self, binding: FilmBinding):
+        joint = binding.joint
         require_monotone(joint.film.parameters.grid.family)
         self._filling = joint.initial_filling
         # Not the joint's own film, which heat does not warm.
-        self.balance = b = OilBalance(place.film.film, oil_outside=joint.ambient == "oil")
-        super().__init__(place, b.unknown, ~b.dry, b.pattern, b.assembly.size)
+        self.balance = b = OilBalance(binding.film.film, oil_outside=joint.ambient == "oil")
+        super().__init__(binding, b.unknown, ~b.dry, b.pattern, b.assembly.size)
         self._areas = b.assembly.source(np.ones_like(b.assembly.area))[self.nodes]
         # Void fractions are free.
         self.lower = np.concatenate([self.lower, np.full(len(self.nodes), -np.inf)])
@@ -542,18 +542,18 @@ class ConservedOil(FilmModel[OilPoint]):
         A turning journal's shape takes it; between rough surfaces the average gap adds what it has
         beyond the `nominal` one (Gauss points).
         """
-        shape = self.place.film.shape
+        shape = self.binding.film.shape
         surfaces = self.film.parameters.surfaces
         taken = np.zeros(nominal.size)
         if shape.turning:
-            taken += shape.gap_reduction(self.place.relative_angle(z))[: nominal.size]
+            taken += shape.gap_reduction(self.binding.relative_angle(z))[: nominal.size]
         if surfaces is not None:
             taken -= surfaces.excess(nominal).ravel()
         return self._full(taken)
 
     def volumes_at(self, z: np.ndarray) -> np.ndarray:
         """The state's volumes of the initial filling, for coordinates z, shape (nodes,) [m^3]."""
-        gap = self.place.gap(z, np.zeros_like(z), 0.0)
+        gap = self.binding.gap(z, np.zeros_like(z), 0.0)
         empty = np.full(self.balance.assembly.size, 1.0 - self._filling)
         return self.volumes_with(empty, z, gap.thickness.ravel())
 
@@ -604,12 +604,12 @@ class ConservedOil(FilmModel[OilPoint]):
 
     def begin(self, step: ImplicitStep, responses: BoreResponses, i: int) -> None:
         """Take another step; the film is the i-th."""
-        joint = self.place.film
+        joint = self.binding.film
         rate = self.film.parameters.rate
         # The rate of the gap that is affine in the state is ``shift h + past``.
         constant = joint.clearance + joint.shape.fixed[: len(joint.thickness)]
         past = (
-            joint.thickness @ step.past_x[self.place.xi] + responses.past_gap[responses.points[i]]
+            joint.thickness @ step.past_x[self.binding.xi] + responses.past_gap[responses.points[i]]
         )
         past = past - step.shift * constant
         self._shift = step.shift
@@ -721,7 +721,7 @@ MODELS: Mapping[str, Callable[[FilmBinding], FilmModel[Any]]] = {
 
 def film_models(places: Sequence[FilmBinding], first: int) -> list[FilmModel[Any]]:
     """Models of all films; void volumes begin at `first` in the state of the integration."""
-    found = [MODELS[place.joint.cavitation](place) for place in places]
+    found = [MODELS[binding.joint.cavitation](binding) for binding in places]
     for film in found:
         film.volumes = slice(first, first + film.contents)
         first = film.volumes.stop

@@ -300,8 +300,8 @@ class StepFactors:
         gap_reduction = 0.0
         size = self._norm.coordinate_error(x[:n])
         places = self._equations.system.films
-        for place, change, film in zip(places, changes, point.films, strict=True):
-            relative = change / place.film.lengths(film.gap.thickness.ravel())
+        for binding, change, film in zip(places, changes, point.films, strict=True):
+            relative = change / binding.film.lengths(film.gap.thickness.ravel())
             gap_reduction = max(gap_reduction, float(relative.max()))
             size = max(size, float(np.abs(relative).max()))
         return gap_reduction, size
@@ -312,13 +312,13 @@ class StepFactors:
 THICKENED = 1e2
 
 
-def unresolved(place: FilmBinding, steepest: float) -> str:
+def unresolved(binding: FilmBinding, steepest: float) -> str:
     """Message about an oil that thickens too much within a cell; usually empty."""
     if steepest <= MOST_WITHIN_A_CELL:
         return ""
     return (
-        f"untrustworthy: the oil in {place.name} thickens {steepest:.2g} times within a cell, "
-        f"above {MOST_WITHIN_A_CELL:g}: use more joints.{place.name}.cells; where that does not "
+        f"untrustworthy: the oil in {binding.name} thickens {steepest:.2g} times within a cell, "
+        f"above {MOST_WITHIN_A_CELL:g}: use more joints.{binding.name}.cells; where that does not "
         "help the viscosity runs away, lower the load or the pressure coefficient (barus, roelands)"
     )
 

@@ -65,7 +65,7 @@ class JointStep:
 
     Attributes
     ----------
-    place
+    binding
         Which joint.
     state
         Of its film.
@@ -79,7 +79,7 @@ class JointStep:
         Film thickness where it is observed, at Gauss points, then at nodes [m].
     """
 
-    place: FilmBinding
+    binding: FilmBinding
     state: FilmState
     contact: JointContact | None
     x: np.ndarray
@@ -90,7 +90,7 @@ class JointStep:
     @property
     def film(self) -> Film:
         """Film of the joint."""
-        return self.place.film.film
+        return self.binding.film.film
 
     @property
     def nodes(self) -> np.ndarray:
@@ -120,7 +120,7 @@ class JointStep:
     @cached_property
     def friction(self) -> FilmFriction:
         """Friction of the oil's shear."""
-        return film_friction(self.place.film, self.state)
+        return film_friction(self.binding.film, self.state)
 
     @property
     def rough(self) -> JointContact:
@@ -153,12 +153,12 @@ class JointStep:
         """Direction of the journal's load on the bore, in the bore's frame [rad]."""
         # The joint's own force is the one on the journal.
         load = np.arctan2(-self.force[1], -self.force[0])
-        return float(load - self.place.angles(self.x)[1] - self.place.mounted[1])
+        return float(load - self.binding.angles(self.x)[1] - self.binding.mounted[1])
 
     @cached_property
     def journal(self) -> np.ndarray:
         """Centre of the journal in the bore as it is, shape (2,) [m]."""
-        return self.place.film.circle @ self.gap[-len(self.nodes) :]
+        return self.binding.film.circle @ self.gap[-len(self.nodes) :]
 
     @cached_property
     def thinnest(self) -> tuple[float, float]:
@@ -168,7 +168,7 @@ class JointStep:
     @cached_property
     def load(self) -> np.ndarray:
         """Load of pressure, shear and contact on the journal along its eccentricity [N]."""
-        load = self.place.film.load[:2] @ self.pressure + self.friction.on_xi[:2]
+        load = self.binding.film.load[:2] @ self.pressure + self.friction.on_xi[:2]
         if self.contact is None:
             return load
         return load + self.contact.forces(self.touch, self.state.gap)[:2]
@@ -177,7 +177,7 @@ class JointStep:
     def braking(self) -> float:
         """Torque that brakes the journal about its own axis [N m]."""
         # What else brakes the journal belongs here.
-        torque, turned = -self.friction.torque, self.place.rotated_shape(self.x, self.rate)
+        torque, turned = -self.friction.torque, self.binding.rotated_shape(self.x, self.rate)
         if turned is not None:
             torque -= float(turned.torque @ self.pressure)
         if self.contact is not None:
@@ -187,13 +187,13 @@ class JointStep:
     @property
     def dragging(self) -> float:
         """Torque that drags the bore along about its own axis [N m]."""
-        e = self.x[self.place.xi[:2]]
+        e = self.x[self.binding.xi[:2]]
         return self.braking - float(e[0] * self.load[1] - e[1] * self.load[0])
 
     @property
     def speeds(self) -> tuple[float, float]:
         """Angular speeds of journal and bore in the frame at rest [rad/s]."""
-        return self.place.angles(self.rate)
+        return self.binding.angles(self.rate)
 
 
 def joint_steps(
@@ -207,8 +207,8 @@ def joint_steps(
     """All lubricated joints at the end of a step, of whose films these are states and gaps."""
     each = zip(equations.system.films, films, equations.contacts.joints, gaps, strict=True)
     return [
-        JointStep(place, state, contact, x, rate, multipliers[place.rows], gap)
-        for place, state, contact, gap in each
+        JointStep(binding, state, contact, x, rate, multipliers[binding.rows], gap)
+        for binding, state, contact, gap in each
     ]
 
 
@@ -244,7 +244,7 @@ def everywhere(_: JointStep) -> bool:
 
 def with_friction(joint: JointStep) -> bool:
     """Joints whose shear is computed."""
-    return joint.place.film.friction
+    return joint.binding.film.friction
 
 
 def with_contact(joint: JointStep) -> bool:
@@ -337,13 +337,13 @@ def max_pressure_angle(joint: JointStep) -> float:
 @quantity("eccentricity_x", "m")
 def eccentricity_x(joint: JointStep) -> float:
     """Displacement of the journal in the undeformed bore's frame, along x."""
-    return joint.x[joint.place.xi[0]]
+    return joint.x[joint.binding.xi[0]]
 
 
 @quantity("eccentricity_y", "m")
 def eccentricity_y(joint: JointStep) -> float:
     """Displacement of the journal in the undeformed bore's frame, along y."""
-    return joint.x[joint.place.xi[1]]
+    return joint.x[joint.binding.xi[1]]
 
 
 @quantity("force_x", "N")
@@ -385,7 +385,7 @@ def eccentricity_in_bore_y(joint: JointStep) -> float:
 @quantity("eccentricity_ratio", "1")
 def eccentricity_ratio(joint: JointStep) -> float:
     """Size of that displacement over the clearance."""
-    return np.hypot(*joint.journal) / joint.place.film.clearance
+    return np.hypot(*joint.journal) / joint.binding.film.clearance
 
 
 @quantity("attitude_angle", "deg")
@@ -453,17 +453,17 @@ def bore_friction_power(joint: JointStep) -> float:
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
     """Power P put in by the bodies, the squeezing of the film included."""
-    place, state, rate, found = joint.place, joint.state, joint.rate, joint.friction
+    binding, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
     opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
-    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_speed(rate)
+    sheared = -float(found.on_xi @ rate[binding.xi]) - found.torque * binding.relative_speed(rate)
     return squeezed + sheared + joint.rubbed
 
 
 @quantity(
     "dissipated_power",
     "W",
-    lambda joint: with_friction(joint) or joint.place.joint.heat is not None,
+    lambda joint: with_friction(joint) or joint.binding.joint.heat is not None,
     mean=True,
 )
 def dissipated_power(joint: JointStep) -> float:
@@ -547,7 +547,7 @@ def side_flow(joint: JointStep) -> float:
     return joint.flows.balance.side
 
 
-@quantity("leaving_flow", "m3/s", lambda joint: joint.place.joint.heat is not None, mean=True)
+@quantity("leaving_flow", "m3/s", lambda joint: joint.binding.joint.heat is not None, mean=True)
 def leaving_flow(joint: JointStep) -> float:
     """Oil that leaves and carries heat away."""
     return joint.flows.leaving
@@ -588,9 +588,9 @@ def rubbing(joint: JointStep) -> np.ndarray:
     return joint.touch.pressure * np.abs(joint.state.gap.sliding_velocity.ravel())
 
 
-def wear(place: FilmBinding, slid: np.ndarray) -> dict[str, float]:
+def wear(binding: FilmBinding, slid: np.ndarray) -> dict[str, float]:
     """Entries of ``summary.json`` on ``int p_c |U| dt`` [Pa m], where it is largest."""
-    worst, points = int(np.argmax(slid)), place.film.film.points
+    worst, points = int(np.argmax(slid)), binding.film.film.points
     return {
         "contact_sliding_Pa_m": float(slid[worst]),
         "contact_sliding_angle_deg": in_degrees(points.angle.ravel()[worst]),

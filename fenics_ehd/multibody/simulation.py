@@ -181,8 +181,8 @@ MODAL = "modal"
 def meshes_of(system: System) -> dict[str, np.ndarray]:
     """Nodes, cells and sizes of every film, by path."""
     found: dict[str, np.ndarray] = {}
-    for place in system.films:
-        parameters, path = place.film.film.parameters, f"joints/{place.name}/film"
+    for binding in system.films:
+        parameters, path = binding.film.film.parameters, f"joints/{binding.name}/film"
         angles, heights = parameters.grid.node_positions.T
         found |= {
             f"{path}/radius": np.array(parameters.grid.radius),
@@ -235,9 +235,9 @@ def _coordinates(system: System) -> list[tuple[str, str]]:
         found += [split_unit(f"bodies/{name}/{column}") for column in frame]
         modes = own.stop - own.start - len(frame)
         found += [(f"bodies/{name}/mode_{i + 1}", MODAL) for i in range(modes)]
-    for place in system.films:
-        names = JOURNAL[: place.film.journal_coordinates]
-        found += [split_unit(f"joints/{place.name}/{n}") for n in names]
+    for binding in system.films:
+        names = JOURNAL[: binding.film.journal_coordinates]
+        found += [split_unit(f"joints/{binding.name}/{n}") for n in names]
     return found
 
 
@@ -339,9 +339,9 @@ class Simulation(Stateful):
         self._crank, self.recurrence = crank(self.system), recurrence_of(self.system)
         self._coordinates = _coordinates(self.system)
         self.estimates = {
-            place.name: estimate_at(bore_body(self.system, place), place.bore)
-            for place in films
-            if place.film.bore
+            binding.name: estimate_at(bore_body(self.system, binding), binding.bore)
+            for binding in films
+            if binding.film.bore
         }
         rough = zip(films, run.equations.contacts.joints, strict=True)
         self.slid = {p.name: np.zeros(len(own.area)) for p, own in rough if own is not None}
@@ -479,7 +479,7 @@ class Simulation(Stateful):
         row: dict[str, float] = {}
         loads = bore_loads(self.system, [film.pressure for film in step.solution.films])
         for joint in step.solution.joints:
-            place, name = joint.place, joint.place.name
+            binding, name = joint.binding, joint.binding.name
             figures = joint_row(joint)
             if name in self.slid:
                 former, self.rubbing[name] = self.rubbing[name], rubbing(joint)
@@ -487,9 +487,9 @@ class Simulation(Stateful):
                     slid = 0.5 * size * (former + self.rubbing[name])
                     self.slid[name] = self.slid[name] + slid
             if name in self.estimates:
-                amplitudes = self.run.equations.responses.of_body(place.bore_body)
+                amplitudes = self.run.equations.responses.of_body(binding.bore_body)
                 figures["basis_error_estimate_m"] = self.estimates[name].add(
-                    size, loads[place.bore_body], step.acceleration[amplitudes]
+                    size, loads[binding.bore_body], step.acceleration[amplitudes]
                 )
             row |= {f"joints/{name}/{column}": value for column, value in figures.items()}
         return row
@@ -526,11 +526,11 @@ class Simulation(Stateful):
         """Those over the cycle before."""
         return extremes_of(columns_of(self.rows[: self.first]))
 
-    def steepest_thickening(self, place: FilmBinding) -> float:
+    def steepest_thickening(self, binding: FilmBinding) -> float:
         """Largest factor of a film's viscosity within a cell, over the cycle, or the run."""
-        path = f"joints/{place.name}/film/pressure"
+        path = f"joints/{binding.name}/film/pressure"
         own = [row[path] for row in self.rows[self.first :]]
-        return max((steepest_thickening(place.film.film, p) for p in own), default=1.0)
+        return max((steepest_thickening(binding.film.film, p) for p in own), default=1.0)
 
     @property
     def energy_error(self) -> float:
@@ -540,11 +540,11 @@ class Simulation(Stateful):
     def figures(self) -> dict[str, Any]:
         """Entries of ``summary.json`` on the run and its last complete cycle."""
         columns = columns_of(self.rows)
-        joints: dict[str, dict[str, Any]] = {place.name: {} for place in self.system.films}
+        joints: dict[str, dict[str, Any]] = {binding.name: {} for binding in self.system.films}
         cycle = self.last_cycle
         if cycle is not None:
-            for place in self.system.films:
-                joints[place.name] = self._joint(place, columns, cycle)
+            for binding in self.system.films:
+                joints[binding.name] = self._joint(binding, columns, cycle)
         alone: dict[str, Any] = {"joints": joints}
         if len(joints) == 1:
             ((name, found),) = joints.items()
@@ -560,9 +560,9 @@ class Simulation(Stateful):
             **({} if self.cycles is None else self.cycles.figures()),
         }
 
-    def _joint(self, place: FilmBinding, columns: Columns, cycle: Cycle) -> dict[str, Any]:
+    def _joint(self, binding: FilmBinding, columns: Columns, cycle: Cycle) -> dict[str, Any]:
         """Entries on a lubricated joint, from columns by path."""
-        name, start = place.name, f"joints/{place.name}/"
+        name, start = binding.name, f"joints/{binding.name}/"
         own = {key.removeprefix(start): v for key, v in columns.items() if key.startswith(start)}
         time, extremes = columns["time_s"], self.extremes[name]
         found: dict[str, Any] = {}
@@ -577,14 +577,14 @@ class Simulation(Stateful):
             found["basis_error_estimate_m"] = float(np.max(counted, initial=least))
         rates = averaged(own)
         if rates:
-            found |= self._means(place, time, rates)
+            found |= self._means(binding, time, rates)
         if name in self.slid:
-            found |= wear(place, self.slid[name])
+            found |= wear(binding, self.slid[name])
         if name in self.worth:
             found["error_budget"] = self.worth[name]
         return found | cycle_figures(cycle, columns, name, rates)
 
-    def _means(self, place: FilmBinding, time: np.ndarray, rates: Columns) -> dict[str, float]:
+    def _means(self, binding: FilmBinding, time: np.ndarray, rates: Columns) -> dict[str, float]:
         """Means of a joint's rates over the run, or the cycle, and what follows from them."""
         begin = max(self.first - 1, 0)
         values = np.column_stack([*rates.values()])
@@ -595,7 +595,7 @@ class Simulation(Stateful):
             totals = dict(zip(rates, whole.tolist(), strict=True))
             content = rates[CONTENT]
             found |= oil_balance(float(content[begin]), float(content[-1]), totals)
-        return found if place.joint.heat is None else found | temperatures(place, means)
+        return found if binding.joint.heat is None else found | temperatures(binding, means)
 
     def _notices(self) -> list[str]:
         """One line each of what is hardly meant."""
@@ -621,7 +621,7 @@ class Simulation(Stateful):
         columns = columns_of(self.rows[self.first :])
         lines: list[str] = []
         ringing = self.cycles is None and self.system.least_damping < RINGING
-        for name in (place.name for place in self.system.films):
+        for name in (binding.name for binding in self.system.films):
             values = columns.get(f"joints/{name}/max_pressure_Pa")
             if values is None or name in self._resting:
                 continue
@@ -660,9 +660,9 @@ class Simulation(Stateful):
             return told
         mesh, steps = (stated(self.worth, component) for component in ("film_mesh", "step_size"))
         extremes = self.extremes
-        for place in self.system.films if mesh is None else ():
-            told = too_coarse(place, extremes[place.name]["min_film_thickness"][0])
-            told = told or unresolved(place, self.steepest_thickening(place))
+        for binding in self.system.films if mesh is None else ():
+            told = too_coarse(binding, extremes[binding.name]["min_film_thickness"][0])
+            told = told or unresolved(binding, self.steepest_thickening(binding))
             if told:
                 return told
         error, known = self.energy_error, max(steps or 0.0, ENERGY_LIMIT)

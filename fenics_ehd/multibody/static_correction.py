@@ -52,17 +52,17 @@ class _Bore:
     pushing: sparse.csr_matrix
 
     @classmethod
-    def of(cls, body: FlexibleBody | None, place: FilmBinding) -> _Bore:
+    def of(cls, body: FlexibleBody | None, binding: FilmBinding) -> _Bore:
         """Patterns at the film of a joint; without a body there are none."""
-        joint = place.film
-        if body is None or not place.bore:
+        joint = binding.film
+        if body is None or not binding.bore:
             g = len(joint.thickness)
             w = len(joint.observed)
             nodes = joint.load.shape[1]
             none = [sparse.csr_matrix(shape) for shape in ((g, 0), (w, 0), (0, nodes), (0, g))]
             return cls(np.zeros((0, 0)), np.zeros((0, 0)), *none)
         bore = joint.bore
-        residual = body.reduced.at_bore(place.bore).residual
+        residual = body.reduced.at_bore(binding.bore).residual
         assert residual is not None
         assert bore is not None
         m = len(residual.displacement)
@@ -140,7 +140,7 @@ class BoreResponses:
     def __init__(self, system: System):
         films = system.films
         flexible = _flexible_bodies(system)
-        parts = [_Bore.of(flexible.get(place.bore_body), place) for place in films]
+        parts = [_Bore.of(flexible.get(binding.bore_body), binding) for binding in films]
         self._reading = _beside([part.reading for part in parts])
         self._observing = _beside([part.observing for part in parts])
         self._spread = _beside([part.spread for part in parts])
@@ -155,7 +155,7 @@ class BoreResponses:
         damping = [np.zeros(0)]
         stiffness = [np.zeros(0)]
         for name, body in flexible.items():
-            own = [i for i, place in enumerate(films) if place.bore_body == name and place.bore]
+            own = [i for i, binding in enumerate(films) if binding.bore_body == name and binding.bore]
             residual = body.reduced.residual
             zeta = body.damping_time
             assert residual is not None
@@ -310,12 +310,12 @@ class BoreResponses:
 def _flexible_bodies(system: System) -> dict[str, FlexibleBody]:
     """Bodies with residual patterns and films in their bores, in the order of the films."""
     found = {}
-    for place in system.films:
-        body = system.mechanism.bodies.get(place.bore_body)
-        if place.bore and isinstance(body, FlexibleBody):
+    for binding in system.films:
+        body = system.mechanism.bodies.get(binding.bore_body)
+        if binding.bore and isinstance(body, FlexibleBody):
             residual = body.reduced.residual
             if residual is not None and residual.rank:
-                found[place.bore_body] = body
+                found[binding.bore_body] = body
     return found
 
 

@@ -256,7 +256,7 @@ class StepEquations:
         accelerations = step.shift * rates + step.past_rate
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
-        gaps = [place.gap(z, rates, step.time) for place in system.films]
+        gaps = [binding.gap(z, rates, step.time) for binding in system.films]
         values = [u[own] for own in self.places]
         self.responses.add(
             [film.pressure(own) for film, own in zip(self.films, values, strict=True)], gaps
@@ -266,10 +266,10 @@ class StepEquations:
             gaps = [gap.changed(*change) for gap, change in zip(gaps, changes, strict=True)]
         contacts = self.contacts.touch(gaps)
         films = []
-        for i, place in enumerate(system.films):
-            check_gap(gaps[i], place.film.film.parameters.surfaces)
+        for i, binding in enumerate(system.films):
+            check_gap(gaps[i], binding.film.film.parameters.surfaces)
             alone = self.films[i].evaluate(gaps[i], values[i])
-            point = replace(alone, contact=contacts[i], rotated=place.rotated_shape(z, rates))
+            point = replace(alone, contact=contacts[i], rotated=binding.rotated_shape(z, rates))
             self.contacts.subtract_from_residual(i, point, residual)
             films.append(point)
             self._load(i, point, residual)
@@ -285,21 +285,21 @@ class StepEquations:
 
     def _load(self, i: int, point: FilmPoint, residual: np.ndarray) -> None:
         """Take a film's forces from the residual of motion."""
-        place = self.system.films[i]
-        film = place.film
+        binding = self.system.films[i]
+        film = binding.film
         pressure = film.film.parameters.pressure_scale * point.nodal
-        residual[place.xi] -= film.load @ pressure
+        residual[binding.xi] -= film.load @ pressure
         if point.rotated is not None:
-            _twist(place, float(point.rotated.torque @ pressure), residual)
+            _twist(binding, float(point.rotated.torque @ pressure), residual)
         if not film.friction:
             return
         friction = film_friction(
-            film, self.films[i].state(point), self.sheared_fraction.get(place.name)
+            film, self.films[i].state(point), self.sheared_fraction.get(binding.name)
         )
         if self._holding:
-            self.sheared_fraction[place.name] = friction.sheared_fraction
-        residual[place.xi] -= friction.on_xi
-        _twist(place, friction.torque, residual)
+            self.sheared_fraction[binding.name] = friction.sheared_fraction
+        residual[binding.xi] -= friction.on_xi
+        _twist(binding, friction.torque, residual)
 
     def linearise(self, point: Point, former: Derivative | None = None) -> Derivative:
         """Derivatives at a point; but for the films' own matrices those of a `former` one."""
@@ -396,6 +396,6 @@ class StepEquations:
         return x, rates
 
 
-def _twist(place: FilmBinding, torque: float, residual: np.ndarray) -> None:
+def _twist(binding: FilmBinding, torque: float, residual: np.ndarray) -> None:
     """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
-    residual[place.turning] -= place.signs * torque
+    residual[binding.turning] -= binding.signs * torque

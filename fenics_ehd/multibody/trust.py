@@ -129,7 +129,7 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, floa
     for joint in step.solution.joints:
         lost, fed = joint.powers
         lost -= joint.flows.refill_work
-        if joint.place.film.friction:
+        if joint.binding.film.friction:
             lost, fed = lost + joint.friction.sheared, 0.0
         if under_pressure(joint.film):
             fed += joint.flows.work
@@ -238,9 +238,9 @@ def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
     return BasisErrorEstimate(missing, body.damping_time, inertia, slowest_pattern(part.residual))
 
 
-def bore_body(system: System, place: FilmBinding) -> FlexibleBody:
+def bore_body(system: System, binding: FilmBinding) -> FlexibleBody:
     """The flexible body that has the bore of a film."""
-    body = system.mechanism.bodies[place.bore_body]
+    body = system.mechanism.bodies[binding.bore_body]
     assert isinstance(body, FlexibleBody)
     return body
 
@@ -248,11 +248,11 @@ def bore_body(system: System, place: FilmBinding) -> FlexibleBody:
 def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
     """Pressures on the pressure nodes of all bores of a body, by its name, of all films' nodes."""
     found: dict[str, np.ndarray] = {}
-    for place, pressure in zip(system.films, pressures, strict=True):
-        if place.film.bore is not None:
-            part = bore_body(system, place).reduced
-            load = found.setdefault(place.bore_body, np.zeros(part.load_projection.shape[1]))
-            load[part.rows_of(place.bore).pressures] = place.film.bore.structure_pressure(pressure)
+    for binding, pressure in zip(system.films, pressures, strict=True):
+        if binding.film.bore is not None:
+            part = bore_body(system, binding).reduced
+            load = found.setdefault(binding.bore_body, np.zeros(part.load_projection.shape[1]))
+            load[part.rows_of(binding.bore).pressures] = binding.film.bore.structure_pressure(pressure)
     return found
 
 
@@ -332,20 +332,20 @@ def above(worth: Mapping[str, Any], limit: float) -> str:
 NODE_SPACING = 0.5
 
 
-def too_coarse(place: FilmBinding, thickness: float) -> str:
+def too_coarse(binding: FilmBinding, thickness: float) -> str:
     """Complaint about a rigid bore's film that is too thin for its mesh; usually nothing."""
-    if place.film.bore is not None:
+    if binding.film.bore is not None:
         return ""
-    angles = np.unique(place.film.film.parameters.grid.node_positions[:, 0].round(9))
+    angles = np.unique(binding.film.film.parameters.grid.node_positions[:, 0].round(9))
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # Where the gap is below twice its least: h = c (1 - eps cos phi).
-    length = float(place.film.lengths(np.array([thickness]))[0])
-    bend = place.film.clearance + place.film.shape.largest_second_derivative
+    length = float(binding.film.lengths(np.array([thickness]))[0])
+    bend = binding.film.clearance + binding.film.shape.largest_second_derivative
     thin = np.degrees(np.sqrt(2 * length / bend))
     if spacing <= NODE_SPACING * thin:
         return ""
     return (
-        f"untrustworthy: joints.{place.name}.cells put nodes {spacing:.3g} degrees apart, above "
+        f"untrustworthy: joints.{binding.name}.cells put nodes {spacing:.3g} degrees apart, above "
         f"half of the {thin:.3g} degrees over which a film of {thickness * 1e6:.3g} um is thin: "
         "use more cells around"
     )

@@ -352,7 +352,7 @@ def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> E
 
 def _refined(search: Search, scene: Scene, recorded: Simulation, errors: Errors) -> dict[str, Any]:
     """Values by key that bring the errors of every figure to the aim together, within limits."""
-    films = {place.name: place for place in recorded.run.equations.system.films}
+    films = {binding.name: binding for binding in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
     free = set(choosable(scene)) - set(search.kept)
     found: dict[str, tuple[float, str, FilmBinding]] = {}
@@ -387,14 +387,14 @@ def water_level(errors: Collection[float], total: float) -> float:
     return inf
 
 
-def _setting(component: str, place: FilmBinding) -> str:
+def _setting(component: str, binding: FilmBinding) -> str:
     """Key of what makes a component of the errors of a joint smaller."""
     return {
         "step_size": "time.tolerance",
         "start": "time.periodicity",
-        "film_mesh": f"joints.{place.name}.cells",
-        "basis": f"bodies.{place.bore_body}.reduction",
-        "part_mesh": f"bodies.{place.bore_body}.geometry",
+        "film_mesh": f"joints.{binding.name}.cells",
+        "basis": f"bodies.{binding.bore_body}.reduction",
+        "part_mesh": f"bodies.{binding.bore_body}.geometry",
     }[component]
 
 
@@ -404,7 +404,7 @@ def _value(
     recorded: Simulation,
     share: float,
     component: str,
-    place: FilmBinding,
+    binding: FilmBinding,
 ) -> Any:
     """Value of its setting that leaves a share of a component, or is the last within limits."""
     if component == "step_size":
@@ -416,15 +416,15 @@ def _value(
         own = scene.time.periodicity
         return min(own, max(rounded(share * own), TIGHTEST_PERIODICITY, noise))
     if component == "film_mesh":
-        grid = place.film.film.parameters.grid
+        grid = binding.film.film.parameters.grid
         most = max(1.0, sqrt(MOST_CELLS / prod(grid.cells)))
         factor = min(share ** (-1.0 / FILM_ORDER[grid.family]), most)
         return [ceil(factor * cells - ROUNDING) for cells in grid.cells]
-    part, chosen = scene.bodies[place.bore_body], search.chosen
+    part, chosen = scene.bodies[binding.bore_body], search.chosen
     if component == "basis":
         modes = part.reduction.vibration_modes
         modes = max(modes, min(ceil(modes / share - ROUNDING), MOST_MODES))
-        return {**chosen.get(_setting(component, place), {}), "vibration_modes": modes}
+        return {**chosen.get(_setting(component, binding), {}), "vibration_modes": modes}
     around = max((part.geometry[key] for key in part.cell_counts if "around" in key), default=1.0)
     return part.geometry_of(min(share ** (-1.0 / PART_ORDER), max(1.0, MOST_CELLS_AROUND / around)))
 
