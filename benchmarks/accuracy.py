@@ -26,9 +26,10 @@ from typing import Any
 from error_budget import METHOD, SCENES, References, extremes_of, finer, reduced, strict
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import ENERGY_LIMIT
-from fenics_ehd.scenes.accuracy import begun
+from fenics_ehd.scenes.accuracy import start_search
 from fenics_ehd.scenes.run import run_accurately
 from fenics_ehd.scenes.scene import changed, stored
 from fenics_ehd.scenes.schema import FEWEST_CELLS
@@ -67,7 +68,7 @@ def tried(
     """A run with given settings; None: it comes to no end."""
     try:
         run, cycles = references.run(scene)
-        solved, began = Simulation(run, scene.span, cycles), process_time()
+        solved, began = Recorder(run, scene.span, cycles), process_time()
         deque(solved.steps(), maxlen=0)
     except ehd.errors.EhdError:
         return None
@@ -75,7 +76,7 @@ def tried(
     return Tried(
         true_error(extremes_of(solved), exact),
         seconds,
-        solved.energy_error <= ENERGY_LIMIT,
+        RunSummary(solved).energy_error <= ENERGY_LIMIT,
     )
 
 
@@ -97,7 +98,7 @@ def around(scene: ehd.Scene) -> Iterator[dict[str, Any]]:
 def chosen(scene: ehd.Scene, accuracy: float) -> tuple[ehd.Scene, dict[str, Any]]:
     """The scene of the run that comes out, and the summary of it."""
     asked = changed(scene, {"output.accuracy": accuracy, "output.error_budget": True})
-    pilot, search = begun(stored(asked))
+    pilot, search = start_search(stored(asked))
     with TemporaryDirectory() as folder:
         built = ehd.build(pilot)
         last, _, summary = run_accurately(

@@ -38,8 +38,9 @@ import numpy as np
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import Estimator
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import QUANTITIES
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.scene import changed
@@ -311,17 +312,17 @@ class Done:
     seconds: float
 
 
-def extremes_of(solved: Simulation) -> dict[str, list[float]]:
+def extremes_of(solved: Recorder) -> dict[str, list[float]]:
     """Of every joint."""
     return {
         name: [found[quantity][0] for quantity in QUANTITIES]
-        for name, found in solved.extremes.items()
+        for name, found in RunSummary(solved).extremes.items()
     }
 
 
 def done(run: Run, span: float, cycles: PeriodicSolver | None) -> Done:
     """Of a run at its start."""
-    solved, before = Simulation(run, span, cycles), process_time()
+    solved, before = Recorder(run, span, cycles), process_time()
     deque(solved.steps(), maxlen=0)
     seconds = process_time() - before
     return Done(extremes_of(solved), Estimator(solved), seconds)

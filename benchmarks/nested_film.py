@@ -95,8 +95,8 @@ class NestedSteps:
             film.film.solve(own.gap, guess)
             for film, own, guess in zip(films, point.films, guesses, strict=True)
         ]
-        for film, own, state in zip(films, self.equations.places, found, strict=True):
-            u[own] = film.values(state.pressure)
+        for film, own, state in zip(films, self.equations.film_indices, found, strict=True):
+            u[own] = film.unknowns(state.pressure)
         return self.equations.evaluate(u), found
 
     def jacobian(self, point: Point, films: list[FilmState], shift: float) -> np.ndarray:

@@ -22,8 +22,9 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import Step
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.scenes.build import build
 
 FOLDER = Path(__file__).parent / "golden" / "house"
@@ -142,7 +143,7 @@ def first_steps(machine: ehd.Machine) -> tuple[np.ndarray, np.ndarray]:
 def held(machine: ehd.Machine, times: np.ndarray, corners: np.ndarray) -> Curve:
     """Curve of a run through given steps, from its start."""
     run = run_of(machine)
-    tracker = Simulation(run, float(times[-1]))
+    tracker = Recorder(run, float(times[-1]))
     samples = []
     for step in _follow(run, times, corners):
         tracker.add(step)
@@ -165,7 +166,7 @@ def at_nodes(step: MechanismStep) -> dict[str, float]:
     """
     values = {}
     for joint in step.solution.joints:
-        path = f"joints/{joint.place.name}"
+        path = f"joints/{joint.binding.name}"
         values[f"{path}/max_pressure"] = float(joint.pressure.max())
         values[f"{path}/min_film_thickness"] = float(joint.gap.min())
     return values
@@ -192,12 +193,12 @@ def own_run(machine: ehd.Machine, periodicity: float = 1e-3) -> dict[str, float]
     cycles = None
     if machine.period is not None:
         cycles = PeriodicSolver(run, machine.period, periodicity)
-    tracker = Simulation(run, float(machine.end or 0.0), cycles)
+    tracker = Recorder(run, float(machine.end or 0.0), cycles)
     samples: list[tuple[int, dict[str, float]]] = []
     for step, _ in tracker.steps():
         samples.append((0 if cycles is None else cycles.number, at_nodes(step)))
     last = [row for number, row in samples if number == samples[-1][0]]
-    figures = tracker.figures()
+    figures = RunSummary(tracker).entries()
     found = {key: figures[key] for key in ("steps", "newton_iterations")}
     for joint, values in replace(tracker.history(), told=figures).figures.items():
         peaks = [row[f"joints/{joint}/max_pressure"] for row in last]

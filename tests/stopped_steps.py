@@ -2,8 +2,9 @@
 
 import json
 
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
 
 
 def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):
@@ -11,7 +12,7 @@ def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):
 
     def begun():
         run = Run(mechanism, steps, end)
-        return run, Simulation(run, end)
+        return run, Recorder(run, end)
 
     def followed(run, tracker):
         for step, row in tracker.steps():
@@ -25,7 +26,7 @@ def assert_goes_on(mechanism, steps, end, chosen=lambda states: 12):
     follower.take(tracker.history().each(lambda values: values[: number + 1]))
     found = [own for *_, own in followed(again, follower)]
     assert _text(found) == _text(shown[number + 1 :])
-    assert _text(follower.figures()) == _text(tracker.figures())
+    assert _text(RunSummary(follower).entries()) == _text(RunSummary(tracker).entries())
 
 
 def _text(values):

@@ -15,7 +15,13 @@ import fenics_ehd as ehd
 from fenics_ehd.cli.run import accuracy_lines
 from fenics_ehd.multibody.trust import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
 from fenics_ehd.results import recorded_run
-from fenics_ehd.scenes.accuracy import account, begun, choosable, search_of, water_level
+from fenics_ehd.scenes.accuracy import (
+    account,
+    choosable,
+    search_of,
+    start_search,
+    water_filling_level,
+)
 from fenics_ehd.scenes.part import with_counts
 from fenics_ehd.scenes.scene import changed
 from fenics_ehd.study.cases import make_case
@@ -26,19 +32,19 @@ QUICK = LOADED_JOURNAL | {"joints.bearing.cells": [16, 3], "output.plots": False
 
 def test_without_an_accuracy_a_scene_is_as_given():
     scene = ehd.read_scene("four-bar")
-    assert begun(scene) == (scene, None)
+    assert start_search(scene) == (scene, None)
 
 
 def test_a_pilot_is_coarse_and_leaves_what_is_kept():
     asked = changed(ehd.read_scene("slider-crank"), {"output.accuracy": "1 %"})
-    pilot, search = begun(asked)
+    pilot, search = start_search(asked)
     assert pilot.output.accuracy == 0.0
     assert pilot.joints["big_end"].cells == (24, 6)
     assert pilot.time.tolerance == search.chosen["time.tolerance"] > 1e-4
     # Its part has the cells that are written.
     assert set(search.chosen) == set(choosable(asked)) - {"bodies.rod.geometry"}
     kept = changed(asked, {"output.accuracy_keeps": ["tolerance", "bodies.rod.reduction.method"]})
-    pilot, search = begun(kept)
+    pilot, search = start_search(kept)
     assert pilot.time.tolerance == asked.time.tolerance
     assert search.kept == ("time.tolerance", "bodies.rod.reduction")
     assert set(search.chosen) == {"time.periodicity", "joints.big_end.cells"}
@@ -47,7 +53,7 @@ def test_a_pilot_is_coarse_and_leaves_what_is_kept():
 def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
     scene, before = ehd.read_scene("loaded-journal"), (0, 0.1)
     for accuracy in (0.1, 0.03, 0.01, 3e-3):
-        pilot, _ = begun(changed(scene, {"output.accuracy": accuracy}))
+        pilot, _ = start_search(changed(scene, {"output.accuracy": accuracy}))
         now = pilot.joints["bearing"].cells[0], pilot.time.tolerance
         assert now[0] >= before[0]
         assert now[1] <= before[1]
@@ -57,7 +63,10 @@ def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
 @pytest.mark.parametrize(
     ("values", "told"),
     [
-        ({"output.accuracy_keeps": ["mass"]}, "'mass' is none of what is chosen: time.tolerance"),
+        (
+            {"output.accuracy_keeps": ["mass"]},
+            "'mass' is not a setting that an accuracy chooses: time.tolerance",
+        ),
         ({"output.error_budget": False}, "needs output.error_budget = true"),
         ({"output.accuracy": "1 um"}, "output.accuracy = '1 um'"),
         ({"output.accuracy": 2.0}, "output.accuracy = 2.0 must be below 0.5: 0.01 for 1 %"),
@@ -66,7 +75,7 @@ def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
 )
 def test_what_cannot_be_asked_is_refused(values, told):
     with pytest.raises(ehd.errors.SettingsError, match=told):
-        begun(changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01} | values))
+        start_search(changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01} | values))
 
 
 @pytest.fixture(scope="module")
@@ -135,14 +144,13 @@ def test_a_search_that_is_stopped_goes_on_to_the_same_result(tight_run, monkeypa
 
 
 def test_an_error_that_is_not_estimated_is_refused_by_name():
-    scene, search = begun(changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01}))
+    scene, search = start_search(changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01}))
     known = dict.fromkeys(COMPONENTS, 1e-3) | dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
     lacking = known | {"film_mesh": NOT_ESTIMATED}
     budget = {"max_pressure": known | {"known": 2e-3}, "min_film_thickness": lacking}
-    recorded = SimpleNamespace(worth={"pin": budget})
     notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
     with pytest.raises(ehd.errors.AccuracyError, match=r"pin by film mesh .* oil is compressible"):
-        account(search, scene, recorded, notes)
+        account(search, scene, None, {"pin": budget}, notes)
 
 
 def judged_rod(**errors):
@@ -153,20 +161,19 @@ def judged_rod(**errors):
     budget = dict.fromkeys(COMPONENTS, 1e-4) | errors
     budget = {"known": sum(budget.values())} | budget
     budget["between_nodes"] = 0.5 * budget["film_mesh"]
-    worth = {"big_end": dict.fromkeys(QUANTITIES, budget)}
+    budgets = {"big_end": dict.fromkeys(QUANTITIES, budget)}
     system = SimpleNamespace(films=[place])
     run = SimpleNamespace(
         equations=SimpleNamespace(system=system),
         control=SimpleNamespace(order=3, largest_step=2.5e-4),
         state=SimpleNamespace(time=2.5e-2),
     )
-    return SimpleNamespace(
-        run=run, worth=worth, counts={"steps": 200}, verdict=lambda _=0: "complete",
-        processor_time=1.0,
-    )  # fmt: skip
+    return SimpleNamespace(run=run, counts={"steps": 200}, processor_time=1.0), budgets
 
 
-WORTH = {"error_budget_notes": {}, "error_budget_processor_time_s": 0.5}
+ENTRIES = {
+    "error_budget_notes": {}, "error_budget_processor_time_s": 0.5, "status": "complete",
+}  # fmt: skip
 
 
 def test_every_component_moves_its_own_setting():
@@ -174,8 +181,8 @@ def test_every_component_moves_its_own_setting():
 
     def wanted(keeps=(), **errors):
         kept = changed(scene, {"output.accuracy_keeps": list(keeps)})
-        pilot, search = begun(kept)
-        account(search, pilot, judged_rod(**errors), WORTH)
+        pilot, search = start_search(kept)
+        account(search, pilot, *judged_rod(**errors), ENTRIES)
         return search.chosen, search.wanted
 
     before, after = wanted(basis=0.011)
@@ -213,26 +220,25 @@ def test_every_component_moves_its_own_setting():
 @pytest.mark.parametrize("total", [0.1, 1.0, 2.5, 4.0, 9.0])
 def test_errors_above_a_level_come_down_to_it(total):
     errors = [0.5, 2.0, 0.0, 1.5]
-    level = water_level(errors, total)
+    level = water_filling_level(errors, total)
     assert sum(min(error, level) for error in errors) == pytest.approx(min(total, sum(errors)))
 
 
 def test_a_run_that_may_not_be_trusted_takes_shorter_steps_and_finer_films():
     scene = changed(ehd.read_scene("slider-crank"), {"output.accuracy": 0.01})
-    pilot, search = begun(scene)
-    recorded = judged_rod()
-    recorded.verdict = lambda _=0: "untrustworthy: energy balance error"
-    account(search, pilot, recorded, WORTH)
+    pilot, search = start_search(scene)
+    entries = ENTRIES | {"status": "untrustworthy: energy balance error"}
+    account(search, pilot, *judged_rod(), entries)
     assert set(search.wanted) == {"time.tolerance", "joints.big_end.cells"}
 
 
 def test_joints_of_rigid_bores_have_no_basis():
-    scene, search = begun(changed(ehd.read_scene("engine"), {"output.accuracy": 0.01}))
-    recorded = judged_rod(film_mesh=4e-3)
+    scene, search = start_search(changed(ehd.read_scene("engine"), {"output.accuracy": 0.01}))
+    recorded, budgets = judged_rod(film_mesh=4e-3)
     rigid = dict.fromkeys(("basis", "part_mesh"), NOT_APPLICABLE)
-    own = recorded.worth["big_end"]["max_pressure"]
-    recorded.worth["front"] = dict.fromkeys(QUANTITIES, own | rigid)
-    account(search, scene, recorded, WORTH)
+    own = budgets["big_end"]["max_pressure"]
+    budgets["front"] = dict.fromkeys(QUANTITIES, own | rigid)
+    account(search, scene, recorded, budgets, ENTRIES)
     assert search.met
     assert search.runs[0]["errors"]["basis"] == 1e-4
 
@@ -242,12 +248,12 @@ def test_a_search_ends_and_says_what_is_in_the_way():
         ehd.read_scene("slider-crank"),
         {"output.accuracy": 0.01, "output.accuracy_keeps": ["cells"]},
     )
-    scene, search = begun(scene)
+    scene, search = start_search(scene)
     for _ in range(9):
-        found = account(search, scene, judged_rod(film_mesh=0.02), WORTH)
+        found = account(search, scene, *judged_rod(film_mesh=0.02), ENTRIES)
         if not search.wanted:
             break
-        scene = search.go_on(scene)
+        scene = search.continue_search(scene)
     assert not search.met
     assert len(search.runs) <= 4
     assert "is not met: the estimate is 0.02" in found["warnings"][-1]

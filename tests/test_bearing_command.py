@@ -248,7 +248,7 @@ def test_failed_film_is_kept(call, tmp_path, monkeypatch):
     monkeypatch.setattr(fenics_ehd.analysis.bearing, "solve_bearing", fail)
     status, _, err = call("--eccentricity", 0.5)
     assert status == 1
-    assert "no luck; the film is kept in failed_film.h5" in err
+    assert "no luck; the film is saved in failed_film.h5" in err
     with h5py.File(tmp_path / "failed_film.h5") as file:
         np.testing.assert_array_equal(file["pressure"], [0.0, 1.0, 2.0])
         assert file["thickness"].shape == (2, 2)
@@ -260,7 +260,7 @@ def test_film_behind_a_step_that_fell_too_short_is_kept(tmp_path):
     )
     with (
         pytest.raises(
-            ehd.errors.StepSizeError, match=r"too short; the film is kept in .*failed_film\.h5"
+            ehd.errors.StepSizeError, match=r"too short; the film is saved in .*failed_film\.h5"
         ),
         keeping_failed_film(tmp_path),
     ):

@@ -195,7 +195,7 @@ def test_a_film_that_has_become_warm_is_one_of_warm_oil(kind):
         return ehd.Film(ehd.FilmParameters(grid, 20e-6, lubricant, 300.0, **{kind: (hole,)}))
 
     warm, warmed = film(90.0), film(40.0)
-    warmed.equation.warm(90.0)
+    warmed.set_temperature(90.0)
     motion = ehd.ShaftMotion(np.array([10e-6, -4e-6]), 300.0)
     gap = ehd.shaft_gap(warm.points, 0.0225, 20e-6, motion)
     expected = warm.solve(gap).pressure

@@ -14,8 +14,8 @@ from test_several_bores import COARSE
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.static_correction import BoreResponses
 from fenics_ehd.multibody.trust import bore_loads
 from fenics_ehd.plotting.animated_bodies import shape_of_bores
@@ -230,7 +230,7 @@ def test_what_presses_in_one_bore_moves_the_other(pin_cells, transfer, limit):
 
 def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both():
     run = Run(machine(body_of("m3")), IntegratorOptions(tolerance=1e-4), END)
-    tracker = Simulation(run, END)
+    tracker = Recorder(run, END)
     for step in run.until(0.1 * END):
         row = tracker.add(step)
     estimates = [row[f"{joint}.basis_error_estimate_m"] for joint in JOINTS]
@@ -249,7 +249,7 @@ def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both():
 def test_a_recorded_run_has_gaps_and_pressures_of_both_bores():
     body, mechanism = body_of("m4"), machine(body_of("m4"))
     run = Run(mechanism, IntegratorOptions(tolerance=1e-3), END)
-    tracker = Simulation(run, END)
+    tracker = Recorder(run, END)
     rows, films = [], []
     for step in run.until(0.05 * END):
         rows.append(tracker.add(step))

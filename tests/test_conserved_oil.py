@@ -37,9 +37,10 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody import film_models
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.scenes.scene import scene_of
 
 pytestmark = pytest.mark.kernels
@@ -292,9 +293,9 @@ def test_balance_of_ten_cycles_closes_at_the_order_of_the_formula(figure):
             IntegratorOptions(tolerance=1e-2, order=2, largest=largest / 10),
             10 * REVOLUTION,
         )
-        tracker = Simulation(run, 10 * REVOLUTION)
+        tracker = Recorder(run, 10 * REVOLUTION)
         deque(tracker.steps(), maxlen=0)
-        defects.append(tracker.figures()["oil_balance_defect"])
+        defects.append(RunSummary(tracker).entries()["oil_balance_defect"])
     name = "conserved oil in the coupled step, balance over ten cycles"
     figure("film", name, defects[-1], most=1e-3, unit="%")
     assert defects[1] < 0.6 * defects[0]
@@ -484,7 +485,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
         joint = replace(joint, journal_shape=oval(3e-6, 0.3))
         mechanism = replace(mechanism, joints={**mechanism.joints, name: joint})
     equations = StepEquations(System(mechanism))
-    equations.lead(100)
+    equations.retain_patterns(100)
     m, n = len(equations.films[0].nodes), equations.system.n
     size = equations.films[0].balance.assembly.size
     begin, former = equations.begin, 1e-9 * np.random.default_rng(1).uniform(-1, 1, size)
@@ -566,12 +567,12 @@ def test_fluid_fractions_far_below_zero_are_no_step(monkeypatch):
 
 
 def test_nothing_of_it_is_computed_without_it(monkeypatch):
-    monkeypatch.setattr(film_models.ConservedOil, "__init__", None)
+    monkeypatch.setattr(film_models.MassConservingFilm, "__init__", None)
     film = oil_film((12, 2))
     run = Run(rigid_slider_crank(film), IntegratorOptions(tolerance=1e-2), 0.01 * REVOLUTION)
     *_, last = run.until(0.01 * REVOLUTION)
     assert len(last.x) == run.equations.system.n
-    tracker = Simulation(run, 0.01 * REVOLUTION)
+    tracker = Recorder(run, 0.01 * REVOLUTION)
     assert not any("oil" in name or "flow" in name for name in tracker.add(last))
     assert not any("fluid_fraction" in path for path in tracker.rows[-1])
 

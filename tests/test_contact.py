@@ -14,9 +14,10 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody import step_equations
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import FilmFriction
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.scenes.films import rough_surfaces
 from fenics_ehd.scenes.scene import scene_text
 
@@ -91,17 +92,17 @@ def test_energy_of_contact_is_balanced(run, figure):
 
 def test_wear_is_where_the_surfaces_rub():
     equations = Run(machine(surfaces()), IntegratorOptions(tolerance=1e-4), END)
-    tracker = Simulation(equations, END)
+    tracker = Recorder(equations, END)
     rows = [tracker.add(step) for step in equations.until(END)]
-    figures = tracker.figures()
+    figures = RunSummary(tracker).entries()
     largest = max(row["max_contact_pressure_Pa"] for row in rows)
     assert figures["max_contact_pressure_Pa"] == largest
     distance = 500.0 * 22.5e-3 * 1.5 * END  # at most: the rod turns against the crank
     assert 0 < figures["contact_sliding_Pa_m"] < largest * distance
     # What is recorded goes on where it was.
-    other = Simulation(equations, END)
+    other = Recorder(equations, END)
     other.state, other.rows = tracker.state, tracker.rows
-    np.testing.assert_equal(other.figures(), figures)
+    np.testing.assert_equal(RunSummary(other).entries(), figures)
 
 
 def test_surfaces_that_overlap_too_far_end_a_run_with_a_named_error():
@@ -115,9 +116,9 @@ def test_smooth_surfaces_know_nothing_of_contact():
     mechanism = machine(None)
     found = Run(mechanism, IntegratorOptions(), 1e-4)
     assert not any(found.equations.contacts.joints)
-    tracker = Simulation(found, 1e-4)
+    tracker = Recorder(found, 1e-4)
     row = tracker.add(next(found.until(1e-4)))
-    assert not [name for name in (*row, *tracker.figures()) if "contact" in name]
+    assert not [name for name in (*row, *RunSummary(tracker).entries()) if "contact" in name]
 
 
 @pytest.mark.slow

@@ -183,7 +183,7 @@ def linearised(family, residual, seed=0):
     equations.retain_patterns(100)
     start, _, rng = some_step(equations, seed=seed)
     derivative = equations.linearise(equations.evaluate(start))
-    block = equations.films[0].system(f"test_{family}_")
+    block = equations.films[0].linear_system(f"test_{family}_")
     return equations, derivative, block, rng
 
 
@@ -225,7 +225,7 @@ def test_factors_serve_an_active_set_that_changed_a_little(residual, changes):
     block.prepare(matrix.entries, None, then)
     former = BorderedSystem([block], derivative.films, derivative.core)
     kept = ChangedSystem(former, [(np.setdiff1d(now, then), np.setdiff1d(then, now))])
-    other = equations.films[0].system("test_other_")
+    other = equations.films[0].linear_system("test_other_")
     other.prepare(matrix.entries, None, now)
     fresh = BorderedSystem([other], derivative.films, derivative.core)
     film, rest = np.zeros(m), rng.uniform(-1, 1, len(derivative.core))

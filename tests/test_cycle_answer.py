@@ -13,7 +13,7 @@ from fenics_ehd.film.grid import aligned_grid
 from fenics_ehd.multibody.cycle import Cycle, Recurrence
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.quantities import upper_most
-from fenics_ehd.multibody.simulation import EXTREMES, cycle_figures, cycle_of
+from fenics_ehd.multibody.summary import EXTREMES, cycle_figures
 from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.plotting.shown import ShownRun, moving_part
 
@@ -188,7 +188,7 @@ def test_search_that_was_stopped_tells_its_last_whole_cycle():
 
     def answer(steps):
         part = {name: values[:steps] for name, values in columns.items()}
-        cycle = cycle_of(part, Recurrence())
+        cycle = Cycle.of_columns(part, Recurrence())
         return cycle, cycle_figures(cycle, part, "pin", ["flow_m3_per_s"])
 
     (stopped, found), (whole, others), (first, _) = (answer(steps) for steps in (11, 9, 3))
@@ -244,7 +244,7 @@ def test_every_reader_has_the_steps_of_the_same_cycle(
     if numbers is not None:
         numbers = np.array(numbers, float)
         columns |= {"run/cycle": numbers, "run/cycle_time_s": times - (numbers - 1)}
-    cycle = cycle_of(columns, Recurrence())
+    cycle = Cycle.of_columns(columns, Recurrence())
     folder = stored_run(tmp_path, times, cycle if stored else None, numbers)
     history = ehd.load_history(folder)
     if not stored and numbers is None:

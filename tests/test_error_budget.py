@@ -39,6 +39,7 @@ from fenics_ehd.cli.run import beside, budget_table
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
 from fenics_ehd.multibody.cycle import TOO_SHORT, Cycle
 from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
 
 #: Largest true error over the estimate, and least.
@@ -56,7 +57,7 @@ def machine(cells, clearance=17e-6, family="lagrange", **joint):
 
 def extremes(mechanism, tolerance, end=END, joint="big_end"):
     solved = ehd.simulate(mechanism, end, tolerance=tolerance).solved
-    return [solved.extremes[joint][quantity][0] for quantity in QUANTITIES]
+    return [RunSummary(solved).extremes[joint][quantity][0] for quantity in QUANTITIES]
 
 
 @pytest.fixture(scope="module")
@@ -93,11 +94,11 @@ class Stopped(Replay):
         before, after = course.times[row - 1 : row + 1]
         own = self.solve
 
-        def solve(norm, step, former):
+        def solve(norm, step, former, gap_changes):
             length = step.time - self.state.time
             if before < step.time <= after and length > longest * (after - before):
                 return SimpleNamespace(solved=None, iterations=1)
-            return own(norm, step, former)
+            return own(norm, step, former, gap_changes)
 
         self.solve = solve
 
@@ -369,7 +370,7 @@ def test_a_cycle_is_judged_by_what_is_different_the_second_time(contraction):
 def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
     cells = {"lagrange": (16, 4), "bilinear": (32, 8)}[family]
     history = ehd.simulate(machine(cells, family=family), END, tolerance=1e-3)
-    own = [history.solved.extremes["big_end"][quantity][0] for quantity in QUANTITIES]
+    own = [RunSummary(history.solved).extremes["big_end"][quantity][0] for quantity in QUANTITIES]
     budget, found = ehd.error_budget(history), {}
     exact = extremes(machine(cells, family=family), 1e-5)
     finer = extremes(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)
@@ -397,7 +398,7 @@ def test_steps_of_a_coarse_tolerance_are_not_taken_for_too_little(crank, toleran
     history = ehd.simulate(mechanism, end, tolerance=tolerance, largest=0.01)
     budget = ehd.error_budget(history).joints["big_end"]
     for quantity, true in zip(QUANTITIES, extremes(mechanism, 3e-5, end), strict=True):
-        own = history.solved.extremes["big_end"][quantity][0]
+        own = RunSummary(history.solved).extremes["big_end"][quantity][0]
         stated = budget[quantity]["step_size"]
         assert abs(own - true) / own < max(WITHIN * stated, 3e-3)
 
@@ -416,7 +417,7 @@ def test_steps_near_a_whirl_are_not_taken_for_much_too_much():
         history = ehd.simulate(mechanism, period=period, periodicity=1e-4, cycles=60, **steps)
         found.append((history.solved, ehd.error_budget(history)))
     assert history.solved.cycles.contraction > 0.5
-    own, true = (each.extremes["bearing"]["min_film_thickness"][0] for each, _ in found)
+    own, true = (RunSummary(each).extremes["bearing"]["min_film_thickness"][0] for each, _ in found)
     stated = found[0][1].joints["bearing"]["min_film_thickness"]["step_size"]
     assert 1 / WITHIN < stated / (abs(own - true) / own) < WITHIN
 

@@ -104,7 +104,7 @@ def test_a_warmed_film_is_one_of_that_temperature(law):
     lubricant = attrs.evolve(ehd.Lubricant.of(OIL, 70.0), **changes)
     film = film_of(lubricant)
     warmed = film.with_own_temperature()
-    warmed.equation.warm(110.0)
+    warmed.set_temperature(110.0)
     expected, found = film_of(lubricant.at(110.0)), None
     state, found = state_of(expected), state_of(warmed)
     np.testing.assert_allclose(found.pressure, state.pressure, rtol=1e-8, atol=1e-3)

@@ -10,8 +10,9 @@ from scene_cases import tables_of, toml
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.scenes.scene import changed, scene_of, stored
 
 HEAT = {"supply_temperature": 70.0}
@@ -141,9 +142,9 @@ def test_conserved_oil_is_warmed_too():
         )
         built = ehd.build(scene)
         run = Run(built.mechanism, built.steps, scene.span)
-        recorder = Simulation(run, scene.span, PeriodicSolver(run, scene.span, 2e-3, 20))
+        recorder = Recorder(run, scene.span, PeriodicSolver(run, scene.span, 2e-3, 20))
         deque(recorder.steps(), maxlen=0)
-        found.append(recorder.figures())
+        found.append(RunSummary(recorder).entries())
     heated, given = found
     assert heated["effective_temperature_C"] > 75.0
     dissipated = heated["mean_dissipated_power_W"]

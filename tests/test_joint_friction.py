@@ -27,9 +27,10 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.quantities import averaged, joint_row
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import film_friction
+from fenics_ehd.multibody.summary import RunSummary
 
 pytestmark = pytest.mark.kernels
 
@@ -159,9 +160,9 @@ def test_means_over_a_cycle_balance():
     period = 2 * np.pi / OMEGA
     loaded, _ = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), period, friction=True)
     run = Run(loaded, IntegratorOptions(1e-3, 2, 1e-6), period)
-    tracker = Simulation(run, period, PeriodicSolver(run, period, 1e-2))
+    tracker = Recorder(run, period, PeriodicSolver(run, period, 1e-2))
     *_, (_, row) = tracker.steps()
-    found = tracker.figures()
+    found = RunSummary(tracker).entries()
     means = {name: value for name, value in found.items() if name.startswith("mean_")}
     assert set(means) == {f"mean_{name}" for name in averaged(row)}
     lost = means["mean_dissipated_power_W"]

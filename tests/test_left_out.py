@@ -12,8 +12,8 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody import quantities, step_equations
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import StepEquations
 
 #: Modules that no run with a ready body needs, and what each is for.
@@ -112,6 +112,6 @@ def test_a_machine_without_friction_computes_none(monkeypatch):
     for module in (step_equations, quantities):
         monkeypatch.setattr(module, "film_friction", must_not)
     run = Run(slider_crank(rigid_rod(), *short_films()), IntegratorOptions(tolerance=1e-2), 1e-7)
-    tracker = Simulation(run, 1e-7)
+    tracker = Recorder(run, 1e-7)
     rows = [tracker.add(step) for step in run.until(1e-7)]
     assert not any("friction" in name for row in rows for name in row)

@@ -21,8 +21,10 @@ from scipy.integrate import quad, solve_ivp
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.verdict import verdict
 
 
 def test_constant_load_ends_at_the_equilibrium_of_the_table(figure):
@@ -217,10 +219,10 @@ def test_mesh_too_coarse_for_the_thinnest_film_is_called_untrustworthy(
 ):
     mechanism, period = journal(make_film((cells, 2)), ellipse(0.3, 0.5, 2), 0.02)
     run = Run(mechanism, IntegratorOptions(), period)
-    tracker = Simulation(run, period)
+    tracker = Recorder(run, period)
     told = {"max_pressure": (1e6, 0.0), "min_film_thickness": (thickness * C, 0.0)}
-    monkeypatch.setattr(Simulation, "extremes", {"bearing": told})
-    verdict = tracker.verdict()
-    assert (verdict == "complete") == enough
+    monkeypatch.setattr(RunSummary, "extremes", {"bearing": told})
+    reason = verdict(RunSummary(tracker))
+    assert (reason == "complete") == enough
     if not enough:
-        assert verdict.startswith("untrustworthy: joints.bearing.cells put nodes 9 degrees apart")
+        assert reason.startswith("untrustworthy: joints.bearing.cells put nodes 9 degrees apart")

@@ -12,8 +12,8 @@ from snapshot_cases import reduce_by
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.trust import neglected_inertia
 from fenics_ehd.reduction.bore import rigid_fields
 from fenics_ehd.reduction.fixed_interface_modes import centre_constraints, two_step_craig_bampton
@@ -160,7 +160,7 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
     times, expected_pressure, expected_film = reference[:, reference[0] > START]
     # At the very steps of the other run: curves have kinks, which may hide between steps.
     going = Run(flexible_slider_crank(body), IntegratorOptions(tolerance=1e-6), 0.3 * REVOLUTION)
-    tracker, rows = Simulation(going, 0.3 * REVOLUTION), []
+    tracker, rows = Recorder(going, 0.3 * REVOLUTION), []
     for time in times:
         for step in going.until(time):
             row = tracker.add(step)

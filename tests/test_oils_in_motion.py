@@ -10,8 +10,10 @@ from journal_cases import ETA, OMEGA, UNIT_LOAD, C, constant, equilibrium, journ
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.newton import classify_failure
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.verdict import verdict
 
 GROUP = "oil"
 
@@ -108,7 +110,7 @@ def stages(oil, share, cells=(16, 3)):
     """A journal's run, and what is recorded of it."""
     mechanism, _ = journal(make_film(cells, oil=oil), constant(share * LOAD), 0.02, rows=3)
     going = Run(mechanism, IntegratorOptions(tolerance=1e-3, order=2, first=1e-6), 0.01)
-    tracker = Simulation(going, 0.01)
+    tracker = Recorder(going, 0.01)
     deque(tracker.steps(), maxlen=0)
     return going, tracker
 
@@ -121,7 +123,7 @@ def test_a_step_that_fails_with_thick_oil_says_so():
         assert classify_failure(failure, equations, None) is failure
         assert classify_failure(failure, equations, former) is failure
         # At the last accepted step five hundred times as thick.
-        highest = equations.films[0].pressure(former.values[0][equations.places[0]]).max()
+        highest = equations.films[0].pressure(former.values[0][equations.film_indices[0]]).max()
         thick = replace(former, values=former.values * 155e6 / highest)
         named = classify_failure(failure, equations, thick)
         assert isinstance(named, ehd.errors.ViscosityError) == told
@@ -138,13 +140,13 @@ def test_a_step_that_fails_with_thick_oil_says_so():
 def test_pressures_that_are_the_mesh_s_own_are_not_trusted():
     # 6 times the load of eccentricity 0.6 is beyond what the oil can bear; so coarse a mesh does.
     _, tracker = stages(OILS["Barus"], 6.0)
-    assert tracker.steepest_thickening(*tracker.system.films) > 1e3
-    assert tracker.verdict().startswith("untrustworthy: the oil in bearing thickens")
+    assert RunSummary(tracker).steepest_thickening(*tracker.system.films) > 1e3
+    assert verdict(RunSummary(tracker)).startswith("untrustworthy: the oil in bearing thickens")
     _, tracker = stages(OILS["Barus"], 3.0)
-    assert 1.0 < tracker.steepest_thickening(*tracker.system.films) < 10.0
-    assert tracker.verdict() == "complete"
+    assert 1.0 < RunSummary(tracker).steepest_thickening(*tracker.system.films) < 10.0
+    assert verdict(RunSummary(tracker)) == "complete"
     _, tracker = stages(ehd.Lubricant(ETA), 3.0)
-    assert tracker.steepest_thickening(*tracker.system.films) == 1.0
+    assert RunSummary(tracker).steepest_thickening(*tracker.system.films) == 1.0
 
 
 def test_no_number_overflows_on_the_way_to_the_error():

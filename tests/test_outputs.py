@@ -255,10 +255,10 @@ def test_a_failed_film_replaces_no_other_file(tmp_path):
             raise error
         if content is not None:
             assert path.read_bytes() == content
-            assert "is another file" in str(caught.value)
+            assert "is not of this program" in str(caught.value)
             path.unlink()
     with (
-        pytest.raises(ehd.errors.CavitationError, match="is kept in"),
+        pytest.raises(ehd.errors.CavitationError, match="is saved in"),
         keeping_failed_film(tmp_path),
     ):
         raise error

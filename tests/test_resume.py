@@ -36,8 +36,8 @@ from fenics_ehd.base.sealed_file import digest
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.history import fixed
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.results.recorded_run import CsvFile, load_run_state, recorded_steps, save_run_state
 
 #: Changes of a short run of a journal, by the model whose state it carries.
@@ -320,7 +320,7 @@ BEGAN = {"about": {"reduction_time_s": 0.0, "scene": "case"}, "digests": {}}
 def test_the_last_whole_step_is_stored_where_a_run_ends(whole, steps, tmp_path):
     mechanism = slider_crank(rigid_rod(), film(22.5e-3, 22e-3, 17e-6, 0.01, (12, 2)))
     run = Run(mechanism, IntegratorOptions(tolerance=1e-2), 1e-5)
-    with closing(recorded_steps(Simulation(run, 1e-5), tmp_path, BEGAN, 1000)) as steps_so_far:
+    with closing(recorded_steps(Recorder(run, 1e-5), tmp_path, BEGAN, 1000)) as steps_so_far:
         deque(islice(steps_so_far, 2), maxlen=0)
         assert steps_of(tmp_path) == len(ehd.load_history(tmp_path)) == 1
         if not whole:
@@ -400,7 +400,7 @@ def test_a_periodic_run_that_was_killed_goes_on_to_the_same_result(tmp_path, nam
 
 
 #: Layout of the state of a run.
-STATE = Group(Simulation.carried)
+STATE = Group(Recorder.carried)
 
 
 @pytest.mark.parametrize("name", ["heated", "rough", "starved"])
@@ -408,7 +408,7 @@ def test_a_state_is_the_same_after_a_file(name, tmp_path):
     path = write_scene(tmp_path / "s.toml", "loaded-journal", LOADED_JOURNAL, MODELS[name])
     built = ehd.build(ehd.read_scene(path))
     run = Run(built.mechanism, IntegratorOptions(tolerance=0.1), built.period)
-    simulation = Simulation(run, built.period, PeriodicSolver(run, built.period, 0.9))
+    simulation = Recorder(run, built.period, PeriodicSolver(run, built.period, 0.9))
     deque(islice(simulation.steps(), 5), maxlen=0)
     found = []
     for _ in range(2):

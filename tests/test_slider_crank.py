@@ -39,8 +39,8 @@ import fenics_ehd as ehd
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.bdf import ImplicitStep, IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import columns_of
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import columns_of
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.trust import balance_error, energy_row, step_powers
 

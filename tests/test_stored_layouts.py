@@ -24,8 +24,8 @@ from scipy import sparse
 import fenics_ehd as ehd
 from fenics_ehd.base.sealed_file import seal
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.reduction.part_files import BasisFile, load_structure, save_basis, save_structure
 from fenics_ehd.reduction.structure import Recovery, check_structure
 from fenics_ehd.results.recorded_run import continue_from, load_run_state, save_run_state
@@ -131,7 +131,7 @@ def simulation(place):
     built = ehd.build(scene)
     run = Run(built.mechanism, built.steps, scene.span)
     cycles = PeriodicSolver(run, scene.span, 1e-3, 4) if scene.time.periodic else None
-    return Simulation(run, scene.span, cycles)
+    return Recorder(run, scene.span, cycles)
 
 
 def write_run(scene, changes):

@@ -17,10 +17,12 @@ from scene_cases import ROD_OF_A_FILE, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import summed
 from fenics_ehd.cli.run import report
-from fenics_ehd.multibody import simulation
+from fenics_ehd.multibody import notices
 from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.notices import ratio_to_neighbours, rings
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
     ENERGY_LIMIT,
@@ -28,16 +30,15 @@ from fenics_ehd.multibody.trust import (
     BasisErrorEstimate,
     energy_row,
     estimate_at,
-    in_one_step,
-    rings,
     slowest_pattern,
 )
+from fenics_ehd.multibody.verdict import verdict
 
 # --- What is printed
 
 
 def test_times_add_up_and_a_pressure_that_nothing_bears_is_noticed(tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr(simulation, "HIGHEST", 1e4)
+    monkeypatch.setattr(notices, "HIGHEST", 1e4)
     coarse = {"joints.bearing.cells": [12, 2]}
     once = {"time.periodic": False, "time.revolutions": 0.02, "time.tolerance": 1e-2}
     path = write_scene(tmp_path / "s.toml", "loaded-journal", coarse | once)
@@ -70,7 +71,7 @@ RINGING = np.array([0.0, 40.0, 73.0, 50.0, 26.0, 56.0, 31.0, 46.0, 30.0, 35.0])
     ],
 )
 def test_a_peak_is_compared_with_the_steps_around_it(values, ratio):
-    assert in_one_step(np.array(values)) == pytest.approx(ratio)
+    assert ratio_to_neighbours(np.array(values)) == pytest.approx(ratio)
 
 
 @pytest.mark.parametrize(
@@ -113,9 +114,9 @@ def test_a_peak_that_is_hardly_meant_is_noticed(values, damping, periodic, notic
     assert len(solved.rows) == len(values)
     if periodic:
         solved.cycles = SimpleNamespace(figures=dict)
-    notices = solved.figures()["notices"]
-    assert len(notices) == (notice is not None)
-    assert notice is None or notice in notices[0]
+    lines = RunSummary(solved).notices()
+    assert len(lines) == (notice is not None)
+    assert notice is None or notice in lines[0]
 
 
 def test_a_mechanism_at_rest_is_complete(tmp_path, capfd):
@@ -153,7 +154,7 @@ def run_of(body, *, speed=SPEED, revolutions=1.0, **steps):
     mechanism = replace(flexible_slider_crank(body), drives={"crank": ehd.Speed(speed)})
     end = revolutions * 2 * np.pi / speed
     run = Run(mechanism, IntegratorOptions(**{"largest": 0.02 / revolutions, **steps}), end)
-    tracker = Simulation(run, end)
+    tracker = Recorder(run, end)
     rows = [tracker.add(step) for step in run.until(end)]
     return tracker, {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
@@ -166,26 +167,26 @@ def body():
 def test_a_film_that_long_steps_leave_wrong_is_not_called_complete(monkeypatch):
     body = make_body(Joint((10, 2)))
     good, curves = run_of(body)
-    assert good.verdict() == "complete"
+    assert verdict(RunSummary(good)) == "complete"
     bad, others = run_of(body, tolerance=0.1, largest=30 / 360)
     known = np.interp(others["time_s"], curves["time_s"], curves["min_film_thickness_m"])
     off = np.abs(others["min_film_thickness_m"] / known - 1)[others["time_s"] > 2e-4]
     assert off.max() > 0.2, "this test wants a film that is wrong"
-    assert bad.verdict().startswith("untrustworthy: energy balance error")
-    assert bad.energy_error > 20 * good.energy_error
+    assert verdict(RunSummary(bad)).startswith("untrustworthy: energy balance error")
+    assert RunSummary(bad).energy_error > 20 * RunSummary(good).energy_error
     # Of an error that is known the energy says nothing more.
     known = dict.fromkeys(COMPONENTS, 0.01) | {"step_size": 0.15}
-    worth = dict.fromkeys(QUANTITIES, summed(known)) | {
+    budget = dict.fromkeys(QUANTITIES, summed(known)) | {
         "largest_over_cycle": dict.fromkeys(QUANTITIES, summed(known))
     }
-    bad.worth = {"big_end": worth}
-    assert bad.verdict(0.2) == "complete"
-    assert bad.verdict(0.1).startswith(
+    judged = RunSummary(bad, {"big_end": budget})
+    assert verdict(judged, 0.2) == "complete"
+    assert verdict(judged, 0.1).startswith(
         "untrustworthy: max_pressure of joints.big_end is off by 19 %, above output.error_limit = "
         "10 %, most of it by the step size: see time.tolerance"
     )
-    monkeypatch.setattr(Simulation, "energy_error", 0.16)
-    assert "error 16 % of the energy exchanged, above 15 %: lower time.tol" in bad.verdict(0.2)
+    monkeypatch.setattr(RunSummary, "energy_error", 0.16)
+    assert "error 16 % of the energy exchanged, above 15 %: lower time.tol" in verdict(judged, 0.2)
 
 
 def test_a_film_that_is_right_is_complete_whatever_the_inertia_forces_lend(body):
@@ -196,7 +197,7 @@ def test_a_film_that_is_right_is_complete_whatever_the_inertia_forces_lend(body)
         extremes.append([curves["max_pressure_Pa"].max(), curves["min_film_thickness_m"].min()])
     assert extremes[1] == pytest.approx(extremes[0], rel=0.02)
     assert np.abs(curves["energy_defect_J"]).max() > 0.1 * curves["film_work_J"][-1]
-    assert tracker.verdict() == "complete"
+    assert verdict(RunSummary(tracker)) == "complete"
 
 
 def test_a_film_whose_force_does_not_do_the_work_of_its_flow_is_not_trusted(monkeypatch):
@@ -229,7 +230,7 @@ def test_an_estimate_that_is_large_is_called_so(tmp_path):
 @pytest.mark.parametrize("speed", [2.0, 20.0])
 def test_a_slow_crank_that_dissipates_little_is_called_complete(body, speed):
     tracker, _ = run_of(body, speed=speed, tolerance=1e-3)
-    assert tracker.verdict() == "complete"
+    assert verdict(RunSummary(tracker)) == "complete"
 
 
 def test_a_run_that_cannot_be_trusted_fails(tmp_path, capfd):

@@ -190,11 +190,11 @@ def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
         As `equilibrium`.
     """
     z, rates = assemble(system)
-    solver = CoupledSteps(system)
     # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
-    system.weights = np.full(system.n, GIVEN)
+    weights = np.full(system.n, GIVEN)
     for binding in system.films:
-        system.weights[binding.xi[: binding.film.journal_coordinates]] = 1.0
+        weights[binding.xi[: binding.film.journal_coordinates]] = 1.0
+    solver = CoupledSteps(system, weights=weights)
     norm = StepNorm(solver.equations)
     x = np.concatenate([z, solver.equations.resting(z)])
     observed = norm.observe(x)
@@ -280,8 +280,8 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
         for feed in binding.film.film.parameters.feeds:
             if _differs([feed.pressure_at(time) for time in times]):
                 yield (
-                    f"the pressure of a supply of {binding.name} varies: give it a constant one, or "
-                    "run it"
+                    f"the pressure of a supply of {binding.name} varies: give it a constant one, "
+                    "or run it"
                 )
 
 
@@ -347,10 +347,10 @@ def _rate(system: System) -> float:
 def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
     """Pressures under Reynolds' condition of films between rigid surfaces, as a first guess."""
     values = np.zeros(len(equations.lower))
-    for film, own in zip(equations.films, equations.places, strict=True):
+    for film, dofs in zip(equations.films, equations.film_indices, strict=True):
         gap = film.binding.gap(z, rates, 0.0)
         try:
-            values[own] = film.values(film.film.solve(gap).pressure)
+            values[dofs] = film.unknowns(film.film.solve(gap).pressure)
         except SolverError:
             return None
     return SolverState(np.zeros(1), values[None], 0)

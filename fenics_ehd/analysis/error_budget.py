@@ -56,9 +56,10 @@ from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_positions, sampling_grid
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
 from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,
@@ -472,8 +473,8 @@ class Estimator:
         The run.
     """
 
-    def __init__(self, solved: Simulation):
-        self._solved = solved
+    def __init__(self, solved: Recorder):
+        self._summary = RunSummary(solved)
         self._trajectory = trajectory_of(solved)
         self._run = solved.run
         self._cycles = solved.cycles
@@ -523,7 +524,8 @@ class Estimator:
             if self._left_out:
                 left_out[name] = self._left_out
         joints = {
-            binding.name: self._joint(i, binding, changes) for i, binding in enumerate(self._system.films)
+            binding.name: self._joint(i, binding, changes)
+            for i, binding in enumerate(self._system.films)
         }
         seconds = process_time() - began
         return ErrorBudget(joints, self._curves, changes, notes, left_out, self.iterations, seconds)
@@ -615,9 +617,10 @@ class Estimator:
             known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
             changes = {name: each for name, each in changes.items() if name not in OF_BORES}
         for quantity in QUANTITIES:
-            value = self._solved.extremes[binding.name][quantity][0]
+            value = self._summary.extremes[binding.name][quantity][0]
             extreme = Extreme(quantity, i, value, self._curves.reported)
-            shares, over = (known | {"start": start} for start in self._start(binding.name, quantity))
+            start_errors = self._start(binding.name, quantity)
+            shares, over = (known | {"start": start} for start in start_errors)
             for name, change in changes.items():
                 shares[name] = extreme.share(change)
                 over[name] = extreme.over(change)
@@ -630,7 +633,6 @@ class Estimator:
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
         """Errors of an extreme and of the curve by the distance from the periodic state."""
         cycles = self._cycles
-        solved = self._solved
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
         contraction = cycles.contraction
@@ -641,7 +643,8 @@ class Estimator:
             # The changes are noise: their ratio is not the contraction of a cycle.
             contraction = SLOWEST
         remaining = cycles.left / (1.0 - contraction)
-        now, then = (each[joint][quantity][0] for each in (solved.extremes, solved.former))
+        now = self._summary.extremes[joint][quantity][0]
+        then = self._summary.former_extremes[joint][quantity][0]
         part = remaining / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(remaining))

@@ -31,19 +31,17 @@ from fenics_ehd.film.grid import FilmGrid, aligned_grid
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step
 from fenics_ehd.multibody.history import History, fixed
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism, System
+from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import (
     FEWEST_PATTERNS,
     CoupledState,
-    CoupledSteps,
     MechanismStep,
     SolverState,
 )
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder, history_of, solution
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation, history_of, solution
-from fenics_ehd.multibody.step_equations import GapChanges
-from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.simulation import summarised_history
 
 #: Ratio of cells of `finer_grid`, in both directions. The finer mesh removes most of the error,
 #: whatever its order. Meshes half as fine show less: from 10 x 3 to 20 x 5 cells errors of a rod's
@@ -175,7 +173,7 @@ class Trajectory(History):
         )
 
 
-def solved_run(history: History) -> Simulation:
+def solved_run(history: History) -> Recorder:
     """Run whose history `simulate` returned.
 
     Raises
@@ -189,10 +187,10 @@ def solved_run(history: History) -> Simulation:
             "this history was read from a folder, which does not contain the state of its run: "
             "simulate the mechanism, or run the scene, in this program"
         )
-    return cast(Simulation, history.solved)
+    return cast(Recorder, history.solved)
 
 
-def trajectory_of(solved: Simulation) -> Trajectory:
+def trajectory_of(solved: Recorder) -> Trajectory:
     """Trajectory of a run from its start, or of the current cycle from the start of that cycle."""
     first = solved.first
     steps = solved.history().each(lambda values: values[first:])
@@ -300,8 +298,10 @@ def transferred_state(state: RunState, source: Run, target: Run, span: float = 1
         gaps, wanted = (run.norm.film_gaps(run.norm.observe(point)) for run in (source, target))
         volumes = []
         for i, film in enumerate(target.equations.films):
-            void = matrices[i] @ source.equations.films[i].void_fractions(point, gaps[i])
-            volumes.append(film.volumes_with(void, point, wanted[i]))
+            void = source.equations.films[i].content.void_fractions(point, gaps[i])
+            if void is not None:
+                void = matrices[i] @ void
+            volumes.append(film.content.of_void_fractions(void, point, wanted[i]))
         points.append(np.concatenate([point[:size], *volumes]))
     x = np.array(points)
     rate = np.zeros_like(x)
@@ -362,18 +362,16 @@ class Replay(Run):
         same_coordinates: bool = True,
         forgiving: bool = False,
     ):
-        solve = run.solve
-        norm = run.norm
-        if changes:
-            system = run.equations.system
-            solve = CoupledSteps(system, gap_changes=_GapHistory(system, trajectory, changes).at)
-            norm = StepNorm(solve.equations)
-        self._begin(solve, norm, run.control, start or trajectory.start)
+        self._begin(run.solve, run.norm, run.control, start or trajectory.start)
         self._trajectory = trajectory
         self._tolerance = tolerance
         self._stride = stride
         self._corners = trajectory.state("corner")
-        self._guess = _Guess(self, trajectory) if same_coordinates else None
+        self._guess = _Guess(run, trajectory) if same_coordinates else None
+        self._changes = []
+        for binding, observed in zip(self._system.films, changes, strict=False):
+            gap = observed[:, : len(binding.film.thickness)]
+            self._changes.append((gap, np.gradient(gap, trajectory.times, axis=0)))
         self.iterations = 0
         self.left_out = 0.0
         self._forgiving = forgiving
@@ -442,9 +440,8 @@ class Replay(Run):
         volumes = []
         for film, gap in zip(base.equations.films, gaps, strict=True):
             fractions = trajectory.joints[film.binding.name].film.fluid_fraction
-            full = np.ones(film.film.assembly.size)
-            oil = full if fractions is None else np.asarray(fractions[row])
-            volumes.append(film.volumes_with(1.0 - oil, x, gap))
+            void = None if fractions is None else 1.0 - np.asarray(fractions[row])
+            volumes.append(film.content.of_void_fractions(void, x, gap))
         point = np.concatenate([x, *volumes])
         rate = np.zeros_like(point)
         rate[: trajectory.rates.shape[1]] = trajectory.rates[row]
@@ -490,7 +487,10 @@ class Replay(Run):
             observed = asked.observed[0], norm.observe(predicted)
             asked = replace(asked, predicted=predicted, observed=observed)
             former = SolverState(np.array([time]), values[None], self._guess.patterns)
-        attempt = self.solve(norm, asked, former)
+        gap_changes = [
+            (_between(gap, row, share), _between(rate, row, share)) for gap, rate in self._changes
+        ]
+        attempt = self.solve(norm, asked, former, gap_changes)
         self.iterations += attempt.iterations
         solved = attempt.solved
         if solved is None:
@@ -509,36 +509,6 @@ class Replay(Run):
         if self._guess:
             self._guess.learn(row, share, new, solved.solver)
         return new
-
-
-class _GapHistory:
-    """Given changes of all gaps over time, linear between the times of a trajectory.
-
-    Parameters
-    ----------
-    system
-        The mechanism.
-    trajectory
-        Its times are those of the changes.
-    changes
-        Of the gap of every film where it is observed, shape (k, w) [m].
-    """
-
-    def __init__(self, system: System, trajectory: Trajectory, changes: Sequence[np.ndarray]):
-        self._times = trajectory.times
-        self._gaps = [
-            observed[:, : len(binding.film.thickness)]
-            for binding, observed in zip(system.films, changes, strict=True)
-        ]
-        self._rates = [np.gradient(gap, self._times, axis=0) for gap in self._gaps]
-
-    def at(self, time: float) -> GapChanges:
-        """Changes at the Gauss points of every film at a time, and their rates [m], [m/s]."""
-        times = self._times
-        row = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1))
-        share = float(np.clip((time - times[row - 1]) / (times[row] - times[row - 1]), 0.0, 1.0))
-        each = zip(self._gaps, self._rates, strict=True)
-        return [(_between(gap, row, share), _between(rate, row, share)) for gap, rate in each]
 
 
 def _between(
@@ -584,12 +554,15 @@ class _Guess:
         if multipliers.shape[1] == equations.rest_size - equations.system.n:
             self._values[:, equations.rest][:, equations.system.n :] = multipliers
         matrices = interpolations(trajectory.base, run)
-        for film, dofs, matrix in zip(equations.films, equations.places, matrices, strict=True):
+        each = zip(equations.films, equations.film_indices, matrices, strict=True)
+        for film, dofs, matrix in each:
+            if not film.conserves_oil:
+                self._voids[dofs] = False
             result = trajectory.joints[film.binding.name].film
             fractions = result.fluid_fraction
             for row, pressure in enumerate(np.asarray(result.pressure)):
                 void = None if fractions is None else matrix @ (1.0 - np.asarray(fractions[row]))
-                self._values[row, dofs] = film.values(matrix @ pressure, void)
+                self._values[row, dofs] = film.unknowns(matrix @ pressure, void)
         self.forget()
 
     def begin(self, state: RunState) -> None:
@@ -650,8 +623,7 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     run = trajectory.base.with_mechanism(mechanism)
     start = transferred_state(trajectory.start, trajectory.base, run)
     tolerance = NEWTON_FRACTION * run.control.tolerance
-    simulation = Simulation(
-        Replay(run, trajectory, tolerance, start=start, stride=stride), float(trajectory.times[-1])
-    )
-    deque(simulation.steps(), maxlen=0)
-    return simulation.ended()
+    run_again = Replay(run, trajectory, tolerance, start=start, stride=stride)
+    recorder = Recorder(run_again, float(trajectory.times[-1]))
+    deque(recorder.steps(), maxlen=0)
+    return summarised_history(recorder)

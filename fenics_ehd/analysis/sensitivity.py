@@ -40,7 +40,7 @@ from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
-from fenics_ehd.multibody.periodic import PeriodicSolver, repeats
+from fenics_ehd.multibody.periodic import repeats
 from fenics_ehd.multibody.quantities import joint_row
 from fenics_ehd.multibody.trust import integral
 
@@ -95,7 +95,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
 def columns_of(step: MechanismStep) -> dict[str, float]:
     """Columns of every lubricated joint at a step, by path with unit."""
     return {
-        f"joints/{joint.place.name}/{column}": value
+        f"joints/{joint.binding.name}/{column}": value
         for joint in step.solution.joints
         for column, value in joint_row(joint).items()
     }
@@ -265,13 +265,8 @@ def _repeated(
         deque(run.until(period), maxlen=0)
     start = transferred_state(base.state, base, run, span) if same else run.state
     replay = Replay(run, trajectory, tolerance, start=start, same_coordinates=same)
-    # Of the search for its own cycle nothing is left but where it is.
-    before = round(replay.state.time / period)
-    cycles = PeriodicSolver(replay, period, slack * PERIODICITY, before + MOST)
-    cycles.number = before + 1
-    searches = search.heat.state["searches"]
-    cycles.heat.state = {**cycles.heat.state, "searches": searches}
-    return recorded(replay, period, cycles, columns_of)
+    restarted = search.restarted(replay, period, slack * PERIODICITY, MOST)
+    return recorded(replay, period, restarted, columns_of)
 
 
 def sensitivity(

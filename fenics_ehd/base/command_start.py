@@ -1,24 +1,27 @@
-"""Surroundings of a command, settled before any library is imported.
+"""Environment of a command, set before any library is imported.
 
-A command gives the same results in every folder: files that lie there and that the user has not
-named are neither run nor obeyed. Only commands call this. A program that imports the package, a
-notebook say, keeps its own surroundings; `matplotlib_start` and `compat` have the rest.
+A command gives the same results in every folder: files of the current folder that the user has not
+named are neither executed nor read. Only commands call this module. A program that imports the
+package, a notebook for instance, keeps its environment; see also `matplotlib_start` and `compat`.
 
-Every import here, and in the package's own ``__init__`` before this module, is of a module that
-Python has built in or frozen: another one could come from the current folder.
+Every import here, and in the package's ``__init__`` before this module, is of a module that Python
+has built in or frozen: another one could come from the current folder.
+
+Imports inside functions: `processes` imports modules that are not frozen, and is imported once the
+current folder has left the module path.
 """
 
 import os
 import sys
 
-#: Names the file of matplotlib's options; that of no options is the null device.
+#: Variable with the path of matplotlib's options; the null device means none.
 MATPLOTLIB_OPTIONS = "MATPLOTLIBRC"
 
 
 def leave_current_folder() -> None:
-    """Search no module in the current folder, which ``python -m`` puts first in `sys.path`.
+    """Remove the current folder from the head of `sys.path`, where ``python -m`` puts it.
 
-    A folder that holds this very package goes to the end.
+    A folder that has this package is appended at the end.
     """
     if sys.flags.safe_path or not sys.path:
         return
@@ -28,11 +31,11 @@ def leave_current_folder() -> None:
 
 
 def start_command() -> None:
-    """Set the variables that libraries and child processes read.
+    """Set environment variables for libraries and child processes.
 
-    Python's children do not search modules in the current folder. Matplotlib has its defaults.
-    Open MPI starts no daemon for a process on its own, which needs files, a path, and a disk that
-    is not full; a process so started cannot spawn others by MPI, and ranks have their daemon.
+    Child processes do not search the current folder for modules. Matplotlib has its defaults. Open
+    MPI starts no daemon for a single process: the daemon needs files, a path, and a disk that is
+    not full. Such a process cannot spawn others by MPI. Ranks have their daemon.
     """
     from fenics_ehd.base.processes import THREADS, is_rank
 

@@ -1,6 +1,9 @@
-"""Everything that differs between dolfinx versions, detected by feature at import.
+"""Differences between dolfinx versions, detected by feature at import.
 
-Spelled as the newest version spells it. No other module tests a version.
+Names are those of the newest version. No other module tests a version.
+
+Imports inside functions: dolfinx.io.gmsh imports Gmsh, which takes Ctrl-C away from Python, so that
+a run without a mesh must not import it; dolfinx.fem.petsc is not imported by dolfinx 0.11 itself.
 """
 
 from __future__ import annotations
@@ -43,8 +46,6 @@ def model_to_mesh(
     model: Any, comm: MPI.Comm, rank: int = 0
 ) -> tuple[mesh.Mesh, MeshTags, MeshTags]:
     """Mesh, cell tags and facet tags of the current Gmsh model (held by `rank`)."""
-    # Here, as Gmsh 4.8 takes Ctrl-C away from Python when it is imported: a run without a mesh
-    # must not meet it.
     try:
         from dolfinx.io import gmsh as gmshio
     except ImportError:
@@ -53,7 +54,7 @@ def model_to_mesh(
 
 
 def _cell(name: str, dimension: int = 3) -> ufl.Cell:
-    """UFL cell with its geometric dimension, for which the old UFL asks elements."""
+    """UFL cell with its geometric dimension, which elements of the old UFL have."""
     return ufl.Cell(name, geometric_dimension=dimension)
 
 
@@ -142,7 +143,7 @@ def evaluated(expression: fem.Expression, domain: mesh.Mesh, cells: np.ndarray) 
 
 
 def fem_petsc() -> ModuleType:
-    """Return `dolfinx.fem.petsc`, which 0.11 no longer imports by itself."""
+    """Module `dolfinx.fem.petsc`."""
     import dolfinx.fem.petsc as module
 
     return module
@@ -150,22 +151,22 @@ def fem_petsc() -> ModuleType:
 
 _OLD = _basix_ufl is None
 
-#: Name that FFCx and dolfinx have for what a compilation obeys.
+#: Word for options of a compilation in names of FFCx and dolfinx.
 _OPTIONS = "parameters" if _OLD else "options"
 
 _FORM_OPTIONS: Any = getattr(ffcx, _OPTIONS)
 
 
 def _no_options() -> tuple[dict[str, Any], dict[str, Any]]:
-    """Options of the user's and of the current folder: none, and no file is opened."""
+    """No options of the user's or the current folder; no file is opened."""
     return {}, {}
 
 
-# Otherwise files of these folders could change results, and name compilers and their plugins.
+# Files of these folders could change results, and could name compilers and plugins.
 for _module in (jit, _FORM_OPTIONS):
     setattr(_module, f"_load_{_OPTIONS}", _no_options)
 
-#: Forms, elements and expressions are kept here; nothing else compiles into it.
+#: Folder of compiled forms, elements and expressions, of this package alone.
 FORMS = forms_folder()
 
 _DEFAULTS: dict[str, Any] = getattr(jit, f"DOLFINX_DEFAULT_JIT_{_OPTIONS.upper()}")
@@ -184,7 +185,7 @@ class _NotCompiledError(Exception):
 def _load_or_begin(
     begin: Callable[..., Any], name: str, objects: Sequence[str], folder: Path, timeout: int
 ) -> Any:
-    """Load a module that is compiled, or else begin it, unless `timeout` is 0.
+    """Load a compiled module; if it is not compiled and `timeout` is not 0, begin to compile it.
 
     Raises
     ------
@@ -197,7 +198,7 @@ def _load_or_begin(
 
 
 def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of FFCx that compiles alone and silently, and loads without waiting."""
+    """A function of FFCx, made to compile with a lock and silently, and to load without waiting."""
 
     @wraps(compile_objects)
     def compiled(*arguments: Any, **options: Any) -> Any:
@@ -221,14 +222,14 @@ _INTEGRAL_TYPE: Any = getattr(fem, "IntegralType", getattr(cpp.fem, "IntegralTyp
 
 
 def plane(element: Element) -> Element:
-    """An element that the old UFL asks for a geometric dimension, in the plane."""
+    """The element with a geometric dimension of 2, which the old UFL needs."""
     if _OLD and hasattr(element, "_cell"):
         element._cell = _cell("quadrilateral", 2)
     return element
 
 
 def quadrature_element(degree: int) -> Element:
-    """Element of values at the Gauss points of quadrilaterals of the plane."""
+    """Element whose values are at the Gauss points of quadrilaterals of the plane."""
     if _OLD:
         cell = _cell("quadrilateral", 2)
         return ufl.FiniteElement("Quadrature", cell, degree, quad_scheme="default")
@@ -236,28 +237,28 @@ def quadrature_element(degree: int) -> Element:
 
 
 def plane_domain() -> ufl.Mesh:
-    """Domain of forms on quadrilaterals of the plane, of no mesh."""
+    """Domain of forms on quadrilaterals of the plane, independent of a mesh."""
     return ufl.Mesh(lagrange_element("quadrilateral", 1, (2,), dimension=2))
 
 
 def plane_mesh(cells: np.ndarray, x: np.ndarray) -> mesh.Mesh:
-    """Mesh of quadrilaterals (corners in dolfinx order) of points (n, 2), of this process alone."""
+    """Mesh of quadrilaterals (corners in dolfinx order) of points (n, 2), on this process only."""
     domain = plane_domain()
     points_last = list(inspect.signature(mesh.create_mesh).parameters)[3] == "x"
     return mesh.create_mesh(MPI.COMM_SELF, cells, *((domain, x) if points_last else (x, domain)))
 
 
 class Coefficient(ufl.Coefficient):
-    """Coefficient of no mesh; the old FFCx makes a name in C of what the old UFL prints."""
+    """Coefficient independent of a mesh; the old FFCx uses its printed form as a name in C."""
 
     def __str__(self) -> str:
         return f"w_{self.count()}"
 
 
 def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> fem.FunctionSpace:
-    """The same space with other numbers (cells, dofs per cell) of its degrees of freedom.
+    """The same space with other numbers of its degrees of freedom, shape (cells, dofs per cell).
 
-    Nodes of one number are one degree of freedom: so a plane mesh is periodic.
+    Nodes with the same number are one degree of freedom, which makes a plane mesh periodic.
     """
     dofmap = cpp.fem.DofMap(
         space.dofmap.dof_layout,
@@ -266,30 +267,30 @@ def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> 
         cpp.graph.AdjacencyList_int32(np.ascontiguousarray(numbers, dtype=np.int32)),
         1,
     )
-    own = space._cpp_object
-    arguments = (own.mesh, own.element, dofmap)
+    native = space._cpp_object
+    arguments = (native.mesh, native.element, dofmap)
     if _OLD:
         return fem.FunctionSpace(space.mesh, space.ufl_element(), cpp.fem.FunctionSpace(*arguments))
     try:
-        made = cpp.fem.FunctionSpace_float64(*arguments)
+        numbered = cpp.fem.FunctionSpace_float64(*arguments)
     except TypeError:
-        made = cpp.fem.FunctionSpace_float64(*arguments, [])
-    return fem.FunctionSpace(space.mesh, space.ufl_element(), made)
+        numbered = cpp.fem.FunctionSpace_float64(*arguments, [])
+    return fem.FunctionSpace(space.mesh, space.ufl_element(), numbered)
 
 
 def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
-    """Compile forms of no mesh together, as one module: handles for `create_form`."""
+    """Compile forms independent of a mesh, as one module; handles for `create_form`."""
     scalar = {"scalar_type": "double" if _OLD else np.float64}
     options = {_OPTIONS: getattr(ffcx, f"get_{_OPTIONS}")(scalar)}
     compiled, module, _ = ffcx_jit.compile_forms(list(forms), **options, **_JIT)
     return [(module, form) for form in compiled]
 
 
-def coefficient_places(compiled: Any) -> list[int]:
-    """Which of a form's own coefficients its kernel takes, in order."""
+def coefficient_positions(compiled: Any) -> list[int]:
+    """Positions, among the coefficients of a form, of those that its kernel takes, in order."""
     name = "original_coefficient_position"
-    places = getattr(compiled[1], name if hasattr(compiled[1], name) else f"{name}s")
-    return [places[i] for i in range(compiled[1].num_coefficients)]
+    positions = getattr(compiled[1], name if hasattr(compiled[1], name) else f"{name}s")
+    return [positions[i] for i in range(compiled[1].num_coefficients)]
 
 
 def create_form(
@@ -299,23 +300,23 @@ def create_form(
     constant: fem.Constant,
     domain: mesh.Mesh,
 ) -> Any:
-    """A compiled form over all cells of a mesh, nothing compiled; coefficients as its kernel's."""
+    """Form over all cells of a mesh from a compiled form; coefficients in the kernel's order."""
     module, ufcx = compiled
     pointer = int(module.ffi.cast("uintptr_t", module.ffi.addressof(ufcx)))
-    own = [space._cpp_object for space in spaces]
+    native = [space._cpp_object for space in spaces]
     values = [c._cpp_object for c in coefficients]
     numbers = [constant._cpp_object]
     if _OLD:
         names = ("cell", "exterior_facet", "interior_facet", "vertex")
         subdomains = {getattr(_INTEGRAL_TYPE, name): None for name in names}
-        return cpp.fem.Form_float64(pointer, own, values, numbers, subdomains, own[0].mesh)
+        return cpp.fem.Form_float64(pointer, native, values, numbers, subdomains, native[0].mesh)
     cells = domain.topology.index_map(domain.topology.dim).size_local
     every = {_INTEGRAL_TYPE.cell: [(-1, np.arange(cells, dtype=np.int32))]}
-    return cpp.fem.create_form_float64(pointer, own, values, numbers, every, domain._cpp_object)
+    return cpp.fem.create_form_float64(pointer, native, values, numbers, every, domain._cpp_object)
 
 
 def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.Mesh) -> Any:
-    """Matrix of a form's pattern, kept by dolfinx itself."""
+    """Matrix of dolfinx with the sparsity pattern of a form."""
     if _OLD:
         dofmaps = [space._cpp_object.dofmap for space in spaces]
         pattern = cpp.fem.create_sparsity_pattern(domain.topology, dofmaps, {_INTEGRAL_TYPE.cell})
@@ -328,10 +329,10 @@ def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.M
 
 @contextmanager
 def quiet_compiler() -> Iterator[None]:
-    """No log of a C compiler, and afterwards logging and warnings as they were.
+    """Suppress the log of the C compiler; restore logging and warnings afterwards.
 
-    Setuptools, which compiles, gives the root logger a handler and a level, and has it print what
-    Python warns of.
+    Setuptools, which compiles, gives the root logger a handler and a level, and makes it print
+    Python's warnings.
     """
     root = logging.getLogger()
     handlers = list(root.handlers)

@@ -1,8 +1,8 @@
-"""Folder of compiled forms: one process compiles at a time, and others do not wait for ever.
+"""Lock of the folder of compiled forms: one process compiles at a time.
 
-FFCx marks a form that it compiles by its C file, and one that is compiled by a second file. A
-process that is killed leaves the first without the second, and any later one believes that somebody
-is at work.
+FFCx writes a C file when it begins to compile a form, and a second file when the form is compiled.
+After a process was killed in between, the first file is there without the second, and without this
+lock any later process would wait for the killed one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fenics_ehd.base.printed import escaped
 #: Seconds of waiting after which a line names the process that compiles.
 NOTICE = 10.0
 
-#: Seconds of waiting for one and the same compilation, which takes half a minute at most.
+#: Longest wait for one compilation [s], which takes half a minute at most.
 LIMIT = 300
 
 #: Seconds between two attempts to take the lock.
@@ -36,7 +36,7 @@ LONGEST = 300
 def forms_folder() -> Path:
     """Folder of the package's compiled forms, in the user's cache; nothing else compiles there.
 
-    A relative ``XDG_CACHE_HOME`` is passed over, as its specification has it: libraries would be
+    A relative ``XDG_CACHE_HOME`` is disregarded, as its specification demands: libraries would be
     loaded from the current folder.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
@@ -49,13 +49,13 @@ def is_compiled(source: Path) -> bool:
 
 
 def orphans(folder: Path) -> list[Path]:
-    """C files of forms and elements that some process began to compile and did not complete."""
+    """C files of forms and elements whose compilation was begun and not completed."""
     return [source for source in folder.glob("libffcx_*.c") if not is_compiled(source)]
 
 
 @contextmanager
 def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Iterator[None]:
-    """Compile into a folder as its only process, orphans removed; a killed process lets go.
+    """Lock a folder for compiling and remove orphans; the lock ends with the process.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Ite
     Raises
     ------
     CompilationError
-        Another process holds the lock for longer than `limit`: it is stopped, or its disk hangs.
+        Another process holds the lock for longer than `limit`: it is suspended, or its disk hangs.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "lock", "a+", encoding="utf-8", errors="replace") as lock:
@@ -96,7 +96,7 @@ def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
             )
         if silent and now > began + notice:
             silent = False
-            with suppress(OSError):  # nobody is listening
+            with suppress(OSError):  # the standard error output is closed
                 print(
                     f"fenics-ehd: waiting for compiled forms, {folder} is in use by {holder}",
                     file=sys.stderr,
@@ -105,10 +105,10 @@ def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
 
 
 def _sign(lock: IO[str]) -> None:
-    """Write down which process has locked the file, and since when: no two compilations alike."""
+    """Write the process that has locked the file, and the time, into the file."""
     holder = f"process {os.getpid()} on {platform.node()} since {time.strftime('%X')}"
     words = f"{holder}: {' '.join(sys.argv)}".split()
-    with suppress(OSError):  # a full disk: nameless
+    with suppress(OSError):  # the disk is full: the process stays unnamed
         lock.truncate(0)
         lock.write(escaped(" ".join(words))[:LONGEST])
         lock.flush()

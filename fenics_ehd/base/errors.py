@@ -23,11 +23,11 @@ class SettingsError(InputError):
 
 
 class AccuracyError(InputError):
-    """An accuracy is asked of figures whose errors are not estimated."""
+    """An accuracy is requested for figures whose errors are not estimated."""
 
 
 class SensitivityError(InputError):
-    """A derivative is asked of what a run does not tell, or along what has none."""
+    """A requested derivative does not exist: of an unknown figure, or along no parameter."""
 
 
 class InUseError(InputError):
@@ -39,7 +39,7 @@ class OutputError(EhdError):
 
 
 class CompilationError(EhdError):
-    """Forms cannot be compiled, as another process has been compiling for too long."""
+    """Forms cannot be compiled: another process has held the lock for too long."""
 
 
 class MeshError(InputError):
@@ -65,8 +65,8 @@ class SolverError(EhdError):
 class CavitationError(SolverError):
     """The complementarity problem of the film was not solved to its tolerance.
 
-    `state` holds the arrays of the failed film solve by name (gap, velocities,
-    pressure, flux), so that nothing of it is lost.
+    `state` has the arrays of the failed film solve by name (gap, velocities, pressure, flux), to
+    be saved for inspection.
     """
 
     def __init__(self, message: str, state: Mapping[str, Any] | None = None):
@@ -75,7 +75,7 @@ class CavitationError(SolverError):
 
 
 class ViscosityError(CavitationError):
-    """The viscosity runs away with the pressure: no film was found that thickens no further."""
+    """The iteration between viscosity and pressure diverges: the oil thickens without bound."""
 
 
 class GapClosedError(SolverError):
@@ -83,7 +83,7 @@ class GapClosedError(SolverError):
 
 
 class FilmTooThinError(SolverError):
-    """The film became thinner than the run was told to follow it."""
+    """The film became thinner than `smallest_film`, the limit of the run."""
 
 
 class ContactError(SolverError):
@@ -99,7 +99,7 @@ class PeriodicityError(SolverError):
 
 
 class HeatError(SolverError):
-    """A film has no temperature at which its heat leaves."""
+    """A film has no temperature at which dissipated and removed heat balance."""
 
 
 class VerificationError(SolverError):

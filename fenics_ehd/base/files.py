@@ -1,13 +1,15 @@
-"""Files of a user and of this program: text read, results written whole, folders held.
+"""Files of users and of this program: texts are read, results written, folders locked.
 
-Results are there whole or not at all, whatever ends the program or fills the disk. A folder is
-written to by one process at a time, and over nothing but the program's own files: ``manifest.txt``
-lists what the program made in a folder or is about to make, a name a line, that of
-a folder with a slash behind. Nothing else is ever removed or replaced, and nothing is done through
-a symbolic link. Lines are only ever appended, so that whoever is killed has listed what is there.
+Writes are atomic: a result is complete or absent, even after a crash or with a full disk. One
+process at a time writes to a folder, and only the program's own files are replaced or removed.
+``manifest.txt`` lists them, one name a line, folders with a slash at the end. A name is appended
+before its file is made, so that the manifest is complete even if the process is killed. Symbolic
+links are never followed.
 
-Lines ``key: value`` of known keys are no names but say something of the folder. ``command: run``
-is the command that made it: no other command writes there.
+Lines ``key: value`` of known keys are no names but properties of the folder. ``command: run`` is
+the command that made it: no other command writes there.
+
+Imports inside functions: h5py is slow to import, and reading texts does not need it.
 """
 
 from __future__ import annotations
@@ -46,9 +48,9 @@ def read_text(path: str | Path) -> str:
     Raises
     ------
     OSError
-        It cannot be read, or is none: a pipe would be waited for, a device has no end.
+        It cannot be read, or is a folder, a pipe or a device: reading these may never end.
     UnicodeDecodeError
-        It holds something else.
+        It is not UTF-8.
     """
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(0, "a folder, pipe or device, not a file")
@@ -61,37 +63,37 @@ def read_json(path: str | Path) -> Any:
     Raises
     ------
     OSError, ValueError
-        See `read_text`, or it is no JSON, or holds a number that is not finite.
+        See `read_text`; or it is no JSON, or has a number that is not finite.
     """
     try:
         return json.loads(read_text(path), parse_float=_finite, parse_constant=_finite)
     except RecursionError:
-        raise ValueError("brackets within brackets without end") from None
+        raise ValueError("brackets are nested too deeply") from None
 
 
 def _finite(text: str) -> float:
-    """Number of a JSON text, which the program writes as null if it is not finite."""
+    """Number of a JSON text; the program writes null for numbers that are not finite."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text} is no finite number")
     return value
 
 
-#: Room for what HDF5 notes of its datasets [bytes].
+#: Room for the metadata of HDF5 [bytes].
 BOOKKEEPING = 1 << 18
 
-#: How the name ends that a file has until it is whole.
+#: Ending of the name of a file that is being written.
 PART = ".part"
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Have failures to write name the file.
+    """Turn an `OSError` into an error whose message has the path.
 
     Raises
     ------
     OutputError
-        In place of an `OSError`.
+        For every `OSError`.
     """
     try:
         yield
@@ -101,12 +103,12 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def write_whole(path: Path, content: str | bytes | memoryview) -> None:
-    """Write a file aside, put it on the disk and rename it; links are replaced, not followed.
+    """Write a file under a temporary name, sync it to the disk and rename it; links are replaced.
 
     Raises
     ------
     OutputError
-        It cannot be written; a former file of that name is as it was.
+        It cannot be written; a former file of that name is unchanged.
     """
     with naming(path):
         partial = new_part(path)
@@ -121,7 +123,7 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
 
 
 def new_part(path: Path) -> Path:
-    """An empty file beside another one, to become it: nobody else's, and no former one."""
+    """A new empty file in the folder of `path`, to be written and renamed to `path`."""
     partial = path.with_name(path.name + PART)
     while True:
         try:
@@ -133,7 +135,7 @@ def new_part(path: Path) -> Path:
 
 @contextmanager
 def written_aside(path: Path) -> Iterator[Path]:
-    """Path of the same name in a folder of its own, for a program to write; it then becomes `path`.
+    """Path of the same name in a temporary folder; the file written there is moved to `path`.
 
     Raises
     ------
@@ -147,26 +149,26 @@ def written_aside(path: Path) -> Iterator[Path]:
 
 
 def put_in_place(partial: Path, path: Path) -> None:
-    """Have a written file on the disk before it gets its name, in place of a former one."""
+    """Sync a written file to the disk, then rename it to `path`, over a former one."""
     sync_path(partial)
     partial.replace(path)
     sync_path(path.parent)
 
 
 def require_room(path: Path, size: int) -> None:
-    """Refuse what the disk has no room for: HDF5 crashes where it cannot write.
+    """Check that the disk has room for a file: HDF5 crashes if it cannot write.
 
     Parameters
     ----------
     path
         File, created when missing.
     size
-        By which it is about to grow [bytes].
+        Bytes by which it will grow.
 
     Raises
     ------
     OSError
-        There is none.
+        There is no room.
     """
     with open(path, "ab") as file:
         end = file.tell()
@@ -177,7 +179,7 @@ def require_room(path: Path, size: int) -> None:
 
 
 def sync_path(path: Path) -> None:
-    """Have the system write a file, or a folder's entries, to the disk."""
+    """Sync a file, or the entries of a folder, to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -185,15 +187,17 @@ def sync_path(path: Path) -> None:
         os.close(descriptor)
 
 
-#: Names of what the program made in a folder, and how the list begins.
+#: List of the program's files in a folder.
 MANIFEST = "manifest.txt"
+
+#: First line of that list.
 HEADER = "fenics_ehd made these in this folder, and may remove or replace them:"
 
 
 def lock_taken(descriptor: int) -> bool:
-    """Lock an open file or folder, True unless another process has it.
+    """Lock an open file or folder; False if another process has locked it.
 
-    A process that ends has no locks. A file system without locks refuses nobody.
+    The lock ends with the process. On a file system without locks every process gets it.
     """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -205,12 +209,12 @@ def lock_taken(descriptor: int) -> bool:
 
 
 def locked(directory: Path) -> ExitStack:
-    """Hold a folder until it is closed; a process that ends holds none.
+    """Lock a folder until the returned stack is closed, or the process ends.
 
     Raises
     ------
     InUseError
-        Another process has it.
+        Another process has locked it.
     """
     held = ExitStack()
     file = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
@@ -221,14 +225,16 @@ def locked(directory: Path) -> ExitStack:
     return held
 
 
-#: Key of the command that made a folder, and all keys that a manifest may have.
+#: Key of the command that made a folder.
 COMMAND = "command"
+
+#: All keys that a manifest may have.
 KEYS = (COMMAND,)
 
-#: Outcome of one run of many, in the folder of that run.
+#: Status and figures of one run of a sweep or study, in the folder of that run.
 OUTCOME = "outcome.json"
 
-#: Commands by what they list in their folders: those of version 0.3 have no entry.
+#: Commands by the names in their manifests: manifests of version 0.3 have no command.
 SIGNATURES = {
     "study.json": "study",
     "sweep.json": "sweep",
@@ -238,14 +244,14 @@ SIGNATURES = {
     "run.pvd": "paraview",
 }
 
-#: What makes a folder known that lists none of these.
+#: Ending of files of ``paraview``, in manifests with none of these names.
 FIELDS_ENDING = ".vtu"
 
 
 def made_by(directory: Path) -> str:
-    """Command that made a folder, by its entry or what it lists; empty: none is known.
+    """Command that made a folder, by its entry or by the names it lists; empty if unknown.
 
-    A folder that lists nothing is its parent's if that lists it.
+    A folder without a list is attributed to the folder above if that lists it.
 
     Raises
     ------
@@ -287,7 +293,7 @@ def require_made_by(directory: Path, command: str) -> None:
     Raises
     ------
     InputError
-        Naming folder and both commands.
+        The message has the folder and both commands.
     """
     maker = made_by(directory)
     if maker not in ("", command):
@@ -311,23 +317,25 @@ def _is_entry(line: str) -> bool:
 
 
 def listed(directory: Path) -> tuple[str, ...]:
-    """Names in a folder's manifest, none where there is none.
+    """Names in the manifest of a folder; none without a manifest.
 
     Raises
     ------
     InputError
-        It cannot be read, or names what is not in the folder.
+        It cannot be read, or has names of other folders.
     """
     path = directory / MANIFEST
     names = tuple(line for line in _lines(directory) if not _is_entry(line))
     for name in names:
         if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
-            raise InputError(f"{path}: {name!r} is not in this folder: it is no list of a run")
+            raise InputError(
+                f"{path}: {name!r} is not in this folder: not a list that this program made"
+            )
     return names
 
 
 def _lines(directory: Path) -> tuple[str, ...]:
-    """Lines of a folder's manifest, each once, without its header.
+    """Lines of the manifest of a folder, each once, without its header.
 
     Raises
     ------
@@ -351,20 +359,22 @@ def _lines(directory: Path) -> tuple[str, ...]:
 
 
 def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
-    """Take names in a folder, made when missing, for files and folders that are about to be made.
+    """Enter names into the manifest of a folder, before their files are made.
 
     Parameters
     ----------
-    directory, names
-        The folder, and names there.
+    directory
+        The folder, created when missing.
+    names
+        Names of files and folders in it.
     command
-        That makes the folder, or made it; empty: that of its entry stays.
+        Command that makes the folder; empty: the manifest keeps its entry.
 
     Raises
     ------
     InputError
-        Something there has such a name that is not the program's, or is a link; or another
-        command made the folder.
+        A file of such a name is not the program's, or is a link; or another command made the
+        folder.
     OutputError
         The manifest cannot be written.
     """
@@ -379,19 +389,19 @@ def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
         lines.insert(0, f"{COMMAND}: {command}")
     with naming(directory / MANIFEST):
         directory.mkdir(parents=True, exist_ok=True)
-        for name in listed_before.intersection(wanted):  # left by a process that was killed
+        for name in listed_before.intersection(wanted):  # of a process that was killed
             _part(directory / name).unlink(missing_ok=True)
         if lines:
             _append(directory / MANIFEST, lines)
 
 
 def _require_claimable(directory: Path, name: str, in_manifest: bool) -> None:
-    """Refuse a name under which something lies that no run made.
+    """Refuse the name of a file or folder that the program did not make.
 
     Raises
     ------
     InputError
-        It is not in the manifest, or is a link or a device.
+        Such a file is not in the manifest, or is a link or a device.
     """
     folder = name[-1] == "/"
     path = directory / name
@@ -402,11 +412,14 @@ def _require_claimable(directory: Path, name: str, in_manifest: bool) -> None:
                 "choose another folder"
             )
         if not (stat.S_ISDIR if folder else stat.S_ISREG)(existing.lstat().st_mode):
-            raise InputError(f"{existing}: a link or device in place of what a run made there")
+            raise InputError(
+                f"{existing}: a link or a device, where a {'folder' if folder else 'file'} is to "
+                "be written: move it away, or choose another folder"
+            )
 
 
 def _append(manifest: Path, lines: Iterable[str]) -> None:
-    """Append lines to a manifest, on the disk before what they name is made."""
+    """Append lines to a manifest and sync it to the disk."""
     with open(manifest, "a", opener=_no_link, encoding="utf-8") as file:
         # The last line there may not have been ended.
         file.write("\n".join(["" if file.tell() else HEADER, *lines, ""]))
@@ -415,7 +428,7 @@ def _append(manifest: Path, lines: Iterable[str]) -> None:
 
 
 def clear(directory: Path, names: Collection[str] | None = None) -> None:
-    """Remove some, or all, of what a folder's manifest lists; folders as far as they are ours.
+    """Remove files and folders that a manifest lists; of folders only what their own lists.
 
     Raises
     ------
@@ -436,11 +449,11 @@ def clear(directory: Path, names: Collection[str] | None = None) -> None:
 
 
 def let_go(directory: Path, *, folder: bool = True) -> None:
-    """Remove the manifest of a folder in which nothing of it is, and the folder if it is empty."""
+    """Remove a manifest none of whose files exists, and the folder if it is empty."""
     if not any((directory / name).exists() for name in listed(directory)):
         (directory / MANIFEST).unlink(missing_ok=True)
         if folder:
-            with suppress(OSError):  # something else is in it
+            with suppress(OSError):  # the folder has other files
                 directory.rmdir()
 
 
@@ -456,23 +469,23 @@ def _no_link(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
-#: Where the film of a failed solve is kept.
+#: Film of a failed solve.
 FAILED_FILM = "failed_film.h5"
 
 #: Errors of a run over time, by component.
 ERROR_BUDGET = "error_budget.json"
 
-#: How settings were chosen that meet an accuracy.
+#: Search for settings that meet an accuracy.
 ACCURACY = "accuracy.json"
 
-#: Figures of a run and how it ended, written last.
+#: Summary of a run: its figures and status, written last.
 SUMMARY = "summary.json"
 
-#: Scene of a run, beside its history.
+#: Scene of a run, in the folder of its history.
 SCENE_NAME = "scene.toml"
 
-#: What pictures of runs show, in which order: their files have these names; joints, and what
-#: several runs make of them, may follow.
+#: Names of pictures of runs, in this order. Names of joints may follow in the names of files, and
+#: of runs if a picture compares several.
 PICTURES = (
     "max_pressure",
     "min_film_thickness",
@@ -493,7 +506,7 @@ PICTURES = (
     "energy",
 )
 
-#: Formats of each of them.
+#: Formats of every picture.
 PICTURE_FORMATS = ("png", "svg")
 
 
@@ -520,7 +533,7 @@ def require_writable(path: str | Path) -> None:
         )
     if existing.is_dir():
         try:
-            # Permission is not all: a file system may be read-only, full or no real one.
+            # Permissions do not suffice: a file system may be read-only or full.
             with TemporaryFile(dir=existing):
                 pass
         except OSError as error:
@@ -534,9 +547,9 @@ class Kind:
     Attributes
     ----------
     words
-        With their article, for a message.
+        Name of the kind with its article, for messages.
     holds
-        True of a file, which exists and is not empty, whose content is of this kind.
+        Function that is true of a file of this kind; the file exists and is not empty.
     """
 
     words: str
@@ -544,7 +557,7 @@ class Kind:
 
 
 def beginning_with(words: str, *signatures: bytes, at: int = 0) -> Kind:
-    """Kind of files with one of some signatures, at a byte from their start."""
+    """Kind of files that have one of some signatures `at` a number of bytes from the start."""
 
     def holds(path: Path) -> bool:
         with open(path, "rb") as file:
@@ -568,7 +581,7 @@ def require_output(
     inputs
         Files that the command reads.
     option
-        That names the output.
+        Option of the command line with the path.
 
     Raises
     ------
@@ -583,9 +596,9 @@ def require_output(
     if file.is_dir():
         raise InputError(f"{option} would write a file {path}: it is a folder")
     for source in inputs:
-        with suppress(OSError):  # one of them is not there
+        with suppress(OSError):  # one of them does not exist
             if os.path.samefile(file, source):
-                raise SettingsError(f"{label}: {source} is the file to read, give another name")
+                raise SettingsError(f"{label}: {source} is an input file, give another name")
     try:
         other = file.is_file() and file.stat().st_size > 0 and not kind.holds(file)
     except (OSError, ValueError) as error:
@@ -602,16 +615,16 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
     Parameters
     ----------
     directory
-        For the results.
+        Folder for the results.
     inputs
         Files that the command reads.
     names
-        That it writes there, in addition to those that the folder's manifest lists.
+        Names that it will write, besides those in the manifest of the folder.
 
     Raises
     ------
     InputError
-        Naming the input.
+        The message has the input.
     """
     outputs = {*listed(directory), *names}
     folder = directory.resolve()
@@ -628,12 +641,12 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
 
 
 def status_of(directory: Path) -> str:
-    """Status of the run in a folder, empty where there is no summary."""
+    """Status of the run in a folder, empty without a summary."""
     return str(_summary(directory).get("status", ""))
 
 
 def complete_result(directory: Path) -> dict[str, Any] | None:
-    """Summary of the complete result in a folder, None where there is none."""
+    """Summary of the complete result in a folder; None if the folder has none."""
     summary = _summary(directory)
     return summary if summary.get("status") == "complete" else None
 
@@ -644,7 +657,7 @@ def require_complete(directory: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        There is no such folder, no result in it, or one that is not complete.
+        There is no such folder, or it has no result, or one that is not complete.
     """
     path = directory / SUMMARY
     try:
@@ -659,7 +672,7 @@ def require_complete(directory: Path) -> dict[str, Any]:
 
 
 def _summary(directory: Path) -> dict[str, Any]:
-    """Summary in a folder, empty where there is none."""
+    """Summary in a folder; empty if there is none."""
     with suppress(OSError, ValueError):
         summary = read_json(directory / SUMMARY)
         if isinstance(summary, dict):
@@ -668,18 +681,18 @@ def _summary(directory: Path) -> dict[str, Any]:
 
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
-    """Write ``summary.json``, whole or not at all."""
+    """Write ``summary.json``."""
     write_whole(Path(directory) / SUMMARY, to_json(summary) + "\n")
 
 
 @contextmanager
 def keeping_failed_film(directory: str | Path) -> Iterator[None]:
-    """Save the film of a `CavitationError` that ends a command, itself or as the cause.
+    """Save the film of a `CavitationError` that ends a command, directly or as a cause.
 
     Raises
     ------
     EhdError
-        The error, its message naming the file.
+        The error; its message has the path of the saved film.
     """
     try:
         yield
@@ -690,19 +703,21 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
         if cause is None:
             raise
         path = Path(directory) / FAILED_FILM
-        import h5py  # slow to import, and texts do without
+        import h5py
 
         if path.is_file() and not _is_film(path):
-            raise type(error)(f"{error}; the film is not kept: {path} is another file") from error
+            raise type(error)(
+                f"{error}; its film is not saved: {path} exists and is not of this program"
+            ) from error
         with naming(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-        # HDF5 crashes where it cannot write.
+        # HDF5 crashes if it cannot write.
         content = io.BytesIO()
         with h5py.File(content, "w") as file:
             for name, values in cause.state.items():
                 file[name] = values
         write_whole(path, content.getvalue())
-        raise type(error)(f"{error}; the film is kept in {path}") from error
+        raise type(error)(f"{error}; the film is saved in {path}") from error
 
 
 def _is_film(path: Path) -> bool:
@@ -720,7 +735,7 @@ def to_json(values: Mapping[str, object]) -> str:
 
 
 def _plain(value: object) -> object:
-    """A value with null in the place of numbers that are not finite, at any depth."""
+    """A value in which numbers that are not finite are replaced by null, at any depth."""
     if isinstance(value, Mapping):
         return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -729,7 +744,7 @@ def _plain(value: object) -> object:
 
 
 def versions(*, installed: bool = False) -> dict[str, str]:
-    """Versions of everything that takes part in a result, or of everything that could."""
+    """Versions of the libraries that are imported, or of all that are `installed`."""
     names = ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "dolfinx", "gmsh", "matplotlib")
     return {
         "fenics_ehd": __version__,

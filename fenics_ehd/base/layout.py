@@ -2,11 +2,11 @@
 
 Sizes are whole numbers or symbols, which fields share: ``("m", 3, "n")``. A symbol gets its value
 from the first field that has it, in the order of the declaration; ``"n + 3"``, ``"3 n"`` and
-``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow with a run, those
-in small letters are the same in every state of one model (`sizes_of`).
+``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow during a run,
+those in small letters are the same in every state of one model (`sizes_of`).
 
-Headers of all values are checked before the first one is read, so that no memory is spent on what
-does not fit; content is checked as it is read.
+Headers of all values are checked before the first one is read, so that no memory is allocated for
+data of another shape. Content is checked as it is read.
 
 Names in files are the keys of a layout. They are those of attributes unless an entry has `member`,
 so that an attribute can be renamed and files stay as they are.
@@ -26,7 +26,7 @@ import numpy as np
 
 from fenics_ehd.base.sealed_file import is_text, require_stored, values
 
-#: Kinds of values: NumPy's kinds of type, their size [bytes] if it matters, words for a message.
+#: Kinds of values: NumPy's kinds of type, their size [bytes] or 0 for any, words for a message.
 KINDS: Mapping[str, tuple[str, int, str]] = {
     "float": ("f", 8, "numbers (float64)"),
     "real": ("fiu", 0, "numbers"),
@@ -53,15 +53,15 @@ class Value:
     axes
         Size of every axis; none: a single value.
     required
-        Whether it must be there.
+        Whether a file without it is refused.
     finite
         Whether numbers must be finite.
     least
         Smallest number allowed.
     empty
-        Whether an array of as many axes, one of them of size 0, means that it is unknown.
+        Whether the value may be unknown: an array of as many axes, one of them of size 0.
     attribute
-        Whether it is an attribute of its group, not a dataset.
+        Whether it is an HDF5 attribute of its group, not a dataset.
     member
         Python attribute that holds the value; empty: the one named as the key.
     """
@@ -76,12 +76,12 @@ class Value:
     member: str = ""
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
-        """Check kind and shape of a dataset or value, and add what they tell to the sizes.
+        """Check kind and shape of a dataset or value, and add new symbols to the sizes.
 
         Raises
         ------
         ValueError
-            Naming the value, its kind or shape, and the declared one.
+            The message has the value, its kind or shape, and the declared one.
         """
         if isinstance(item, Mapping | h5py.Group | h5py.Empty) or item is None:
             raise ValueError(f"{path} is no array")
@@ -91,7 +91,7 @@ class Value:
             raise ValueError(f"{path} is no array")
         kinds, size, words = KINDS[self.kind]
         fits = item.dtype.kind in kinds and item.dtype.itemsize == (size or item.dtype.itemsize)
-        if self.kind == "text":  # an empty array has no type of text
+        if self.kind == "text":  # an empty array need not have the type of text
             fits = is_text(item.dtype) or 0 in item.shape
         if not fits:
             raise ValueError(f"{path} holds {item.dtype}, not {words}")
@@ -116,7 +116,7 @@ class Value:
         Raises
         ------
         ValueError
-            Naming the value.
+            The message has the path of the value.
         """
         if self.kind == "text" or np.size(content) == 0:
             return
@@ -134,15 +134,15 @@ class Group:
     Attributes
     ----------
     entries
-        Declared ones.
+        Layouts of values and groups by name.
     each
-        Layout of every other one, whose symbols are its own; None: no other is allowed.
+        Layout of all other entries, each with symbols of its own; None: others are refused.
     required
-        Whether the group must be there.
+        Whether a file without the group is refused.
     foreign
-        Whether other programs may add what is not read.
+        Whether other programs may add entries, which are not read.
     scoped
-        Whether symbols that are new in it are its own.
+        Whether symbols that are new in the group are unknown outside.
     member
         Python attribute that holds the group's object; empty: the one named as the key.
     """
@@ -185,12 +185,12 @@ class Group:
         return {self.entries[key].member or key: value for key, value in tree.items()}
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
-        """Check a group and all that is in it, see `Value.check`.
+        """Check a group and all its entries, see `Value.check`.
 
         Raises
         ------
         ValueError
-            Naming what is missing, unknown, or of another kind or shape.
+            The message has the entry that is missing, unknown, or of another kind or shape.
         """
         if not isinstance(item, Mapping | h5py.Group):
             raise ValueError(f"{path or '/'} is no group")
@@ -210,7 +210,7 @@ class Group:
                 raise ValueError(f"{path}/{name} is not known")
 
     def value_at(self, path: str) -> Value:
-        """Layout of the value at a path of a group that was checked, ``state/rates``."""
+        """Layout of the value at a path, ``state/rates``, of a group that was checked."""
         entry: Entry | None = self
         for name in path.split("/"):
             assert isinstance(entry, Group)
@@ -222,7 +222,7 @@ class Group:
         return (name for name in item if name not in self.entries)
 
     def read(self, item: Any, path: str = "") -> dict[str, Any]:
-        """Content of a checked group: numbers and text are Python's, groups dictionaries.
+        """Content of a checked group: single numbers and texts are Python's, groups dictionaries.
 
         Raises
         ------
@@ -256,7 +256,7 @@ def _tree(entry: Entry | None, value: Any) -> Any:
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
-    """Check what has symbols of its own: those of a state are kept, its path before them."""
+    """Check an entry with symbols of its own; those of a state are stored with its path."""
     if isinstance(item, h5py.Group | h5py.Dataset):
         entry.check(item, path, dict(sizes))
         return
@@ -268,12 +268,12 @@ def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
 
 
 def _holder(item: Any, entry: Entry) -> Any:
-    """Where an entry is looked for: in its group, or among the attributes of that."""
+    """Container of an entry: its group, or the HDF5 attributes of the group."""
     return item.attrs if isinstance(entry, Value) and entry.attribute else item
 
 
 def _plain(value: Any) -> Any:
-    """An attribute as `values` returns a dataset."""
+    """Content of an HDF5 attribute, as `values` returns that of a dataset."""
     if isinstance(value, np.ndarray) and value.ndim and (is_text(value.dtype) or not value.size):
         return tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value)
     if isinstance(value, bytes):
@@ -299,12 +299,12 @@ def attribute(item: Any, name: str, value: Value) -> Any:
 
 
 def read_declared(group: h5py.Group, layout: Group) -> dict[str, Any]:
-    """Content of a group of an HDF5 file, once all headers fit its layout.
+    """Content of a group of an HDF5 file, after all headers are checked against its layout.
 
     Raises
     ------
     ValueError
-        Something is missing, unknown, of another kind or shape, or not finite.
+        An entry is missing, unknown, of another kind or shape, or not finite.
     """
     layout.check(group, _root(group), {})
     return layout.read(group, _root(group))
@@ -315,14 +315,14 @@ def _root(group: h5py.Group) -> str:
 
 
 def sizes_of(layout: Group, tree: Mapping[str, Any]) -> Sizes:
-    """Sizes that every state of one model has, from one of its states."""
+    """Sizes that all states of one model share, from one of its states."""
     sizes: Sizes = {}
     layout.check(tree, "", sizes)
     return {name: n for name, n in sizes.items() if not name.rpartition(" ")[2].isupper()}
 
 
 def _fit(shape: tuple[int, ...], axes: tuple[str | int, ...], sizes: Sizes) -> bool:
-    """True of a shape as declared, whose new symbols are then known."""
+    """True of a shape as declared; its new symbols are added to the sizes."""
     if len(shape) != len(axes):
         return False
     for size, axis in zip(shape, axes, strict=True):
@@ -370,7 +370,7 @@ class Stateful:
         Raises
         ------
         ValueError
-            Naming what has another kind or shape than here.
+            The message has the value of another kind or shape.
         """
         layout = Group(self.carried)
         start = self.state

@@ -1,7 +1,7 @@
-"""Libraries that others were compiled for: which ones Python finds, and whether they work.
+"""Compiled libraries: which ones Python finds, and whether they work together.
 
 A NumPy that pip or PYTHONPATH puts before Debian's is not the one that SciPy, h5py and dolfinx were
-compiled for: they fail with words of their own, from anywhere.
+compiled for: these then fail with obscure messages at any point. This module finds the fault.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-#: In the order in which they need each other.
+#: Libraries in the order of their dependencies.
 ARRAYS = ("numpy", "scipy", "scipy.linalg", "h5py")
 
-#: Modules of this package that import a library, or PETSc before it, without foreign options.
+#: Modules of this package that import a library without options of the current folder.
 STARTS = {
     "dolfinx": "fenics_ehd.base.compat",
     "matplotlib": "fenics_ehd.base.matplotlib_start",
@@ -64,7 +64,7 @@ def library_fault() -> str:
 
 
 def _tried(module: ModuleType) -> None:
-    """Use a library as others do when they are imported: a stub has no such names."""
+    """Use a library as other libraries do at import: an incomplete installation fails here."""
     if module.__name__ == "numpy":
         module.zeros(1, dtype=module.dtype(float))
 

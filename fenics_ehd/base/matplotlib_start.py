@@ -1,7 +1,7 @@
-"""Imports matplotlib, before anything else does, without options of the current folder.
+"""Import of matplotlib without options of the current folder, before any other import of it.
 
-Matplotlib would open ``matplotlibrc`` there before any other file of options. Commands have none
-(`command_start`); a program that imports the package keeps its own.
+Matplotlib would read ``matplotlibrc`` there before any other file of options. Commands have no such
+options (`command_start`); a program that imports the package keeps its own.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Solvers whose defaults a user can override by prefix, and the end of PETSc objects."""
+"""Options of PETSc solvers, which a user can override by prefix, and life of PETSc objects."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 def configured(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
 ) -> Iterator[None]:
-    """Set a KSP, SNES or EPS from options, `defaults` standing in for those not given.
+    """Set a KSP, SNES or EPS from the options database, with `defaults` for missing options.
 
-    Set it up within the block if `defaults` has options of its parts: the levels of a
-    multigrid hierarchy and MUMPS come to be, and read theirs, no sooner.
+    Set up the solver within the block if `defaults` has options of its parts: the levels of a
+    multigrid hierarchy and MUMPS are created, and read their options, during the set-up.
 
     Parameters
     ----------
@@ -51,17 +51,17 @@ def configured(
 def configure(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
 ) -> None:
-    """Set a solver from options as `configured` does, whose parts need none of `defaults`."""
+    """Set a solver as `configured` does, if its parts need none of `defaults`."""
     with configured(solver, prefix, defaults):
         pass
 
 
 def destroy_with(owner: object, *objects: PETSc.Object) -> None:
-    """Destroy PETSc objects when their Python owner is gone.
+    """Destroy PETSc objects when their Python owner is garbage, or at exit.
 
-    They keep arrays and Python contexts given to them until told otherwise, and
-    must not meet them when the interpreter is gone: at exit this happens too. Those that
-    Python merely lets go of PETSc 3.18 keeps until all ranks ask for them, which is for ever.
+    PETSc objects reference arrays and Python contexts until they are destroyed, which must not
+    happen after the interpreter's end. Without an explicit call PETSc 3.18 would keep them until
+    all ranks collect garbage together, which never happens.
     """
     weakref.finalize(owner, _destroy, objects)
 
@@ -72,7 +72,7 @@ def _destroy(objects: tuple[PETSc.Object, ...]) -> None:
 
 
 def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None:
-    """Solve for every column of a dense matrix, all at once when the method factorises.
+    """Solve for every column of a dense matrix, all at once with a factorisation.
 
     Parameters
     ----------
@@ -89,10 +89,10 @@ def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None
     if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
         ksp.pc.getFactorMatrix().matSolve(right, solution)
         return
-    given, unknown = ksp.getOperators()[0].createVecs()
+    rhs, unknown = ksp.getOperators()[0].createVecs()
     for column in range(right.size[1]):
-        given.array = right.getDenseArray()[:, column]
-        ksp.solve(given, unknown)
+        rhs.array = right.getDenseArray()[:, column]
+        ksp.solve(rhs, unknown)
         if ksp.getConvergedReason() < 0:
             raise SolverError(
                 f"no convergence in {ksp.getIterationNumber()} iterations (reason "

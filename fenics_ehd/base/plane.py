@@ -10,9 +10,9 @@ import numpy as np
 
 @lru_cache(maxsize=64)
 def rotation(angle: float) -> np.ndarray:
-    """Matrix that turns a vector by an angle [rad], shape (2, 2), not to be written to.
+    """Matrix that rotates a vector by an angle [rad], shape (2, 2), read-only.
 
-    It also takes components in a frame turned by that angle to the frame at rest.
+    It also transforms components in a frame rotated by that angle to the frame at rest.
     """
     cosine = math.cos(angle)
     sine = math.sin(angle)

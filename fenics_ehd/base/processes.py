@@ -1,9 +1,13 @@
-"""Processes: calls in one of their own, signals, ranks that end together, silence.
+"""Processes: child processes, signals, ranks that end together, suppressed output.
 
-- What a library leaves behind, or ends, in a process of its own stays there.
-- Signals end a run between two steps, never in the middle of writing one.
+- A function may be called in a child process: the state that a library changes, and a crash, stay
+  there.
+- Signals end a run between two steps, never while one is being written.
 - An error on one rank ends the others, which may wait for it.
-- What libraries print that nobody asked for is kept off the stream of this program's answer.
+- Output of libraries is kept off the standard output, which has the results of commands.
+
+Imports inside functions: mpi4py starts MPI when imported, which a worker must do after its
+environment is set up, and a single process need not do at all; tqdm is needed by workers alone.
 """
 
 from __future__ import annotations
@@ -42,10 +46,10 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 #: inherits them takes itself for that rank.
 LAUNCHER = ("OMPI_", "ORTE_", "PMIX_", "PRTE_", "PMI_", "HYDI_", "MPI_LOCAL", "SLURM_")
 
-#: Those of them that are settings of the user, and are passed on.
+#: Beginnings of those that are settings of the user, and are passed on.
 SETTINGS = ("OMPI_MCA_", "OMPI_ALLOW_", "PMIX_MCA_", "PRTE_MCA_", "PRTE_ALLOW_")
 
-#: Settings, by their beginnings, with which Open MPI 4 tells a rank how to reach its daemon.
+#: Beginnings of settings by which a rank of Open MPI 4 reaches its daemon.
 RANK_SETTINGS = (
     "OMPI_MCA_ess_base_",
     "OMPI_MCA_initial_wdir",
@@ -61,16 +65,16 @@ RANK_SETTINGS = (
     "OMPI_MCA_orte_top_session_dir",
 )
 
-#: Values of settings that ranks alone have: they forbid what a process on its own needs.
+#: Values of settings of ranks: they forbid components that a single process needs.
 RANK_VALUES = {
-    "OMPI_MCA_ess": ("^singleton", "singleton"),  # the latter of a process on its own
+    "OMPI_MCA_ess": ("^singleton", "singleton"),  # the latter of a single process
     "OMPI_MCA_pmix": ("^s1,s2,cray,isolated",),
 }
 
-#: Ranks among the variables of launchers.
+#: Variables of launchers with the rank of the process.
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
 
-#: Numbers of ranks among them.
+#: Variables of launchers with the number of ranks.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
 
 
@@ -87,15 +91,14 @@ def set_by_launcher(name: str, value: str) -> bool:
 
 
 def without_launcher() -> dict[str, str]:
-    """Environment of a child that is no rank: settings of the user are kept."""
+    """Environment of a child process that is no rank: settings of the user are kept."""
     return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
 
 
 def begin_worker() -> None:
-    """Set up a process of a pool: no rank, one thread for the BLAS, gone when its parent is.
+    """Set up a process of a pool: no rank, one thread of the BLAS, ended with its parent.
 
-    It must come before anything that starts MPI, which would take itself for the parent's rank:
-    so this module imports nothing that does.
+    It must be called before MPI starts, which would believe to be the parent's rank.
     """
     from tqdm import tqdm
 
@@ -107,26 +110,26 @@ def begin_worker() -> None:
     for name in THREADS:
         os.environ.setdefault(name, "1")
     logging.disable(logging.INFO)  # the build log of forms
-    # Its usual one is shared by processes, and lost by one that is killed.
+    # The default lock is shared by processes, and a killed process never releases it.
     tqdm.set_lock(threading.RLock())
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End when the parent is killed, for whose tasks a pool's processes wait for ever."""
+    """End this process when its parent ends: it would wait for tasks for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
     os._exit(1)
 
 
-#: A folder that exists without a disk, and in which no user can create a file.
+#: A folder that always exists and in which no user can create a file.
 NEUTRAL = "/proc"
 
 
 @contextmanager
 def in_neutral_folder() -> Iterator[None]:
-    """Have a current folder in which no library finds a file by a relative name.
+    """Change to a folder in which libraries find no files by relative names, and back.
 
     The former folder may have been removed, or be unreadable.
     """
@@ -139,7 +142,7 @@ def in_neutral_folder() -> Iterator[None]:
         os.close(former)
 
 
-#: What the other process does. Modules are found as here, and none in the current folder.
+#: Program of the child process. It has this process's module path, without the current folder.
 _CALL = """
 import pathlib, pickle, sys
 sys.path = pickle.load(sys.stdin.buffer)
@@ -153,25 +156,25 @@ pathlib.Path(sys.argv[1]).write_bytes(pickle.dumps(answer))
 
 
 def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
-    """Result of a module's function, called in another Python; what it prints goes nowhere.
+    """Result of a function that is called in another Python process; its output is dropped.
 
     The other process is no rank, even if this one is.
 
     Parameters
     ----------
     function
-        Of a module that does not start MPI.
+        Function at the head of a module that does not start MPI.
     arguments
-        Like its result, of types that pickle knows.
+        Arguments; they and the result are pickled.
     lost
-        Raised if the other process ends without an answer.
+        Error raised if the other process ends without a result.
     """
-    asked = pickle.dumps(sys.path) + pickle.dumps((function, arguments))
+    request = pickle.dumps(sys.path) + pickle.dumps((function, arguments))
     with TemporaryDirectory() as folder:
         answer = Path(folder, "answer")
         subprocess.run(
             [sys.executable, "-P", "-c", _CALL, str(answer)],
-            input=asked,
+            input=request,
             env=without_launcher(),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -179,26 +182,26 @@ def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
         )
         if not answer.is_file():
             raise lost
-        good, found = pickle.loads(answer.read_bytes())
-    if not good:
-        raise found
-    return found
+        successful, result = pickle.loads(answer.read_bytes())
+    if not successful:
+        raise result
+    return result
 
 
-#: They all end a run as Ctrl-C does.
+#: Signals that end a run as Ctrl-C does.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
 
-#: Exit status of a command that they ended.
+#: Exit status of a command that was ended by one of these signals.
 INTERRUPTED = 130
 
 
 @contextmanager
 def ending_signals_raise() -> Iterator[None]:
-    """Have SIGTERM and SIGHUP raise `KeyboardInterrupt` as SIGINT does.
+    """Make SIGTERM and SIGHUP raise `KeyboardInterrupt`, as SIGINT does.
 
-    In the middle of an import, which would make another error of it, they end the process.
-    What is ignored, SIGINT in a shell's background jobs say, stays ignored. So does SIGPIPE,
-    except between the steps of a run: whoever writes to a closed pipe is told by an error.
+    During an import, which would turn it into another error, they end the process. Ignored signals
+    stay ignored, SIGINT in background jobs of a shell for instance. SIGPIPE is ignored as well,
+    except between the steps of a run: writing to a closed pipe raises an error anyway.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -237,11 +240,11 @@ def _restore(handlers: dict[signal.Signals, Any]) -> None:
 
 @contextmanager
 def interrupt_between_steps() -> Iterator[Callable[[], None]]:
-    """Hold back the first signal until the function yielded here is called.
+    """Defer the first signal until the yielded function is called.
 
-    It then raises `KeyboardInterrupt`. A second signal acts at once. Only signals that would
-    raise something are held back, see `ending_signals_raise`; in a thread of its own a run has
-    none.
+    The function then raises `KeyboardInterrupt`. A second signal acts at once. Only signals with a
+    Python handler are deferred, see `ending_signals_raise`. Outside the main thread nothing is
+    done.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None
@@ -268,7 +271,7 @@ def interrupt_between_steps() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def interrupt_kept() -> Iterator[None]:
-    """Leave signals as they are: Gmsh takes SIGINT away from import to end."""
+    """Keep the handlers of signals: Gmsh replaces that of SIGINT from import to end."""
 
     def keep(number: int, _handler: Any) -> Any:
         return signal.getsignal(number)
@@ -281,19 +284,19 @@ def interrupt_kept() -> Iterator[None]:
         signal.signal = original
 
 
-#: Time in which other ranks must meet an error as well [s], or else they wait for this one.
+#: Time within which the other ranks must end as well [s]; beyond it they wait for this rank.
 PATIENCE = 3.0
 
-#: Time that mpirun needs to pass on what a rank has said, before that rank ends the job [s].
+#: Time that mpirun needs to print the message of a rank, before that rank aborts the job [s].
 PASSING_ON = 0.3
 
-#: Seconds between two looks at the other ranks.
+#: Seconds between two checks of the other ranks.
 POLL = 0.01
 
 
 @contextmanager
 def all_ranks() -> Iterator[MPI.Comm | None]:
-    """Communicator that nothing else uses, for `agreed`; None where this process is alone."""
+    """Communicator that nothing else uses, for `agreed`; None for a single process."""
     if all(os.environ.get(name, "1") == "1" for name in SIZES):
         yield None
         return
@@ -305,33 +308,33 @@ def all_ranks() -> Iterator[MPI.Comm | None]:
 
 
 def require_alike(name: str, value: str) -> None:
-    """Refuse a value that is not the same on all ranks, or they wait for each other; collective.
+    """Refuse a value that differs between ranks: they would wait for each other. Collective.
 
     Raises
     ------
     SettingsError
-        On all of them.
+        On all ranks.
     """
     from mpi4py import MPI
 
-    found = MPI.COMM_WORLD.allgather(value)
-    other = next((rank for rank, theirs in enumerate(found) if theirs != found[0]), 0)
+    values = MPI.COMM_WORLD.allgather(value)
+    other = next((rank for rank, text in enumerate(values) if text != values[0]), 0)
     if other:
         raise SettingsError(f"rank {other} has another {name} than rank 0: call all ranks alike")
 
 
 def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
-    """Exit status of all ranks, and what this one says: the first that failed speaks for all.
+    """Exit status and message of this rank: the first rank that failed has the message of all.
 
-    Called by every rank at its end. One that fails while others wait for it in something
-    collective, where no exception reaches them, says so and aborts them all.
+    Every rank calls it at its end. A rank that fails while the others wait for it in a collective
+    call, where no exception reaches them, prints its message and aborts all.
 
     Parameters
     ----------
     comm
         From `all_ranks`.
     status, message
-        Of this rank, 0 and empty where all is well.
+        Exit status and message of this rank; 0 and empty without an error.
     """
     if comm is None:
         return status, message
@@ -339,7 +342,7 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
     begin = time.monotonic()
     while not arrived.Test():
         if status and time.monotonic() > begin + PATIENCE:
-            with suppress(OSError):  # nobody is listening
+            with suppress(OSError):  # the standard error output is closed
                 print(
                     f"{escaped(message)} (rank {comm.rank}, which ends the others)", file=sys.stderr
                 )
@@ -348,27 +351,27 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
             comm.Abort(status)
         time.sleep(POLL)
     statuses = comm.allgather(status)
-    first = next((rank for rank, found in enumerate(statuses) if found), 0)
+    first = next((rank for rank, failed in enumerate(statuses) if failed), 0)
     return statuses[first], message if comm.rank == first else ""
 
 
 @contextmanager
 def printing_kept() -> Iterator[io.StringIO]:
-    """Keep what Python code prints, and drop what compiled code writes to file descriptor 1.
+    """Collect the output of Python code, and drop that of compiled code on file descriptor 1.
 
     Yields
     ------
     io.StringIO
-        What Python code has printed, to its standard or its error output.
+        Standard and error output of Python code.
     """
-    said = io.StringIO()
+    output = io.StringIO()
     _flush()
     kept = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     try:
-        with redirect_stdout(said), redirect_stderr(said):
-            yield said
+        with redirect_stdout(output), redirect_stderr(output):
+            yield output
     finally:
         _flush()
         os.dup2(kept, 1)
@@ -377,7 +380,7 @@ def printing_kept() -> Iterator[io.StringIO]:
 
 
 def _flush() -> None:
-    """Have out what Python and the C library hold back: it goes where it was meant to."""
+    """Flush the output of Python and of the C library."""
     with suppress(OSError, ValueError):
         sys.stdout.flush()
     ctypes.CDLL(None).fflush(None)

@@ -1,9 +1,9 @@
-"""HDF5 files of this program: sealed, written whole or not at all, read with suspicion.
+"""HDF5 files of this program: sealed, written atomically, checked before they are read.
 
-The seal is the SHA-256 digest of all that follows it, in the 512 bytes that HDF5 leaves to its
-users at the head of a file (``head -n 1 body.h5`` shows it). What a disk, a transfer or an editor
-changed is found before HDF5 sees the file. It protects against accidents, not against forgers:
-whoever changes a file on purpose can seal it again.
+The seal is the SHA-256 digest of everything behind it. It is in the 512 bytes at the head of a file
+that HDF5 leaves to its users (``head -n 1 body.h5`` shows it). A file that a disk, a transfer or an
+editor changed is refused before HDF5 opens it. The seal protects against accidents, not against
+forgery: a changed file can be sealed again.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ import numpy as np
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import Kind, put_in_place, write_whole
 
-#: Bytes before the HDF5 superblock, and how they begin.
+#: Number of bytes before the HDF5 superblock.
 HEAD = 512
+
+#: First bytes of a sealed file.
 _MARK = b"fenics_ehd sha256 "
 
-#: Most bytes that a byte of a file can stand for: the ratio of deflate.
+#: Largest ratio of compression: that of deflate.
 _DEFLATE = 1032
 
 
 @contextmanager
 def sealed_hdf5(path: str | Path, kind: str, version: int) -> Iterator[h5py.File]:
-    """A file to fill, made in memory, sealed, and on the disk whole before it replaces another.
+    """An HDF5 file in memory, to be filled; it is then sealed and written atomically.
 
     Parameters
     ----------
@@ -54,7 +56,7 @@ def sealed_hdf5(path: str | Path, kind: str, version: int) -> Iterator[h5py.File
 
 
 def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int) -> None:
-    """Write a tree as a file of its own, see `sealed_hdf5` and `put_tree`."""
+    """Write a tree as a sealed file, see `sealed_hdf5` and `put_tree`."""
     with sealed_hdf5(path, kind, version) as file:
         put_tree(file, tree)
 
@@ -78,26 +80,26 @@ def put_tree(group: h5py.Group, tree: Mapping[str, Any]) -> None:
             group[name] = np.array(value, dtype=h5py.string_dtype()) if text else value
 
 
-def _flat(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
-    """Every group, empty, and every value but None of a tree by its path, in order of the names."""
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Path and value of every entry of a tree, by name; groups are empty, None is left out."""
     for name, value in sorted(tree.items()):
         if value is None:
             continue
         if isinstance(value, Mapping):
-            yield place + name, {}
-            yield from _flat(value, f"{place}{name}/")
+            yield prefix + name, {}
+            yield from _flat(value, f"{prefix}{name}/")
         else:
-            yield place + name, value
+            yield prefix + name, value
 
 
 def digest(tree: Mapping[str, Any]) -> str:
-    """SHA-256 of the values of a tree, whatever program or version of HDF5 stored it."""
-    found = hashlib.sha256()
+    """SHA-256 of names and values of a tree, independent of the version of HDF5."""
+    checksum = hashlib.sha256()
     for name, value in _flat(tree):
         array = np.asarray(value)
         if not array.dtype.hasobject:
-            found.update(f"{name} {array.dtype.str} {array.shape} ".encode() + array.tobytes())
-    return found.hexdigest()
+            checksum.update(f"{name} {array.dtype.str} {array.shape} ".encode() + array.tobytes())
+    return checksum.hexdigest()
 
 
 def seal(partial: Path, path: Path) -> None:
@@ -110,12 +112,13 @@ def seal(partial: Path, path: Path) -> None:
     put_in_place(partial, path)
 
 
-def _head(found: Any) -> bytes:
-    return (_MARK + found.hexdigest().encode() + b"\n").ljust(HEAD, b"\0")
+def _head(checksum: Any) -> bytes:
+    """First bytes of a file with this checksum."""
+    return (_MARK + checksum.hexdigest().encode() + b"\n").ljust(HEAD, b"\0")
 
 
 def require_file(path: str | Path) -> None:
-    """Refuse a folder, a pipe, which would be waited for, or a device; what is missing is not."""
+    """Refuse folders, devices and pipes, whose reading may never end; missing files pass."""
     if Path(path).exists() and not Path(path).is_file():
         raise ValueError("not a regular file")
 
@@ -126,8 +129,8 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
     Raises
     ------
     ValueError, OSError
-        It is none, or data of it lie in other files: what these hold is in no digest, and may be
-        any file of the reader's.
+        It is no HDF5 file, or has data in other files, which the digest does not cover and which
+        could be any file of the user.
     """
     require_file(path)
     file = h5py.File(path, "r", **options)
@@ -149,18 +152,18 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
     return file
 
 
-#: Bytes that datasets of a foreign file may claim beyond what it can hold: variables of netCDF
-#: that were never written take no room.
+#: Bytes that datasets of a foreign file may have beyond its size: variables of netCDF that were
+#: never written occupy no room.
 _UNWRITTEN = 1 << 26
 
 
 def require_own_data(path: str | Path) -> None:
-    """Refuse an HDF5 file for another library to read: data elsewhere, more than it can hold.
+    """Check an HDF5 file that another library will read.
 
     Raises
     ------
     ValueError, OSError
-        See `open_hdf5`; or its datasets together claim more than the file can hold.
+        See `open_hdf5`; or its datasets together are larger than the file can hold.
     """
     claimed = 0
 
@@ -182,7 +185,7 @@ def _sealed(path: str | Path) -> bool:
     Raises
     ------
     ValueError
-        It has one, and is not what was sealed; or it is no regular file.
+        The file was changed after it was sealed, or is no regular file.
     """
     require_file(path)
     with open(path, "rb") as file:
@@ -194,14 +197,14 @@ def _sealed(path: str | Path) -> bool:
     return True
 
 
-#: What reading a file may raise that is damaged, of another kind, or out of reach.
+#: Exceptions from reading a file that is damaged, of another kind, or out of reach.
 UNREADABLE = (
     OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
 )  # fmt: skip
 
 
 def stored_as(words: str, kind: str) -> Kind:
-    """Kind of the output files of a format, of any version; a broken seal makes a file of none."""
+    """Kind of the output files of a format, of any version; a file with a broken seal has none."""
 
     def holds(path: Path) -> bool:
         try:
@@ -217,7 +220,7 @@ def stored_as(words: str, kind: str) -> Kind:
 
 @contextmanager
 def named(error: type[InputError], label: str) -> Iterator[None]:
-    """Turn what reading a file may raise into one line of an error of this package."""
+    """Turn exceptions from reading a file into an error of this package with one line."""
     try:
         yield
     except FileNotFoundError:
@@ -230,16 +233,16 @@ def named(error: type[InputError], label: str) -> Iterator[None]:
 def open_sealed(
     path: str | Path, kind: str, version: int, *, remedy: str, foreign: bool = False
 ) -> h5py.File:
-    """Open a file of a format for reading, once its seal is found whole.
+    """Open a file of a format for reading, after its seal is checked.
 
     Parameters
     ----------
     path, kind, version
         As in `save_tree`.
     remedy
-        What to do about another version.
+        Advice about a file of another version, for the message.
     foreign
-        Other programs write such files, too: they may do without the seal.
+        Whether other programs write such files too, without a seal.
 
     Raises
     ------
@@ -253,9 +256,9 @@ def open_sealed(
         # Bytes in histories of version 0.2.
         if not isinstance(label, str | bytes) or label not in (kind, kind.encode()):
             raise ValueError(f"not a {kind}")
-        found = file.attrs.get("format_version")
-        if not np.isscalar(found) or found != version:
-            raise ValueError(f"format version {found}, this program reads {version}; {remedy}")
+        stored = file.attrs.get("format_version")
+        if not np.isscalar(stored) or stored != version:
+            raise ValueError(f"format version {stored}, this program reads {version}; {remedy}")
         if not (sealed or foreign):
             raise ValueError(f"it has no digest: {remedy}")
     except BaseException:
@@ -265,17 +268,17 @@ def open_sealed(
 
 
 def values(item: Any, part: slice | tuple[()] = ()) -> Any:
-    """A dataset, or rows of one of numbers: an array of numbers, a tuple of text, or one of them.
+    """Content of a dataset, or of rows of it: an array or one number, a tuple of texts or one text.
 
     Raises
     ------
     ValueError
-        It holds something else, or more than its file can.
+        It is neither numbers nor text, or is larger than its file can hold.
     """
     require_numbers(item, "fiub", text=True)
     if item.dtype.kind in "fiub":
-        found = item[part]
-        return found.item() if isinstance(found, np.generic) else found
+        content = item[part]
+        return content.item() if isinstance(content, np.generic) else content
     return _texts(item)
 
 
@@ -284,12 +287,12 @@ _TEXTS = 256
 
 
 def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
-    """A text, or a tuple of them; many that share their characters are refused.
+    """A text, or a tuple of texts.
 
     Raises
     ------
     ValueError
-        They have more characters than their file has bytes.
+        They have more characters than their file has bytes: many entries share one text.
     """
     if not item.shape:
         return str(item.asstr()[()])
@@ -313,12 +316,13 @@ def is_text(kind: np.dtype) -> bool:
 
 
 def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> None:
-    """Refuse a dataset by its header, before memory is taken for it.
+    """Check the header of a dataset, before memory is allocated for it.
 
     Raises
     ------
     ValueError
-        It is no dataset, holds no numbers of these kinds (f, i, u), or claims more than is stored.
+        It is no dataset, has no numbers of these kinds (f, i, u), or is larger than its file can
+        hold.
     """
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         raise ValueError(f"{item.name} is no array")
@@ -327,19 +331,19 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     require_stored(item)
 
 
-#: Filters that make data smaller, by their number in HDF5: deflate, szip, nbit, scale-offset, LZF.
+#: Numbers in HDF5 of filters that compress: deflate, szip, nbit, scale-offset, LZF.
 _PACKING = (1, 4, 5, 6, 32000)
 
 
 def require_stored(item: h5py.Dataset) -> None:
-    """Refuse a dataset whose shape has more bytes than those stored for it can hold, unpacked.
+    """Refuse a dataset with more bytes than its file can hold, even compressed.
 
-    Data that were never written take no room in a file, at any shape.
+    Data that were never written occupy no room in a file, of any shape.
 
     Raises
     ------
     ValueError
-        Naming the dataset, its claim and what is stored.
+        The message has the dataset, its bytes and the limit.
     """
     filters = item.id.get_create_plist()
     numbers = [filters.get_filter(i)[0] for i in range(filters.get_nfilters())]

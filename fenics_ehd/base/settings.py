@@ -184,12 +184,12 @@ def _setting(tables: tuple[tuple[str, Any], ...], key: str) -> Setting | None:
 
 def keys_excluded_by(cls: type, key: str) -> tuple[str, ...]:
     """Keys of a settings class that have no effect if `key` is set."""
-    return tuple(
-        attribute.name
-        for attribute in declared(cls)
-        for condition in attribute.metadata.get("needs", ())
-        if condition.absent and key in condition.keys
-    )
+
+    def is_excluded(attribute: attrs.Attribute) -> bool:
+        needs = attribute.metadata.get("needs", ())
+        return any(condition.absent and key in condition.keys for condition in needs)
+
+    return tuple(attribute.name for attribute in declared(cls) if is_excluded(attribute))
 
 
 def require_effects(settings: Any, path: str = "") -> None:

@@ -29,7 +29,7 @@ from fenics_ehd.results.recorded_run import (
     load_run_state,
     written_by_run,
 )
-from fenics_ehd.scenes.accuracy import Search, begun, search_of
+from fenics_ehd.scenes.accuracy import Search, search_of, start_search
 from fenics_ehd.scenes.build import Machine, build
 from fenics_ehd.scenes.run import run_accurately, stored_scene
 from fenics_ehd.scenes.scene import (
@@ -210,7 +210,7 @@ def run(
     warn_of(scene.warnings)
     require_writable(directory)
     require_kept(directory, inputs, written_by_run(flexible(scene)))
-    scene, search = begun(scene)
+    scene, search = start_search(scene)
     require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
         built = build(scene, MPI.COMM_WORLD, announce=say_reducing)
@@ -308,7 +308,7 @@ def _finish(
         interval=options.interval,
         former=former,
         multiplier=options.multiplier,
-        told=say_next,
+        announce=say_next,
     )
     if options.plots and scene.output.plots:
         from fenics_ehd.plotting.pictures import plot_run

@@ -115,10 +115,12 @@ class Film:
         )
 
     def with_own_temperature(self) -> Film:
-        """The same film with a temperature of its own."""
-        film = copy(self)
-        film.equation = copy(self.equation)
-        return film
+        """A film of the same parameters whose temperature can be set without changing this one."""
+        return copy(self)
+
+    def set_temperature(self, temperature: float) -> None:
+        """Set the temperature of the oil [C], see `ReynoldsEquation.at_temperature`."""
+        self.equation = self.equation.at_temperature(temperature)
 
     def solve(self, gap: Gap, guess: FilmState | None = None) -> FilmState:
         """Pressure for a given gap.

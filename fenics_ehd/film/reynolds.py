@@ -7,6 +7,7 @@ no data of the gap: the derivative along its angle is algebra.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cache, cached_property, partial
 
 import numpy as np
@@ -84,10 +85,10 @@ class ReynoldsEquation:
         unit = np.ones(len(self.free)) if weighted else mass.sum(axis=1)
         self._smallest = SMALLEST_SOURCE * float(np.linalg.norm(unit))
         self.laws = Laws.of(parameters)
-        self._thicken(1.0)
+        self._set_viscosity(1.0)
 
-    def _thicken(self, ratio: float) -> None:
-        """Take so many times the given viscosity, in supplies and recesses, too."""
+    def _set_viscosity(self, ratio: float) -> None:
+        """Set the viscosity to `ratio` times that of the parameters, also in supplies."""
         p = self.parameters
         oil = self.lubricant
         surfaces = self.parameters.surfaces
@@ -134,17 +135,22 @@ class ReynoldsEquation:
             raise SettingsError(f"the {name} of the lubricant must be above 0 everywhere")
         return values
 
-    def warm(self, temperature: float) -> None:
-        """Give the oil the viscosity of another temperature [C]; volumes stay volumes.
+    def at_temperature(self, temperature: float) -> ReynoldsEquation:
+        """The equation for the viscosity of the oil at another temperature [C].
+
+        Densities are not changed: the equation balances volumes at ambient density. Forms and
+        patterns are those of this equation.
 
         Raises
         ------
         SettingsError
             See `Lubricant.at`.
         """
-        given = self.parameters.lubricant
-        self.lubricant = given.at(temperature)
-        self._thicken(self.lubricant.viscosity / given.viscosity)
+        reference = self.parameters.lubricant
+        equation = copy(self)
+        equation.lubricant = reference.at(temperature)
+        equation._set_viscosity(equation.lubricant.viscosity / reference.viscosity)
+        return equation
 
     def fed(self, gap: Gap, flow: Flow | None = None, *, lumped: bool = False) -> FeedTerm | None:
         """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any.

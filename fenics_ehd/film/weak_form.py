@@ -423,7 +423,7 @@ class FilmForms:
         named = {id(symbol): name for name, symbol in self._weak.coefficients.items()}
         for name, handle in self._handles.items():
             own = self._weak.forms[name].coefficients()
-            taken = [named[id(own[i])] for i in compat.coefficient_places(handle)]
+            taken = [named[id(own[i])] for i in compat.coefficient_positions(handle)]
             rows = {"residual": [], "pressure": ["nodes"]}.get(name, ["points"])
             spaces = [self._spaces[space] for space in [*rows, "nodes"]]
             functions = [self._functions[coefficient] for coefficient in taken]

@@ -1,23 +1,23 @@
 """Contact of rough surfaces in lubricated joints, within a step, with exact derivatives.
 
-At the Gauss points of a film the asperities press with ``p_c(h)``, h the nominal gap there, and rub
-with ``mu p_c s(U)``, ``s = U / sqrt(U^2 + U_0^2)``. Grooves and supply holes are deep and touch
-nothing. Pressure and boundary friction do work on what changes h and U,
+At the Gauss points of a film the asperities carry the pressure ``p_c(h)``, h the nominal gap, and
+the boundary friction ``mu p_c s(U)``, ``s = U / sqrt(U^2 + U_0^2)``. Grooves and supply holes are
+deep and have no contact. The power of pressure and friction on the coordinates behind h and U is
 
     Q . v = int p_c dh/dt - mu p_c s(U) U dA,
 
-so that contact is conservative, friction dissipates, and action is reaction. Contact that depends
-on coordinates alone has the stiffness ``N^T p_c' N`` of its forces in the core.
+so that contact is conservative, friction dissipates, and action equals reaction. If the contact
+depends on coordinates alone, the core contains the stiffness ``N^T p_c' N`` of its forces.
 
-Where residual patterns answer pressures at once (M4) the contact moves the gap that it depends on,
-``p_c = p_c(h_0 + S p_c)``. Every evaluation solves that by Newton's method, which comes from below
-without a step too far: the pressure is convex. The contact pressures that count are then unknowns
-in x behind the others,
+Residual patterns (M4) deform the bore under the contact pressures, which depend on the gap:
+``p_c = p_c(h_0 + S p_c)``. Every evaluation solves this equation by Newton's method, which
+converges from below without overshoot, because p_c is convex. The contact pressures near zero
+separation are then additional unknowns in x, behind the others,
 
     dp_c - p_c' (N dxi + S dp_c + sum_f S_f dP_f) = 0,
 
-and change the gaps of all films by S. The pressures themselves are known at every evaluation, so
-that the right-hand side is zero.
+and change the gaps of all films by S. The pressures themselves are known at every evaluation:
+the right-hand side is zero.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.rough_surfaces import AsperityContact
 from fenics_ehd.multibody.border import FilmBlock
-from fenics_ehd.multibody.film_models import FilmModel, FilmPoint
+from fenics_ehd.multibody.film_models import FilmModel
+from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.lubricated_joint import RotatedShape
 from fenics_ehd.multibody.mechanism import FilmBinding, System
 from fenics_ehd.multibody.static_correction import BoreResponses
 
-#: Distance of the tips' mean planes over sigma beyond which contact, below 4e-6 of that at 0, is
-#: left out of derivatives.
+#: Separation over sigma up to which derivatives contain the contact. At this separation the
+#: contact pressure is 4e-6 of that at zero separation.
 REACH = 4.0
 
 
@@ -47,27 +48,29 @@ class JointContact:
     Parameters
     ----------
     binding
-        The joint, its surfaces rough.
+        Film with rough surfaces.
 
     Attributes
     ----------
     surfaces
-        See `FilmParameters`.
+        Rough surfaces of the film.
     area
-        That a Gauss point stands for, 0 in grooves and holes, shape (g,) [m2].
+        Area of every Gauss point, 0 in grooves and holes, shape (g,) [m2].
     friction
-        Whether the friction of asperities that rub acts on the bodies.
+        Whether boundary friction acts on the bodies.
     rows
-        Places in z of all coordinates on which contact does work, shape (k,).
+        Indices in z of all coordinates on which contact does work, shape (k,).
     normal, sliding
-        Change of the gap and sliding velocity for unit values of, or rates of these, shape (g, k);
-        the first without what the journal's shape does.
+        Change of the gap for unit coordinates, without the shape of the journal, and sliding
+        velocity for unit rates, shape (g, k).
     """
 
     def __init__(self, binding: FilmBinding):
-        joint, film = binding.film, binding.film.film
+        joint = binding.film
+        film = joint.film
         assert film.parameters.surfaces is not None
-        self.surfaces, self._shaft_radius = film.parameters.surfaces, joint.shaft_radius
+        self.surfaces = film.parameters.surfaces
+        self._shaft_radius = joint.shaft_radius
         area = film.parameters.grid.radius**2 * film.assembly.area
         self.area = np.where(film.supplied_points, 0.0, area).ravel()
         self.friction = joint.friction and self.surfaces.boundary_friction > 0.0
@@ -77,74 +80,79 @@ class JointContact:
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
 
-    def touch(self, thickness: np.ndarray) -> AsperityContact:
-        """Contact of nominal gaps at the Gauss points, of any shape that has g values [m]."""
-        found = self.surfaces.contact(thickness.ravel())
-        return AsperityContact(*(np.where(self.area > 0.0, values, 0.0) for values in found))
+    def at_gap(self, thickness: np.ndarray) -> AsperityContact:
+        """Contact at nominal gaps of the Gauss points [m], an array of g values."""
+        contact = self.surfaces.contact(thickness.ravel())
+        return AsperityContact(*(np.where(self.area > 0.0, values, 0.0) for values in contact))
 
-    def rubbing(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
-        """``mu s`` and its derivative along U, shape (g,)."""
+    def friction_factor(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
+        """Friction over pressure ``mu s`` and its derivative along U, shape (g,) each."""
         return self.surfaces.boundary_friction_factor(gap.sliding_velocity.ravel())
 
-    def braking(self, touch: AsperityContact, gap: Gap) -> float:
-        """Torque of boundary friction against the journal's turning [N m]."""
-        rubbing = touch.pressure * self.rubbing(gap)[0]
-        return float(self._shaft_radius * np.sum(self.area * rubbing))
+    def friction_torque(self, contact: AsperityContact, gap: Gap) -> float:
+        """Torque of boundary friction against the rotation of the journal [N m]."""
+        friction = contact.pressure * self.friction_factor(gap)[0]
+        return float(self._shaft_radius * np.sum(self.area * friction))
 
-    def rubbing_power(self, touch: AsperityContact, gap: Gap) -> float:
-        """Lost by boundary friction [W]."""
-        rubbing = self.area * touch.pressure * self.rubbing(gap)[0]
-        return float(np.sum(rubbing * gap.sliding_velocity.ravel()))
+    def friction_power(self, contact: AsperityContact, gap: Gap) -> float:
+        """Power that boundary friction dissipates [W]."""
+        friction = self.area * contact.pressure * self.friction_factor(gap)[0]
+        return float(np.sum(friction * gap.sliding_velocity.ravel()))
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
-        """Gauss points whose contact counts in derivatives, shape (g,)."""
+        """Mask of Gauss points whose contact is part of derivatives, shape (g,)."""
         return (self.surfaces.separation(thickness.ravel()) < REACH) & (self.area > 0.0)
 
-    def outward(self, rotated: RotatedShape | None) -> np.ndarray:
+    def gap_rows(self, rotated: RotatedShape | None) -> np.ndarray:
         """Change of the gap for unit values of all coordinates, shape (g, k)."""
         if rotated is None:
             return self.normal
-        found = self.normal.copy()
-        found[:, found.shape[1] - len(self._signs) :] = rotated.slope[:, None] * self._signs
-        return found
+        rows = self.normal.copy()
+        first_angle = rows.shape[1] - len(self._signs)
+        rows[:, first_angle:] = rotated.slope[:, None] * self._signs
+        return rows
 
     def forces(
-        self, touch: AsperityContact, gap: Gap, rotated: RotatedShape | None = None
+        self, contact: AsperityContact, gap: Gap, rotated: RotatedShape | None = None
     ) -> np.ndarray:
         """Generalised forces on `rows`, shape (k,)."""
-        force = self.area * touch.pressure
-        found = force @ self.outward(rotated)
+        normal_force = self.area * contact.pressure
+        forces = normal_force @ self.gap_rows(rotated)
         if self.friction:
-            found -= (force * self.rubbing(gap)[0]) @ self.sliding
-        return found
+            forces -= (normal_force * self.friction_factor(gap)[0]) @ self.sliding
+        return forces
 
-    def bent(self, touch: AsperityContact, rotated: RotatedShape) -> np.ndarray:
-        """Change of the forces on `rows` as the shape of the journal turns, shape (k, k)."""
-        found, size = np.zeros((len(self.rows),) * 2), len(self._signs)
-        factor = float(self.area @ (touch.pressure * rotated.second_derivative))
-        found[len(found) - size :, len(found) - size :] = factor * np.outer(
-            self._signs, self._signs
-        )
-        return found
+    def stiffness_of_rotation(self, contact: AsperityContact, rotated: RotatedShape) -> np.ndarray:
+        """Derivative of the forces on `rows` through the rotation of the shape, shape (k, k)."""
+        stiffness = np.zeros((len(self.rows), len(self.rows)))
+        first_angle = len(self.rows) - len(self._signs)
+        factor = float(self.area @ (contact.pressure * rotated.second_derivative))
+        stiffness[first_angle:, first_angle:] = factor * np.outer(self._signs, self._signs)
+        return stiffness
 
-    def per_pressure(
+    def forces_of_unit_pressures(
         self, gap: Gap, points: np.ndarray, rotated: RotatedShape | None = None
     ) -> np.ndarray:
-        """Forces on `rows` of unit contact pressures at some points, shape (k, points)."""
-        forces = self.outward(rotated)[points]
+        """Forces on `rows` of unit contact pressures at Gauss points, shape (k, points)."""
+        forces = self.gap_rows(rotated)[points]
         if self.friction:
-            forces = forces - self.rubbing(gap)[0][points, None] * self.sliding[points]
+            forces = forces - self.friction_factor(gap)[0][points, None] * self.sliding[points]
         return (self.area[points, None] * forces).T
 
-    def rubbing_per_rate(self, touch: AsperityContact, gap: Gap, points: np.ndarray) -> np.ndarray:
-        """Minus the derivative of the forces on `rows` along the rates of these, shape (k, k)."""
-        factor = (self.area * touch.pressure * self.rubbing(gap)[1])[points]
+    def friction_damping(
+        self, contact: AsperityContact, gap: Gap, points: np.ndarray
+    ) -> np.ndarray:
+        """Negative derivative of the forces on `rows` along the rates, shape (k, k)."""
+        factor = (self.area * contact.pressure * self.friction_factor(gap)[1])[points]
         return self.sliding[points].T @ (factor[:, None] * self.sliding[points])
 
 
-#: Iterations for the contact of a bore that answers at once, and the change of a gap over the
-#: roughness at which they end: one more would change it by round-off.
-MAX_ITERATIONS, SETTLED = 60, 1e-9
+#: Most Newton iterations for the contact of a bore that deforms under it.
+MAX_ITERATIONS = 60
+
+#: Change of a gap over the roughness at which the iterations end: one more iteration would change
+#: the gap by round-off.
+SETTLED = 1e-9
 
 
 class Contacts:
@@ -153,20 +161,22 @@ class Contacts:
     Parameters
     ----------
     system, responses
-        Of the mechanism.
+        Mechanism and responses of its bores.
 
     Attributes
     ----------
     joints
-        Of every film, None where its surfaces are smooth.
-    areas, answering
-        Of the Gauss points of all films, 0 where nothing can touch, or no pattern answers it; and
-        whether there are others.
+        Contact of every film; None: its surfaces are smooth.
+    areas
+        Areas of the Gauss points of all films, 0 at points without contact or without residual
+        patterns [m2].
+    coupled
+        Whether any area is above 0: contact deforms a bore through residual patterns.
 
     Raises
     ------
     SettingsError
-        Pressures reach a rough bore that answers at once by a mortar.
+        The mortar transfers pressures to a rough bore with residual patterns.
     """
 
     def __init__(self, system: System, responses: BoreResponses):
@@ -183,85 +193,94 @@ class Contacts:
             if joint is not None:
                 self.areas[responses.points[i]] = joint.area
             rough = any(self.joints[other] for other in body.films)
-            if rough and binding.film.bore is not None and binding.film.bore.projected is not None:
+            bore = binding.film.bore
+            if rough and bore is not None and bore.projected is not None:
                 raise SettingsError(
-                    f"joints.{binding.name}.transfer = 'mortar': contact needs 'conservative'"
+                    f"joints.{binding.name}.transfer = 'mortar' does not transfer contact "
+                    "pressures: use 'conservative' with rough surfaces"
                 )
-        self.answering = bool(self.areas.any())
+        self.coupled = bool(self.areas.any())
 
-    def begin(self) -> None:
-        """Take another step: nothing is carried over, so that a resumed run is the same."""
+    def start_step(self) -> None:
+        """Forget pressures and responses of former steps, so that a resumed run is the same."""
         self._last = np.zeros(len(self.areas))
-        self._reached, self._moved = np.zeros(0, dtype=int), np.zeros((len(self.areas), 0))
+        self._known_points = np.zeros(0, dtype=int)
+        self._known_changes = np.zeros((len(self.areas), 0))
 
-    def touch(self, gaps: list[Gap]) -> list[AsperityContact | None]:
-        """Contact of all films; where it moves a bore at once the gaps are changed by it."""
-        if self.answering:
-            self._settle(gaps)
+    def at_gaps(self, gaps: list[Gap]) -> list[AsperityContact | None]:
+        """Contact of all films; gaps of bores that the contact deforms are replaced in the list."""
+        if self.coupled:
+            self._solve_coupled(gaps)
         return [
-            None if joint is None else joint.touch(gap.thickness)
+            None if joint is None else joint.at_gap(gap.thickness)
             for joint, gap in zip(self.joints, gaps, strict=True)
         ]
 
     def subtract_from_residual(self, i: int, film: FilmPoint, residual: np.ndarray) -> None:
-        """Take a film's contact forces from the residual of motion."""
+        """Subtract the contact forces of film i from the residual of motion."""
         joint = self.joints[i]
         if joint is not None and film.contact is not None:
             residual[joint.rows] -= joint.forces(film.contact, film.gap, film.rotated)
 
-    def _settle(self, gaps: list[Gap]) -> None:
-        """Contact that bores answer, with the gaps that it makes."""
-        responses, pressure = self._responses, self._last
-        open_ = np.concatenate([gap.thickness.ravel() for gap in gaps])
+    def _solve_coupled(self, gaps: list[Gap]) -> None:
+        """Solve for contact pressures and gaps of bores that deform under them."""
+        responses = self._responses
+        pressure = self._last
+        undeformed = np.concatenate([gap.thickness.ravel() for gap in gaps])
         least = min(joint.surfaces.roughness for joint in self.joints if joint is not None)
         for _ in range(MAX_ITERATIONS):
-            thickness = open_ + responses.gap_change_from_forces(self.areas * pressure)
-            found, slope = self._pressures(thickness)
-            step = found - pressure
+            thickness = undeformed + responses.gap_change_from_forces(self.areas * pressure)
+            of_gap, slope = self._pressures(thickness)
+            step = of_gap - pressure
             points = self.near(thickness)
             if len(points):
-                matrix = -slope[points, None] * self.moved_by(points)[points]
+                matrix = -slope[points, None] * self.gap_change_from_pressures(points)[points]
                 matrix[np.diag_indices_from(matrix)] += 1.0
                 step[points] = np.linalg.solve(matrix, step[points])
             pressure = pressure + step
             if np.abs(responses.gap_change_from_forces(self.areas * step)).max() <= SETTLED * least:
                 break
         else:
-            raise SolverError("the contact of a bore that answers it at once was not found")
+            raise SolverError(
+                "contact pressures of a bore that deforms under them did not converge within "
+                f"{MAX_ITERATIONS} iterations: use shorter steps (time.largest_step)"
+            )
         self._last = pressure
-        moved = responses.gap_change_from_forces(self.areas * pressure)
-        for i, own in enumerate(responses.points):
-            gaps[i] = gaps[i].changed(moved[own], responses.shift * moved[own])
+        change = responses.gap_change_from_forces(self.areas * pressure)
+        for i, of_film in enumerate(responses.points):
+            gaps[i] = gaps[i].changed(change[of_film], responses.shift * change[of_film])
 
     def _pressures(self, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Contact pressures and their slopes at the Gauss points of all films."""
-        found = np.zeros((2, len(thickness)))
-        for joint, own in zip(self.joints, self._responses.points, strict=True):
+        """Contact pressures [Pa] and their slopes [Pa/m] at the Gauss points of all films."""
+        pressure = np.zeros(len(thickness))
+        slope = np.zeros(len(thickness))
+        for joint, points in zip(self.joints, self._responses.points, strict=True):
             if joint is not None:
-                found[:, own] = joint.touch(thickness[own])[1:]
-        return found[0], found[1]
+                _, pressure[points], slope[points] = joint.at_gap(thickness[points])
+        return pressure, slope
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
-        """Gauss points whose contact counts, see `JointContact.near`, and is answered, (a,)."""
-        found = np.zeros(len(thickness), dtype=bool)
-        for joint, own in zip(self.joints, self._responses.points, strict=True):
+        """Indices of Gauss points of coupled bores in `JointContact.near`, shape (a,)."""
+        near = np.zeros(len(thickness), dtype=bool)
+        for joint, points in zip(self.joints, self._responses.points, strict=True):
             if joint is not None:
-                found[own] = joint.near(thickness[own])
-        return np.flatnonzero(found & (self.areas > 0.0))
+                near[points] = joint.near(thickness[points])
+        return np.flatnonzero(near & (self.areas > 0.0))
 
-    def moved_by(self, points: np.ndarray) -> np.ndarray:
-        """Gap change of all Gauss points for unit contact pressures at some, (g, a) [m/Pa]."""
-        new = np.setdiff1d(points, self._reached, assume_unique=True)
+    def gap_change_from_pressures(self, points: np.ndarray) -> np.ndarray:
+        """Gap change of all g points for unit contact pressures at a points, (g, a) [m/Pa]."""
+        new = np.setdiff1d(points, self._known_points, assume_unique=True)
         if len(new):
-            found = self._responses.unit_force_response(new) * self.areas[new]
-            self._reached = np.concatenate([self._reached, new])
-            self._moved = np.hstack([self._moved, found])
-        order = np.argsort(self._reached)
-        return self._moved[:, order[np.searchsorted(self._reached, points, sorter=order)]]
+            change = self._responses.unit_force_response(new) * self.areas[new]
+            self._known_points = np.concatenate([self._known_points, new])
+            self._known_changes = np.hstack([self._known_changes, change])
+        order = np.argsort(self._known_points)
+        columns = order[np.searchsorted(self._known_points, points, sorter=order)]
+        return self._known_changes[:, columns]
 
     def forces(self, thickness: Sequence[np.ndarray]) -> np.ndarray:
-        """Normal forces on the Gauss points that bores answer, of gaps of every film [N]."""
-        if not self.answering:
+        """Normal forces at the Gauss points of coupled bores [N], from the gaps of every film."""
+        if not self.coupled:
             return self.areas
         return self.areas * self._pressures(np.concatenate(thickness))[0]
 
@@ -272,14 +291,14 @@ class ContactColumns:
     Parameters
     ----------
     contacts, responses, films
-        Of the mechanism, the last of every film.
+        Contact, responses of bores and evaluated films of the mechanism.
     first
-        Number of the other unknowns x.
+        Number of unknowns x without contact pressures.
 
     Attributes
     ----------
     size
-        Number of all unknowns x.
+        Number of unknowns x with contact pressures.
     """
 
     def __init__(
@@ -289,72 +308,79 @@ class ContactColumns:
         films: Sequence[FilmPoint],
         first: int,
     ):
-        self._contacts, self._responses, self._films = contacts, responses, films
+        self._contacts = contacts
+        self._responses = responses
+        self._films = films
         self._points = np.zeros(0, dtype=int)
-        if contacts.answering:
+        if contacts.coupled:
             thickness = np.concatenate([film.gap.thickness.ravel() for film in films])
             self._points = contacts.near(thickness)
             slopes = np.zeros(len(thickness))
-            for film, own in zip(films, responses.points, strict=True):
+            for film, points in zip(films, responses.points, strict=True):
                 if film.contact is not None:
-                    slopes[own] = film.contact.slope
+                    slopes[points] = film.contact.slope
             self._slopes = slopes[self._points]
-            self._moved = contacts.moved_by(self._points)
+            self._gap_change = contacts.gap_change_from_pressures(self._points)
         self.size = first + len(self._points)
         self._unknowns = np.arange(first, self.size)
 
-    def enter(self, core: np.ndarray, speed: np.ndarray) -> None:
-        """Take all that does not depend on film pressures into S.
+    def add_to_core(self, core: np.ndarray, speed: np.ndarray) -> None:
+        """Add the derivatives of contact that do not depend on film pressures.
 
         Parameters
         ----------
         core
-            Ones on the diagonal of the contact pressures.
+            Derivatives along x, with ones on the diagonal of the contact pressures; changed.
         speed
             Derivative of all rates along the unknowns of motion.
         """
         for i, (film, joint) in enumerate(zip(self._films, self._contacts.joints, strict=True)):
-            touch = film.contact
-            if joint is None or touch is None:
+            contact = film.contact
+            if joint is None or contact is None:
                 continue
-            points, unknowns = self._own(i, joint)
-            stiffness = touch.slope[points, None] * joint.outward(film.rotated)[points]
-            forces = joint.per_pressure(film.gap, points, film.rotated)
+            points, unknowns = self._points_of_film(i, joint)
+            stiffness = contact.slope[points, None] * joint.gap_rows(film.rotated)[points]
+            forces = joint.forces_of_unit_pressures(film.gap, points, film.rotated)
             if unknowns is None:
                 core[np.ix_(joint.rows, joint.rows)] -= forces @ stiffness
             else:
                 core[np.ix_(joint.rows, unknowns)] -= forces
                 core[np.ix_(unknowns, joint.rows)] -= stiffness
             if film.rotated is not None:
-                core[np.ix_(joint.rows, joint.rows)] -= joint.bent(touch, film.rotated)
+                rotation = joint.stiffness_of_rotation(contact, film.rotated)
+                core[np.ix_(joint.rows, joint.rows)] -= rotation
             if joint.friction:
-                along = joint.rubbing_per_rate(touch, film.gap, points)
-                core[joint.rows, : speed.shape[1]] += along @ speed[joint.rows]
+                damping = joint.friction_damping(contact, film.gap, points)
+                core[joint.rows, : speed.shape[1]] += damping @ speed[joint.rows]
         if len(self._points):
-            own = np.ix_(self._unknowns, self._unknowns)
-            core[own] -= self._slopes[:, None] * self._moved[self._points]
+            pressures = np.ix_(self._unknowns, self._unknowns)
+            core[pressures] -= self._slopes[:, None] * self._gap_change[self._points]
 
-    def _own(self, i: int, joint: JointContact) -> tuple[np.ndarray, np.ndarray | None]:
-        """A film's Gauss points that count, and their unknowns where they have any."""
+    def _points_of_film(self, i: int, joint: JointContact) -> tuple[np.ndarray, np.ndarray | None]:
+        """Gauss points of film i in reach of contact, and the indices of their pressures in x.
+
+        The indices are None if the contact depends on coordinates alone.
+        """
         if self._responses.body_of(i) is None:
             return np.flatnonzero(joint.near(self._films[i].gap.thickness)), None
-        own = self._responses.points[i]
-        inside = np.flatnonzero((own.start <= self._points) & (self._points < own.stop))
-        return self._points[inside] - own.start, self._unknowns[inside]
+        of_film = self._responses.points[i]
+        inside = np.flatnonzero((of_film.start <= self._points) & (self._points < of_film.stop))
+        return self._points[inside] - of_film.start, self._unknowns[inside]
 
-    def extend(self, i: int, found: FilmBlock, model: FilmModel[Any]) -> FilmBlock:
-        """Derivatives of a film with what contact and pressures do by its bore."""
+    def extend(self, i: int, block: FilmBlock, model: FilmModel[Any]) -> FilmBlock:
+        """Derivatives of film i with those through the deformation of its bore by contact."""
         if self._responses.body_of(i) is None or not len(self._points):
-            return found
-        moved = self._moved[self._responses.points[i]]
-        near = np.flatnonzero(moved.any(axis=0))  # others touch the bores of other bodies
-        moved, unknowns = moved[:, near], self._unknowns[near]
-        spread = np.zeros((len(near), found.spread.shape[1]))
+            return block
+        gap_change = self._gap_change[self._responses.points[i]]
+        near = np.flatnonzero(gap_change.any(axis=0))  # the other points belong to other bodies
+        gap_change = gap_change[:, near]
+        unknowns = self._unknowns[near]
+        spread = np.zeros((len(near), block.spread.shape[1]))
         spread[np.arange(len(near)), unknowns] = 1.0
-        answered = model.of_pressures(self._responses.unit_pressure_response(i, self._points[near]))
-        return found.extended(
-            (found.along_gap @ moved)[model.nodes] / model.scale,
+        response = model.columns(self._responses.unit_pressure_response(i, self._points[near]))
+        return block.extended(
+            model.rows(block.along_gap @ gap_change),
             spread,
-            moved,
-            (-self._slopes[near, None] * answered, unknowns),
+            gap_change,
+            (-self._slopes[near, None] * response, unknowns),
         )

@@ -148,7 +148,23 @@ class Cycle:
         return cls(start, end, f"last of {number}", complete=True, periodic=False)
 
     @classmethod
-    def of_columns(
+    def of_columns(cls, columns: Mapping[str, np.ndarray], recurrence: Recurrence) -> Self:
+        """Decide the cycle of any run.
+
+        Parameters
+        ----------
+        columns
+            By path with unit, each of shape (steps,); of a search of its last two cycles at least.
+        recurrence
+            Of the loads.
+        """
+        times = columns["time_s"]
+        if "run/cycle" in columns:
+            return cls.of_search(times, columns["run/cycle"], columns["run/cycle_time_s"])
+        return cls.of_run(times, columns["run/crank_angle_deg"], recurrence)
+
+    @classmethod
+    def of_stored_columns(
         cls, times: np.ndarray, numbers: np.ndarray | None, clock: np.ndarray | None
     ) -> Self:
         """Decide the cycle of a history that was stored without one.

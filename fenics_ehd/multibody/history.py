@@ -322,7 +322,7 @@ class History:
         The last complete cycle as the run decided it, None if nothing was stored, see `cycle`.
     solved
         What `simulate` leaves for `replay`, `error_budget`, `multiplier` and `sensitivity`, see
-        `fenics_ehd.multibody.simulation.Simulation`; None of a run that was read.
+        `fenics_ehd.multibody.recorder.Recorder`; None of a run that was read.
     """
 
     values: Mapping[str, Quantity]
@@ -504,7 +504,7 @@ class History:
         columns = (self.values.get(f"run/{name}") for name in ("cycle", "cycle_time"))
         numbers, clock = (None if own is None else np.asarray(own) for own in columns)
         times = np.asarray(self.values["time"])
-        return Cycle.of_summary(self.told) or Cycle.of_columns(times, numbers, clock)
+        return Cycle.of_summary(self.told) or Cycle.of_stored_columns(times, numbers, clock)
 
     def last_cycle(self) -> History:
         """The last complete cycle, which figures ``cycle_...`` of the summary are of, see `cycle`.

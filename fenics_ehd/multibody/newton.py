@@ -1,33 +1,33 @@
 """Newton's method for one implicit step of films and motion, by SNES-VI.
 
 Pressures of all films are bounded below by zero, coordinates are free: complementarity and motion
-converge in one iteration, quadratically on the active set that SNES-VI settles on. It stops when
-what is left of the Newton update changes the gaps by less than the tolerance of the step, relative,
-the coordinates by less than that in the norm of the step control, and every film's complementarity
-holds to the same tolerance, relative to its source, or to round-off of its flow; all in the
-maximum norm.
+converge in one iteration, quadratically on the active set that SNES-VI settles on. The iteration
+ends when three conditions hold in the maximum norm: the next Newton update changes the gaps by less
+than the tolerance of the step, relative; it changes the coordinates by less than the tolerance in
+the norm of the step control; every film's complementarity holds to the tolerance, relative to its
+source, or to round-off of its flow.
 
-A factorisation serves as long as the active set stays, the updates shrink fast, and balances of
-conserved oil hold, whose transport is not linear: near the solution it is only the films' own
-matrices that are made anew, not the derivatives along the gaps. Films whose active set changes by
-few nodes are bordered (`ChangedSystem`), and residual patterns that the derivatives leave out are
-found by repeated substitution.
+Factors are kept as long as the active set stays, the updates shrink fast, and the oil balances of
+mass-conserving films hold, whose transport is not linear. Near the solution only the films' own
+matrices are computed anew, not the derivatives along the gaps. A film whose active set changes by
+few nodes is bordered (`ChangedSystem`). Residual patterns that the derivatives do not retain are
+treated by repeated substitution.
 
 Full updates may lead from one active set to another and back: few residual patterns, hardly
 damped, resist a short step far more than the oil does. A step that failed is tried again with
 half of every update as long as the active set changes.
 
-Oil that thickens under pressure without bound is told apart from other failures. Between rigid
-surfaces a film of Barus' oil can bear no more than a finite load however fast they close: with
-``dq = dp / r(p)``, r the ratio of viscosities, Reynolds' equation is that of constant viscosity
-for q, which stays below ``int_0^inf dp / r(p)``, 1 / alpha. On the way there pressures rise without
-bound in a moment, and no step is short enough. What the solver says of it differs from step to
-step. A coarse mesh does not see the peak and goes on with pressures that are its own.
+Oil whose viscosity grows with the pressure without bound has its own error. Between rigid surfaces
+a film of Barus' oil bears a finite load only, however fast the gap closes: with ``dq = dp / r(p)``,
+r the ratio of viscosities, Reynolds' equation is that of constant viscosity for q, which stays
+below ``int_0^inf dp / r(p)``, 1 / alpha. Close to this limit pressures grow without bound within a
+moment, no step is short enough, and the errors of the solver differ from step to step. A coarse
+mesh does not resolve the peak and continues with wrong pressures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -63,9 +63,9 @@ class CoupledState:
     Attributes
     ----------
     joints
-        Lubricated ones, in the order of `System.films`.
+        State of every lubricated joint, in the order of `System.films`.
     motion
-        See `Motion`.
+        Coordinates, rates and accelerations, see `Motion`.
     """
 
     joints: list[JointStep]
@@ -83,14 +83,14 @@ MechanismStep = Step[CoupledState]
 
 @dataclass(frozen=True, eq=False)
 class SolverState:
-    """Start values that one step leaves to the next.
+    """Start values of a step from the former ones.
 
     Attributes
     ----------
     times, values
         Unknowns u (`StepEquations`) at the last one or two steps, newest first.
     patterns
-        Residual patterns to take into the derivatives.
+        Number of residual patterns to retain in the derivatives.
     """
 
     times: np.ndarray
@@ -110,7 +110,7 @@ class SolverState:
     def after(
         cls, former: SolverState | None, time: float, values: np.ndarray, patterns: int
     ) -> SolverState:
-        """With one more step."""
+        """Start values after one more step."""
         if former is None:
             return cls(np.array([time]), values[None], patterns)
         times = np.array([time, former.times[0]])
@@ -121,31 +121,38 @@ class SolverState:
 INTEGRATOR_STATE = Group({**INTEGRATOR, "solver": SolverState.layout}, scoped=True)
 
 
-#: Nodes that may fill and empty, over the number of full ones, before all is factorised anew; and
-#: free nodes of a film beyond which it always is: the border would cost a tenth more iterations.
-LARGEST_BORDER, MOST_NODES = 0.25, 700
+#: Largest number of nodes that fill and empty, over that of full ones, which are bordered instead
+#: of factorising anew.
+LARGEST_BORDER = 0.25
 
-#: Residual patterns in the factorised derivatives of a sparse film, at first and at least. What the
-#: others add to an update is found by repeated substitution, until it changes by less than this
-#: share. Where that shrinks changes by less than `SLOW`, twice the patterns are taken, by more
-#: than `FAST` half of them in the next step.
+#: Largest number of nodes of a film that is bordered: beyond, borders cost a tenth more iterations.
+MOST_NODES = 700
+
+#: Residual patterns retained in the factorised derivatives of a sparse film, at first and at least.
+#: The contribution of the others to an update is computed by repeated substitution, until it
+#: changes by less than `REFINED`, relative. If one substitution reduces the change by less than the
+#: factor `SLOW`, the patterns are doubled; if by more than `FAST`, they are halved in the next
+#: step.
 FEWEST_PATTERNS = 30
 REFINED = 0.02
 MAX_REFINEMENTS = 8
-SLOW, FAST = 0.4, 0.02
+SLOW = 0.4
+FAST = 0.02
 
 
 class Update(NamedTuple):
-    """Newton update that SNES takes away in one iteration.
+    """Newton update that SNES subtracts in one iteration.
 
     Attributes
     ----------
-    films, rest
-        Of every film at its nodes, pressures where the film is full; and of ``(z, l, m)``.
+    films
+        Solution of every film's linear system: pressures where the film is full.
+    rest
+        Update of ``(z, l, m)``.
     gap_reduction
-        Largest gap_reduction of a gap, relative.
+        Largest relative reduction of a gap.
     size
-        Largest change of a gap, relative, or of a coordinate in the norm of the steps.
+        Largest relative change of a gap, or change of a coordinate in the norm of the steps.
     """
 
     films: list[np.ndarray]
@@ -155,40 +162,40 @@ class Update(NamedTuple):
 
 
 class StepFactors:
-    """Factors of the equations of one step after another.
+    """Factors of the equations of the steps.
 
     Parameters
     ----------
     equations
-        Of the mechanism.
+        Equations of the mechanism.
     options_prefix
-        Of the factorisations.
+        Prefix of the factorisations' PETSc options.
 
     Attributes
     ----------
     patterns
-        Residual patterns in the derivatives.
+        Number of residual patterns retained in the derivatives.
     """
 
     def __init__(self, equations: StepEquations, *, options_prefix: str):
         self._equations = equations
-        self._blocks = [film.system(options_prefix) for film in equations.films]
+        self._blocks = [film.linear_system(options_prefix) for film in equations.films]
         self.retain_patterns(FEWEST_PATTERNS)
 
     def retain_patterns(self, patterns: int) -> None:
-        """Take so many residual patterns into the derivatives."""
+        """Retain this number of residual patterns in the derivatives."""
         self.patterns = max(patterns, FEWEST_PATTERNS)
         self._reduction = 0.0
         self._equations.retain_patterns(self.patterns)
 
     @property
     def patterns_wanted(self) -> int:
-        """Residual patterns for the next step: half, where few would have done."""
+        """Residual patterns for the next step: half of them if fewer would have sufficed."""
         patterns = self.patterns // 2 if self._reduction < FAST else self.patterns
         return max(patterns, FEWEST_PATTERNS)
 
     def begin(self, norm: StepNorm, patterns: int) -> None:
-        """Take another step, whose errors `norm` judges."""
+        """Start a step whose errors are measured by `norm`."""
         self._norm = norm
         if patterns != self.patterns:
             self.retain_patterns(patterns)
@@ -196,7 +203,7 @@ class StepFactors:
         self.forget()
 
     def forget(self) -> None:
-        """Keep no factors."""
+        """Discard all factors."""
         self._base: BorderedSystem | None = None
         self._factored: BorderedSystem | ChangedSystem | None = None
         self._derivative: Derivative | None = None
@@ -204,11 +211,11 @@ class StepFactors:
 
     @property
     def known(self) -> bool:
-        """True once there are factors."""
+        """True if there are factors."""
         return self._factored is not None
 
     def change(self, full: Sequence[np.ndarray]) -> bool:
-        """Take other full nodes, derivatives as they are; False: better factorise."""
+        """Change the full nodes with the derivatives kept; False: a factorisation is cheaper."""
         derivative = self._derivative
         changes = []
         border = 0
@@ -227,9 +234,9 @@ class StepFactors:
         return True
 
     def factorise(self, point: Point, full: Sequence[np.ndarray], *, near: bool = False) -> None:
-        """Derivatives at a point, factorised for the full nodes of every film.
+        """Compute and factorise the derivatives at a point for the full nodes of every film.
 
-        `near` the solution only the films' own matrices are made anew.
+        `near` the solution only the films' own matrices are computed anew.
         """
         derivative = self._derivative = self._equations.linearise(
             point, self._derivative if near else None
@@ -247,33 +254,34 @@ class StepFactors:
         films: Sequence[np.ndarray],
         rest: np.ndarray,
     ) -> Update:
-        """As `solve`, with more patterns in the derivatives if substitution is slow."""
-        found = self.solve(point, films, rest)
+        """Solve as `solve`, with more patterns retained if substitution is slow."""
+        update = self.solve(point, films, rest)
         while self._reduction > SLOW and self.patterns < self._equations.most_patterns:
             self.retain_patterns(2 * self.patterns)
             self.factorise(point, full)
-            found = self.solve(point, films, rest)
-        return found
+            update = self.solve(point, films, rest)
+        return update
 
     def solve(self, point: Point, films: Sequence[np.ndarray], rest: np.ndarray) -> Update:
         """Solve for right-hand sides of the films and of the rest."""
         factored = self._factored
         assert factored is not None
-        given = np.zeros(factored.size)
-        given[: len(rest)] = rest
-        pressures, x = factored.solve(films, given)
-        changes, left = self._gap_change(factored, pressures, x)
+        right_side = np.zeros(factored.size)
+        right_side[: len(rest)] = rest
+        pressures, x = factored.solve(films, right_side)
+        changes, residuals = self._gap_change(factored, pressures, x)
         gap_reduction, size = self._measure(point, changes, x)
         former = size
         for _ in range(MAX_REFINEMENTS):
-            if left is None or not size:
+            if residuals is None or not size:
                 break
-            more, x_more = factored.solve([-film for film in left], np.zeros(factored.size))
-            further, left = self._gap_change(factored, more, x_more)
-            pressures = [p + q for p, q in zip(pressures, more, strict=True)]
-            changes = [c + d for c, d in zip(changes, further, strict=True)]
+            right_sides = [-film for film in residuals]
+            pressures_more, x_more = factored.solve(right_sides, np.zeros(factored.size))
+            changes_more, residuals = self._gap_change(factored, pressures_more, x_more)
+            pressures = [p + q for p, q in zip(pressures, pressures_more, strict=True)]
+            changes = [c + d for c, d in zip(changes, changes_more, strict=True)]
             x = x + x_more
-            changed = self._measure(point, further, x_more)[1]
+            changed = self._measure(point, changes_more, x_more)[1]
             gap_reduction, size = self._measure(point, changes, x)
             self._reduction = changed / former
             former = changed
@@ -284,36 +292,36 @@ class StepFactors:
     def _gap_change(
         self, factored: BorderedSystem | ChangedSystem, pressures: list[np.ndarray], x: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray] | None]:
-        """Changes as of `StepEquations.gap_change`; what is no pressure moves no bore."""
+        """Changes as of `StepEquations.gap_change`; only pressures of full nodes deform bores."""
         each = zip(self._equations.films, pressures, self._full, strict=True)
-        nodal = [film.nodal_change(values, full) for film, values, full in each]
+        nodal = [film.pressure_update(values, full) for film, values, full in each]
         return self._equations.gap_change(factored.borders, nodal, x)
 
     def _measure(
         self, point: Point, changes: list[np.ndarray], x: np.ndarray
     ) -> tuple[float, float]:
-        """Largest relative gap_reduction of a gap, and largest change in the norm of the steps.
+        """Largest relative reduction of a gap, and largest change in the norm of the steps.
 
-        SNES takes changes away: one that opens a gap closes it.
+        SNES subtracts changes: a positive change reduces the gap.
         """
         n = self._equations.system.n
         gap_reduction = 0.0
         size = self._norm.coordinate_error(x[:n])
-        places = self._equations.system.films
-        for binding, change, film in zip(places, changes, point.films, strict=True):
+        bindings = self._equations.system.films
+        for binding, change, film in zip(bindings, changes, point.films, strict=True):
             relative = change / binding.film.lengths(film.gap.thickness.ravel())
             gap_reduction = max(gap_reduction, float(relative.max()))
             size = max(size, float(np.abs(relative).max()))
         return gap_reduction, size
 
 
-#: Ratio of viscosities at the last accepted step beyond which it is the oil that failed. Films that
-#: go on reach 1e3 and more in runs, but rarely fail a step there.
+#: Ratio of viscosities at the last accepted step above which a failed step is attributed to the
+#: oil. Films of successful runs reach 1e3 and more, but rarely fail a step there.
 THICKENED = 1e2
 
 
 def unresolved(binding: FilmBinding, steepest: float) -> str:
-    """Message about an oil that thickens too much within a cell; usually empty."""
+    """Message about a viscosity that changes too much within a cell; empty if it does not."""
     if steepest <= MOST_WITHIN_A_CELL:
         return ""
     return (
@@ -326,15 +334,15 @@ def unresolved(binding: FilmBinding, steepest: float) -> str:
 def classify_failure(
     error: SolverError, equations: StepEquations, former: SolverState | None
 ) -> SolverError:
-    """The error, or the one of a viscosity that runs away, by the films at the former step."""
+    """The error itself, or that of a viscosity which is too high at the former step."""
     if former is None or isinstance(error, ViscosityError):
         return error
-    for film, own in zip(equations.films, equations.places, strict=True):
-        highest = film.pressure(former.values[0][own]).max()
+    for film, indices in zip(equations.films, equations.film_indices, strict=True):
+        highest = film.pressure(former.values[0][indices]).max()
         ratio = _ratio(film.film.equation.lubricant.viscosity_law, highest)
         if ratio > THICKENED:
             return ViscosityError(
-                f"the viscosity of the oil in {film.place.name} runs away with the pressure: at "
+                f"the viscosity of the oil in {film.binding.name} runs away with the pressure: at "
                 f"{highest * 1e-6:.4g} MPa it is {ratio:.2g} times that at ambient pressure: lower "
                 "the load or the pressure coefficient (barus, roelands)"
             )
@@ -342,49 +350,53 @@ def classify_failure(
 
 
 def _ratio(law: PressureLaw, pressure: float) -> float:
-    """Ratio of viscosities at a pressure [Pa], infinite beyond all that is computed."""
+    """Ratio of viscosities at a pressure [Pa]; infinite beyond the limit of the law."""
     try:
         return 1.0 if law.constant else float(law(np.array([pressure]))[0])
     except ViscosityError:
         return np.inf
 
 
-#: Iterations of one step. Those that converge need one to five.
+#: Largest number of iterations of a step. Steps that converge need one to five.
 MAX_ITERATIONS = 25
 
-#: A factorisation is kept for another iteration when the last update shrank by this.
+#: Factors are kept for another iteration if the last update is smaller than the one before it by
+#: this factor.
 CONTRACTION = 0.1
 
-#: Derivatives are kept for another active set when the last update changed the gaps by no more
-#: than this, relative, and shrank by this.
-NEAR, SHRINKING = 0.05, 0.3
+#: Derivatives are kept for another active set if the last update changed the gaps by no more than
+#: `NEAR`, relative, and is smaller than the one before it by the factor `SHRINKING`.
+NEAR = 0.05
+SHRINKING = 0.3
 
-#: Derivatives along the gaps of films that are not nearly linear are kept when the square of the
-#: last update, over the tolerance, is below this: of that order is what they then miss.
+#: Derivatives along the gaps of films that are not nearly linear are kept if the square of the last
+#: update is below this part of the tolerance: the square is the order of the error that follows.
 SQUARED = 0.3
 
-#: Iterations of a step that failed so, and the part of an update that they take as long as the
-#: active set changes.
-PATIENT_ITERATIONS, DAMPING = 100, 0.5
+#: Largest number of iterations of the second attempt at a step.
+PATIENT_ITERATIONS = 100
 
-#: Iterations after which the sheared share of the films stays as it is, if it does not before.
+#: Part of an update that the second attempt takes as long as the active set changes.
+DAMPING = 0.5
+
+#: Iterations after which the sheared fraction of the films is frozen, unless it is before.
 FREE_SHEAR = 4
 
-#: Tolerance below which round-off is met.
+#: Smallest tolerance: below it round-off dominates.
 FINEST = 1e-11
 
 
 class CoupledSteps:
-    """Solves the steps of one mechanism: a `StepSolver`.
+    """Solver of the steps of one mechanism: a `StepSolver`.
 
     Parameters
     ----------
     system
         The mechanism.
-    weights, gap_changes
-        See `StepEquations`.
+    weights
+        Weights of the coordinates, see `StepEquations`.
     options_prefix
-        Of SNES-VI.
+        Prefix of the PETSc options of SNES-VI.
     """
 
     def __init__(
@@ -392,12 +404,11 @@ class CoupledSteps:
         system: System,
         *,
         weights: np.ndarray | None = None,
-        gap_changes: Callable[[float], GapChanges] | None = None,
         options_prefix: str = "motion_",
     ):
         self.system = system
         self._prefix = options_prefix
-        self.equations = StepEquations(system, weights=weights, gap_changes=gap_changes)
+        self.equations = StepEquations(system, weights=weights)
         self._factors = StepFactors(self.equations, options_prefix=options_prefix)
         self._snes = self._solver(MAX_ITERATIONS)
 
@@ -415,14 +426,30 @@ class CoupledSteps:
         )
 
     def __call__(
-        self, problem: StepNorm, step: ImplicitStep, former: SolverState | None
+        self,
+        problem: StepNorm,
+        step: ImplicitStep,
+        former: SolverState | None,
+        gap_changes: GapChanges = (),
     ) -> Attempt:
-        """Solve one step; `problem` judges errors."""
+        """Solve one step.
+
+        Parameters
+        ----------
+        problem
+            Norm of errors.
+        step
+            Formula of the step.
+        former
+            Start values; None: a film without pressure.
+        gap_changes
+            Changes imposed on all gaps, see `StepEquations.begin`.
+        """
         self._problem = problem
         self._tolerance = max(step.tolerance, FINEST)
         self._iterations = 0
         self._factors.begin(problem, FEWEST_PATTERNS if former is None else former.patterns)
-        self.equations.begin(step)
+        self.equations.begin(step, gap_changes)
         try:
             iterations = self._solve(self._start(step, former))
             films = [film.end(point, self._tolerance) for film, point, _ in self._films]
@@ -441,16 +468,16 @@ class CoupledSteps:
     def response_to_forces(
         self, x: np.ndarray, rate: np.ndarray, shift: float, forces: np.ndarray
     ) -> np.ndarray:
-        """Changes of z with which the solution found last answers generalised forces, shape (n, k).
+        """Changes of z due to small generalised forces on the last solution, shape (n, k).
 
         Parameters
         ----------
         x, rate
             State of the solution.
         shift
-            Of the changes: ``x' = shift x + ...``.
+            Shift of the changes: ``x' = shift x + ...``.
         forces
-            shape (n, k).
+            Generalised forces, shape (n, k).
         """
         past = rate - shift * x, -shift * rate
         step = ImplicitStep(0.0, shift, *past, x, x, (x, x), self._tolerance)
@@ -458,16 +485,16 @@ class CoupledSteps:
         self.function(self._solution)
         self._factors.forget()
         self._factors.factorise(self._point, self._full)
-        films = [np.zeros(len(film.nodes)) for film in self.equations.films]
-        found = []
+        films = [np.zeros(film.pattern.size) for film in self.equations.films]
+        responses = []
         for force in forces.T:
-            given = np.zeros(self.equations.rest_size)
-            given[: len(force)] = force
-            found.append(self._factors.solve(self._point, films, given).rest[: len(force)])
-        return np.stack(found, axis=-1)
+            rest = np.zeros(self.equations.rest_size)
+            rest[: len(force)] = force
+            responses.append(self._factors.solve(self._point, films, rest).rest[: len(force)])
+        return np.stack(responses, axis=-1)
 
     def _solve(self, start: np.ndarray) -> int:
-        """Iterations to a solution, by full updates and else by damped ones."""
+        """Solve by full updates, then by damped ones if these fail; returns the iterations."""
         self._begin(damping=1.0)
         try:
             self._solution, _, iterations = self._snes.solve(start)
@@ -501,7 +528,10 @@ class CoupledSteps:
         else:
             # On the line through the last two steps.
             start = extrapolation_weights(former.times, step.time) @ former.values
-            start[: rest.start] = np.maximum(start[: rest.start], 0.0)
+            for film, indices in zip(
+                self.equations.films, self.equations.film_indices, strict=True
+            ):
+                start[indices] = film.admissible(start[indices])
         start[rest][:n] = x[:n]
         return start
 
@@ -514,15 +544,15 @@ class CoupledSteps:
         return self._point.residual
 
     def linearise(self, x: np.ndarray) -> None:
-        """Nothing yet: derivatives are made for an active set, when it is known."""
+        """Do nothing: derivatives are computed when the active set is known."""
 
     def factorise(self, nodes: np.ndarray) -> None:
         """Derivatives for an active set, see `VariationalInequality`."""
         self._nodes = nodes
         full = []
-        for film, own in zip(self.equations.films, self.equations.places, strict=True):
-            last = own.start + len(film.nodes)
-            full.append(nodes[(nodes >= own.start) & (nodes < last)] - own.start)
+        for film, own in zip(self.equations.films, self.equations.film_indices, strict=True):
+            free = nodes[(nodes >= own.start) & (nodes < own.stop)] - own.start
+            full.append(film.full_nodes(free))
         self._settled = all(
             np.array_equal(now, then) for now, then in zip(full, self._full, strict=True)
         )
@@ -530,8 +560,8 @@ class CoupledSteps:
         if self._settled or self._iterations >= FREE_SHEAR:
             self.equations.freeze_sheared_fraction()
         if self._contracts and self._settled and self._factors.known:
-            known = (f.nearly_linear or f.settled(p, self._tolerance) for f, p, _ in self._films)
-            if all(known):
+            valid = (f.nearly_linear or f.settled(p, self._tolerance) for f, p, _ in self._films)
+            if all(valid):
                 return
         curved = not all(film.nearly_linear for film in self.equations.films)
         if curved or not (self._close and self._factors.change(full)):
@@ -543,9 +573,9 @@ class CoupledSteps:
         """Model, point and full nodes of every film."""
         return list(zip(self.equations.films, self._point.films, self._full, strict=True))
 
-    def _given(self) -> list[np.ndarray]:
-        """Right-hand sides of all films."""
-        return [film.given(point, full) for film, point, full in self._films]
+    def _right_sides(self) -> list[np.ndarray]:
+        """Right-hand sides of all films' linear systems."""
+        return [film.right_side(point, full) for film, point, full in self._films]
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
         """Newton update, see `VariationalInequality`; shortened where it would close a gap."""
@@ -553,24 +583,24 @@ class CoupledSteps:
         self._iterations += 1
         former = self._size
         rest = self._point.rest
-        found = self._factors.update(self._point, self._full, self._given(), rest)
-        self._size = found.size
-        gap_reduction = found.gap_reduction
+        update = self._factors.update(self._point, self._full, self._right_sides(), rest)
+        self._size = update.size
+        gap_reduction = update.gap_reduction
         self._contracts = self._size <= CONTRACTION * former
         self._close = self._size <= min(NEAR, SHRINKING * former)
         self._fraction = min(1.0, BOUNDARY_FRACTION / gap_reduction) if gap_reduction > 0 else 1.0
         if not self._settled:
             self._fraction *= self._damping
-        each = zip(self._films, found.films, strict=True)
-        films = [film.update(point, full, own) for (film, point, full), own in each]
-        return self._fraction * np.concatenate([*films, found.rest])[self._nodes]
+        each = zip(self._films, update.films, strict=True)
+        films = [film.update(point, full, solution) for (film, point, full), solution in each]
+        return self._fraction * np.concatenate([*films, update.rest])[self._nodes]
 
     def converged(self, iteration: int) -> bool:
-        """True if the rest of the update is small by the last derivatives."""
+        """True if the next update, with the last derivatives, is small."""
         if not iteration or self._fraction < 1.0:
             return False
         if not all(film.settled(point, self._tolerance) for film, point, _ in self._films):
             return False
-        return self._factors.solve(self._point, self._given(), self._point.rest).size <= (
+        return self._factors.solve(self._point, self._right_sides(), self._point.rest).size <= (
             self._tolerance
         )

@@ -1,8 +1,15 @@
-"""Notices of values of a mechanism that are hardly meant, one line each.
+"""Notices of values that are hardly meant, one line each.
+
+Of a mechanism:
 
 - A centre of mass or an inertia far from the body's own, whose unit may be another: that of a part
   is compared with its radius of gyration, that of a rigid body with the reach of its points.
 - A measured shape with a step.
+
+Of the pressures of a run:
+
+- A peak that no lining bears, and a pressure that is rounding.
+- A peak of a single step, and a start that rings.
 """
 
 from __future__ import annotations
@@ -14,6 +21,7 @@ import numpy as np
 from fenics_ehd.film.kinematics import OVERSHOOT, Shape
 from fenics_ehd.multibody.body import Body, FlexibleBody, RigidBody
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import System
 
 #: Distance of a centre of mass from the part's own beyond which it is outside the part, in radii of
 #: gyration: half a uniform bar is 1.73 of them long.
@@ -95,9 +103,127 @@ def stepped_shape(key: str, shape: Shape | None) -> list[str]:
     table = getattr(shape, "measured", None)
     if table is None or not table.stepped.any():
         return []
-    beyond, span = 1e6 * table.overshoot.max(), 1e6 * np.ptp(table.deviations)
+    beyond = 1e6 * table.overshoot.max()
+    span = 1e6 * np.ptp(table.deviations)
     return [
         f"{key}.table: a spline would overshoot its rows by {beyond:.3g} um, more than "
         f"{100 * OVERSHOOT:g} % of the {span:.3g} um that they span: a monotone curve takes its "
         "place; more rows where the surface steps make it smooth"
     ]
+
+
+#: Pressure beyond which a notice asks for the reason [Pa]: bearing metals yield far below, and
+#: films of gears and rollers, whose solids are not those of a bearing, begin there.
+HIGHEST = 1e9
+
+#: Largest pressure over that of a film whose surfaces move within the simulated time, below which
+#: the pressure is rounding.
+RESTING = 1e-6
+
+#: Largest pressure over those of the steps before and after it, above which it is a spike of one
+#: step.
+#: The ten shipped scenes have 1.0002 to 1.005 at their peaks and 1.022 anywhere, the starved
+#: journal 1.29 and 1.63 while it fills; a peak of 858 MPa between 1.6 MPa has 536.
+SPIKE = 5.0
+
+#: Swings of a ringing start, each smaller than the one before, least of them as a share of the
+#: peak, and damping ratio below which a mode rings. A rod without damping that begins with the
+#: velocities of a rigid one swings from 73 MPa by 47, 30, 26 and 15 MPa (`slider-crank`, where 47
+#: MPa are its own); with its damping, and in all shipped scenes, no such swing follows the peak.
+SWINGS = 4
+SMALLEST_SWING = 0.1
+RINGING = 0.02
+
+
+def ratio_to_neighbours(values: np.ndarray) -> float:
+    """Largest value over the larger of its neighbours, shape (steps,); 1 of a single step."""
+    row = int(np.argmax(values))
+    near = np.delete(values[max(row - 1, 0) : row + 2], min(row, 1))
+    if not len(near) or not values[row] > 0.0:
+        return 1.0
+    return float(values[row] / max(near.max(), np.finfo(float).tiny))
+
+
+def turning_points(values: np.ndarray, least: float) -> list[float]:
+    """A curve's first value, a maximum, and extremes that it leaves by more than a least change."""
+    points = [float(values[0])]
+    rising = True
+    for value in values[1:].tolist():
+        if (value > points[-1]) == rising:
+            points[-1] = value  # on the way to the same extreme
+        elif abs(value - points[-1]) > least:
+            points.append(value)
+            rising = not rising
+    return points
+
+
+def rings(values: np.ndarray) -> bool:
+    """True of a curve that swings after its largest value with decreasing amplitude."""
+    peak = float(values.max())
+    points = turning_points(values[int(np.argmax(values)) :], SMALLEST_SWING * peak)
+    swings = np.abs(np.diff(points[: SWINGS + 1]))
+    return len(swings) == SWINGS and bool((np.diff(swings) < 0.0).all())
+
+
+def resting_films(system: System, peaks: Mapping[str, float]) -> list[str]:
+    """Names of the films whose pressure is rounding: no surface moves, no load acts.
+
+    Parameters
+    ----------
+    system
+        The mechanism.
+    peaks
+        Largest pressure by joint [Pa].
+    """
+    scales = {b.name: b.film.film.parameters.pressure_scale for b in system.films}
+    return [name for name, peak in peaks.items() if peak < RESTING * scales[name]]
+
+
+def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
+    """One line for every largest pressure that no lining bears, or that is rounding.
+
+    Parameters
+    ----------
+    system, peaks
+        As of `resting_films`.
+    """
+    lines = [
+        f"{name}: {1e-6 * peak:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: no lining bears that, "
+        "and no model here is made for it: see loads, units, size and whether a bore is meant to "
+        "be rigid"
+        for name, peak in peaks.items()
+        if peak > HIGHEST
+    ]
+    lines += [
+        f"{name}: nothing moves or loads its film, the {peaks[name]:.2g} Pa in it are rounding"
+        for name in resting_films(system, peaks)
+    ]
+    return lines
+
+
+def unusual_peaks(name: str, pressures: np.ndarray, *, may_ring: bool) -> list[str]:
+    """A line for a peak of a single step, or of a start that rings, else none.
+
+    Parameters
+    ----------
+    name
+        Of the joint.
+    pressures
+        Largest pressure at every step, shape (steps,) [Pa].
+    may_ring
+        Whether the run begins with a start, and has modes of hardly any damping.
+    """
+    peak = 1e-6 * float(pressures.max())
+    ratio = ratio_to_neighbours(pressures)
+    if ratio > SPIKE:
+        return [
+            f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times "
+            "those around it: lower time.tolerance, and see what jumps there"
+        ]
+    if may_ring and rings(pressures):
+        return [
+            f"{name}: the peak of {peak:.4g} MPa is the first swing of a start that rings, "
+            "with modes of hardly any damping: let loads grow (ramp), damp the bodies "
+            "(damping_time, damping_ratio), or see later cycles (time.periodic = true)"
+        ]
+    return []

@@ -146,21 +146,21 @@ def check_period(
             )
 
 
-def temperatures(binding: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
+def temperatures(place: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
     """Figures of a joint whose heat is balanced, of mean power and flow; no others have any."""
-    heat, now = binding.joint.heat, binding.film.film.equation.lubricant.temperature
+    heat, now = place.joint.heat, place.film.film.equation.lubricant.temperature
     if heat is None or now is None or not means:
         return {}
     power, flow = (means[name] for name in ("dissipated_power_W", "leaving_flow_m3_per_s"))
     return {
         "supply_temperature_C": heat.supply_temperature,
         "effective_temperature_C": now,
-        "outlet_temperature_C": heat.outlet(_oil(binding), now, power, flow),
+        "outlet_temperature_C": heat.outlet(_oil(place), now, power, flow),
     }
 
 
-def _oil(binding: FilmBinding) -> Oil:
-    oil = binding.film.film.parameters.lubricant.oil
+def _oil(place: FilmBinding) -> Oil:
+    oil = place.film.film.parameters.lubricant.oil
     assert oil is not None  # `LubricatedJoint` has seen to it
     return oil
 
@@ -194,11 +194,11 @@ class FilmTemperatures(Stateful):
     }
 
     def __init__(self, places: Sequence[FilmBinding]):
-        self._places = {i: binding for i, binding in enumerate(places) if binding.joint.heat is not None}
+        self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
         self.searches: dict[str, TemperatureSearch] = {}
-        for binding in self._places.values():
-            assert binding.joint.heat is not None
-            self.searches[binding.name] = TemperatureSearch(binding.joint.heat, _oil(binding))
+        for place in self._places.values():
+            assert place.joint.heat is not None
+            self.searches[place.name] = TemperatureSearch(place.joint.heat, _oil(place))
         self.count = len(self.searches)
         self.times, self.rates, self.first = np.zeros(0), np.zeros((0, 2 * self.count)), 0
         self.thinning = np.zeros(self.count)
@@ -206,8 +206,8 @@ class FilmTemperatures(Stateful):
 
     def _resume(self) -> None:
         """Have the films as warm as the searches say."""
-        for binding in self._places.values():
-            binding.film.film.equation.warm(self.searches[binding.name].temperature)
+        for place in self._places.values():
+            place.film.film.set_temperature(self.searches[place.name].temperature)
 
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""
@@ -363,6 +363,24 @@ class PeriodicSolver(Stateful):
     def start(self) -> float:
         """Start of the cycle under way [s]."""
         return (self.number - 1) * self.period
+
+    def restarted(self, run: Run, period: float, periodicity: float, most: int) -> PeriodicSolver:
+        """A search by another run from the start of a cycle, with the temperatures of this search.
+
+        Parameters
+        ----------
+        run
+            At the end of a cycle, whose start the next cycle is compared with.
+        period, periodicity
+            As for `PeriodicSolver`.
+        most
+            Further cycles to give up after.
+        """
+        completed = round(run.state.time / period)
+        search = PeriodicSolver(run, period, periodicity, completed + most)
+        search.number = completed + 1
+        search.heat.state = search.heat.state | {"searches": self.heat.state["searches"]}
+        return search
 
     def figures(self) -> dict[str, float]:
         """Entries of the summary."""

@@ -66,7 +66,7 @@ class JointStep:
     Attributes
     ----------
     binding
-        Which joint.
+        The joint in its mechanism.
     state
         Of its film.
     contact
@@ -131,14 +131,14 @@ class JointStep:
     @cached_property
     def touch(self) -> AsperityContact:
         """Contact of rough surfaces."""
-        return self.rough.touch(self.state.gap.thickness)
+        return self.rough.at_gap(self.state.gap.thickness)
 
     @cached_property
     def rubbed(self) -> float:
         """Power lost by boundary friction, whether it acts on the bodies or not [W]."""
         if self.contact is None:
             return 0.0
-        return self.contact.rubbing_power(self.touch, self.state.gap)
+        return self.contact.friction_power(self.touch, self.state.gap)
 
     @property
     def dissipated(self) -> float:
@@ -181,7 +181,7 @@ class JointStep:
         if turned is not None:
             torque -= float(turned.torque @ self.pressure)
         if self.contact is not None:
-            torque += self.contact.braking(self.touch, self.state.gap)
+            torque += self.contact.friction_torque(self.touch, self.state.gap)
         return torque
 
     @property
@@ -330,7 +330,7 @@ def min_film_thickness(joint: JointStep) -> float:
 
 @quantity("max_pressure_angle", "deg")
 def max_pressure_angle(joint: JointStep) -> float:
-    """Angle of the place of the largest pressure."""
+    """Angle of the largest pressure."""
     return in_degrees(joint.nodes[np.argmax(joint.pressure), 0])
 
 
@@ -396,19 +396,19 @@ def attitude_angle(joint: JointStep) -> float:
 
 @quantity("max_pressure_height", "m")
 def max_pressure_height(joint: JointStep) -> float:
-    """Height of the place of the largest pressure."""
+    """Height of the largest pressure."""
     return upper_most(joint.nodes, -joint.pressure)[1]
 
 
 @quantity("min_film_angle", "deg")
 def min_film_angle(joint: JointStep) -> float:
-    """Angle of the place where the film is thinnest."""
+    """Angle of the thinnest film."""
     return in_degrees(joint.thinnest[0])
 
 
 @quantity("min_film_height", "m")
 def min_film_height(joint: JointStep) -> float:
-    """Height of the place where the film is thinnest."""
+    """Height of the thinnest film."""
     return joint.thinnest[1]
 
 
@@ -453,10 +453,10 @@ def bore_friction_power(joint: JointStep) -> float:
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
     """Power P put in by the bodies, the squeezing of the film included."""
-    binding, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
+    place, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
     opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
-    sheared = -float(found.on_xi @ rate[binding.xi]) - found.torque * binding.relative_speed(rate)
+    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_speed(rate)
     return squeezed + sheared + joint.rubbed
 
 
@@ -564,17 +564,17 @@ def supply_flow(joint: JointStep) -> float:
     return joint.flows.balance.supply
 
 
-def upper_most(places: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Angle [rad] and height [m] of the least value, the upper of equal ones.
 
     Parameters
     ----------
-    places, values
-        shape (k, 2), (k,).
+    positions, values
+        Angle and height of every point, shape (k, 2), and values there, shape (k,).
     """
     least = values.min()
     equal = np.flatnonzero(values <= least + EQUAL * abs(least))
-    angle, height = places[equal[np.argmax(places[equal, 1])]]
+    angle, height = positions[equal[np.argmax(positions[equal, 1])]]
     return float(angle), float(height)
 
 
@@ -590,7 +590,8 @@ def rubbing(joint: JointStep) -> np.ndarray:
 
 def wear(binding: FilmBinding, slid: np.ndarray) -> dict[str, float]:
     """Entries of ``summary.json`` on ``int p_c |U| dt`` [Pa m], where it is largest."""
-    worst, points = int(np.argmax(slid)), binding.film.film.points
+    worst = int(np.argmax(slid))
+    points = binding.film.film.points
     return {
         "contact_sliding_Pa_m": float(slid[worst]),
         "contact_sliding_angle_deg": in_degrees(points.angle.ravel()[worst]),

@@ -25,7 +25,7 @@ as it is c / R of the pressure's too: every iteration still shrinks the error by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +35,9 @@ from fenics_ehd.film.forces import film_fields
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.contact import ContactColumns, Contacts
-from fenics_ehd.multibody.film_models import FilmPoint, film_models
+from fenics_ehd.multibody.film_coupling import FilmCoupling
+from fenics_ehd.multibody.film_models import film_models
+from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System, consecutive
 from fenics_ehd.multibody.static_correction import BoreResponses
@@ -141,99 +143,104 @@ class Derivative:
 
 
 class StepEquations:
-    """Equations of one step after another of one mechanism.
+    """Equations of the steps of one mechanism.
 
     Parameters
     ----------
     system
         The mechanism.
     weights
-        Diagonal of W, shape (n,); None: that of the system.
-    gap_changes
-        Given changes of all gaps at a time [s], whose consequences are wanted; None in a run.
+        Weights W of the coordinates in the rates ``z' = shift z + past - W G^T m``, shape (n,);
+        None: those of the system.
 
     Attributes
     ----------
     films
         Models of all films.
+    couplings
+        Couplings of all films with motion and bores.
     conserves_oil
-        Whether one of them conserves its oil.
-    places, rest
-        Places in u of every film's unknowns, and of ``(z, l, m)``.
+        Whether the cavitation of a film is mass-conserving.
+    film_indices, rest
+        Indices in u of every film's unknowns, and of ``(z, l, m)``.
     rest_size
-        Number of the latter.
+        Number of unknowns ``(z, l, m)``.
     most_patterns
-        Residual patterns of the body that has most of them in the derivatives.
+        Largest number of residual patterns of a body.
     lower
         Lower bounds of u.
     responses
         Residual patterns of the bodies with films that have any.
     contacts
-        Of the joints with rough surfaces.
+        Contact in the joints with rough surfaces.
     sheared_fraction
-        Sheared share of films with friction that is kept for this step, by the joint's name.
+        Sheared fractions that are frozen for this step, by the name of a joint with friction.
     """
 
-    def __init__(
-        self,
-        system: System,
-        *,
-        weights: np.ndarray | None = None,
-        gap_changes: Callable[[float], GapChanges] | None = None,
-    ):
+    def __init__(self, system: System, *, weights: np.ndarray | None = None):
         self.system = system
         self._weights = system.weights if weights is None else weights
-        self._gap_changes = gap_changes
         self.responses = BoreResponses(system)
         self.films = film_models(system.films, system.n + self.responses.size)
+        self.couplings = [FilmCoupling(film) for film in self.films]
         self.conserves_oil = any(film.conserves_oil for film in self.films)
         self.rest_size = system.n + 2 * system.m
         lower = [*(film.lower for film in self.films), np.full(self.rest_size, -np.inf)]
-        *self.places, self.rest = consecutive(0, [len(own) for own in lower])
+        *self.film_indices, self.rest = consecutive(0, [len(bounds) for bounds in lower])
         self.lower = np.concatenate(lower)
         self.contacts = Contacts(system, self.responses)
         self.retain_patterns(0)
         bodies = self.responses.bodies.values()
-        self.most_patterns = max((len(body.own) for body in bodies), default=0)
+        self.most_patterns = max((len(body.amplitudes) for body in bodies), default=0)
 
     def retain_patterns(self, count: int) -> None:
-        """Take so many residual patterns of every body into the derivatives, where any are."""
-        for film, patterns in zip(self.films, self.responses.retained_patterns(count), strict=True):
-            film.retain_patterns(*patterns)
+        """Retain at most `count` residual patterns of every body in the derivatives."""
+        patterns = self.responses.retained_patterns(count)
+        for coupling, (gap, amplitudes) in zip(self.couplings, patterns, strict=True):
+            coupling.retain_patterns(gap, amplitudes)
 
     def resting(self, z: np.ndarray) -> np.ndarray:
         """The state behind coordinates z at the start: patterns at rest, initial oil content."""
-        volumes = [film.volumes_at(z) for film in self.films]
-        return np.concatenate([np.zeros(self.responses.size), *volumes])
+        contents = [film.content.initial(z) for film in self.films]
+        return np.concatenate([np.zeros(self.responses.size), *contents])
 
     def unknowns_at(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
-        """Unknowns u of a state of given gaps, where observed, without pressures and forces."""
+        """Unknowns u in a state with observed gaps, without pressures and forces."""
         u = np.zeros(len(self.lower))
-        for film, own, gap in zip(self.films, self.places, gaps, strict=True):
-            void = film.void_fractions(state, gap)
-            u[own] = film.values(np.zeros_like(void), void)
+        for film, indices, gap in zip(self.films, self.film_indices, gaps, strict=True):
+            void = film.content.void_fractions(state, gap)
+            u[indices] = film.unknowns(np.zeros(film.film.assembly.size), void)
         return u
 
-    def begin(self, step: ImplicitStep) -> None:
-        """Take the equations of another step."""
+    def begin(self, step: ImplicitStep, gap_changes: GapChanges = ()) -> None:
+        """Start a step.
+
+        Parameters
+        ----------
+        step
+            Its formula.
+        gap_changes
+            Changes imposed on the gaps of all films, for sensitivities and error budgets.
+        """
         n = self.system.n
         self._step = replace(step, past_x=step.past_x[:n], past_rate=step.past_rate[:n])
-        self._holding = False
+        self._gap_changes = gap_changes
+        self._freezing = False
         self.sheared_fraction: dict[str, np.ndarray] = {}
         self.responses.begin(step)
-        self.contacts.begin()
-        for i, film in enumerate(self.films):
-            film.begin(step, self.responses, i)
+        self.contacts.start_step()
+        for film, points in zip(self.films, self.responses.points, strict=True):
+            film.begin(step, self.responses.past_gap[points])
 
     def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
-        """Oil of all films in a state of given gaps, see `FilmModel.content`, shape (films,)."""
+        """Oil of all films in a state with observed gaps, shape (films,) [m^3]."""
         each = zip(self.films, gaps, strict=True)
-        return np.array([film.content(state, gap) for film, gap in each])
+        return np.array([film.content.oil(state, gap) for film, gap in each])
 
     def keep_within(self, states: np.ndarray, gaps: list[np.ndarray]) -> None:
-        """Bring void volumes of the first of some states back into its gaps, the others along."""
+        """Correct the contents of extrapolated states, see `FilmContent.keep_within`."""
         for film, gap in zip(self.films, gaps, strict=True):
-            film.keep_within(states, gap)
+            film.content.keep_within(states, gap)
 
     def evaluate(self, u: np.ndarray) -> Point:
         """All equations at unknowns u.
@@ -257,96 +264,117 @@ class StepEquations:
         motion = Motion(instant, rates, accelerations, multipliers)
         residual = motion.residual.copy()
         gaps = [binding.gap(z, rates, step.time) for binding in system.films]
-        values = [u[own] for own in self.places]
-        self.responses.add(
-            [film.pressure(own) for film, own in zip(self.films, values, strict=True)], gaps
-        )
-        if self._gap_changes is not None:
-            changes = self._gap_changes(step.time)
-            gaps = [gap.changed(*change) for gap, change in zip(gaps, changes, strict=True)]
-        contacts = self.contacts.touch(gaps)
+        unknowns = [u[indices] for indices in self.film_indices]
+        each = zip(self.films, unknowns, strict=True)
+        self.responses.add([film.pressure(values) for film, values in each], gaps)
+        for i, change in enumerate(self._gap_changes):
+            gaps[i] = gaps[i].changed(*change)
+        contacts = self.contacts.at_gaps(gaps)
         films = []
         for i, binding in enumerate(system.films):
             check_gap(gaps[i], binding.film.film.parameters.surfaces)
-            alone = self.films[i].evaluate(gaps[i], values[i])
-            point = replace(alone, contact=contacts[i], rotated=binding.rotated_shape(z, rates))
+            film = self.films[i].evaluate(gaps[i], unknowns[i])
+            point = replace(film, contact=contacts[i], rotated=binding.rotated_shape(z, rates))
             self.contacts.subtract_from_residual(i, point, residual)
             films.append(point)
-            self._load(i, point, residual)
+            self._subtract_from_residual(i, point, residual)
         parts = [residual, instant.defect, instant.rate_defect(rates)]
         return Point(drift, films, motion, np.concatenate(parts))
 
     def freeze_sheared_fraction(self) -> None:
-        """Keep the sheared share of every film as the next evaluation has it, for this step.
+        """Freeze the sheared fraction of every film at its next evaluation, for this step.
 
-        It jumps where a point cavitates: active set and share may chase each other for ever.
+        It jumps where a node cavitates: active set and sheared fraction may cycle.
         """
-        self._holding = True
+        self._freezing = True
 
-    def _load(self, i: int, point: FilmPoint, residual: np.ndarray) -> None:
-        """Take a film's forces from the residual of motion."""
+    def _subtract_from_residual(self, i: int, point: FilmPoint, residual: np.ndarray) -> None:
+        """Subtract a film's forces from the residual of motion."""
         binding = self.system.films[i]
         film = binding.film
         pressure = film.film.parameters.pressure_scale * point.nodal
         residual[binding.xi] -= film.load @ pressure
         if point.rotated is not None:
-            _twist(binding, float(point.rotated.torque @ pressure), residual)
+            _subtract_torque(binding, float(point.rotated.torque @ pressure), residual)
         if not film.friction:
             return
-        friction = film_friction(
-            film, self.films[i].state(point), self.sheared_fraction.get(binding.name)
-        )
-        if self._holding:
+        frozen = self.sheared_fraction.get(binding.name)
+        friction = film_friction(film, self.films[i].state(point), frozen)
+        if self._freezing:
             self.sheared_fraction[binding.name] = friction.sheared_fraction
         residual[binding.xi] -= friction.on_xi
-        _twist(binding, friction.torque, residual)
+        _subtract_torque(binding, friction.torque, residual)
 
     def linearise(self, point: Point, former: Derivative | None = None) -> Derivative:
-        """Derivatives at a point; but for the films' own matrices those of a `former` one."""
+        """Derivatives at a point.
+
+        With `former` derivatives only the films' own matrices are computed anew.
+        """
         if former is not None:
-            each = zip(self.films, former.films, point.films, strict=True)
-            films = [film.with_matrix(block, own) for film, block, own in each]
+            each = zip(self.couplings, former.films, point.films, strict=True)
+            films = [coupling.with_matrix(block, film) for coupling, block, film in each]
             return Derivative(films, former.core)
-        system = self.system
-        shift = self._step.shift
-        n = system.n
-        m = system.m
+        patterns, count = self._pattern_indices()
+        contact = ContactColumns(self.contacts, self.responses, point.films, count)
+        speed = self._speed_derivative(point)
+        core = self._core(point, speed, contact.size)
+        contact.add_to_core(core, speed)
+        films = []
+        for i, coupling in enumerate(self.couplings):
+            share = float(self.responses.share[self.responses.points[i].start])
+            film = point.films[i]
+            shift = self._step.shift
+            block = coupling.linearise(film, shift, speed, patterns[i], share, len(core))
+            coupling.add_torque_stiffness(film, core)
+            films.append(contact.extend(i, block, coupling.model))
+        return Derivative(films, core)
+
+    def _pattern_indices(self) -> tuple[list[slice], int]:
+        """Indices of every film's retained patterns among the unknowns x, and the end of all.
+
+        Films in one body have its patterns in common.
+        """
+        last = self.rest_size
+        indices = [slice(last, last)] * len(self.films)
+        for body in self.responses.bodies.values():
+            retained = self.couplings[body.films[0]].retained_patterns
+            first = last
+            last += retained.stop - retained.start
+            for i in body.films:
+                indices[i] = slice(first, last)
+        return indices, last
+
+    def _speed_derivative(self, point: Point) -> np.ndarray:
+        """Derivative of the rates ``shift z + past - W G^T m`` along (z, l, m), shape (n, .)."""
+        n = self.system.n
+        m = self.system.m
         weights = self._weights[:, None]
+        instant = point.motion.instant
+        speed = np.zeros((n, self.rest_size))
+        along_z = self._step.shift * np.eye(n) - weights * instant.force_derivative(point.drift)
+        speed[:, :n] = along_z
+        speed[:, n + m :] = -weights * instant.jacobian.T
+        return speed
+
+    def _core(self, point: Point, speed: np.ndarray, size: int) -> np.ndarray:
+        """Derivative S of motion and constraints; ones on the diagonal of the other unknowns."""
+        n = self.system.n
+        m = self.system.m
+        last = self.rest_size
         jacobian = point.motion.instant.jacobian
         parts = point.motion.derivatives()
-        size = last = self.rest_size
-        patterns = [slice(size, size)] * len(self.films)
-        for body in self.responses.bodies.values():
-            own = self.films[body.films[0]].retained
-            for i in body.films:
-                patterns[i] = slice(last, last + own.stop - own.start)
-            last += own.stop - own.start
-        contact = ContactColumns(self.contacts, self.responses, point.films, last)
-        core = np.zeros((contact.size,) * 2)
-        # v = shift z + past - W G^T m.
-        speed = np.zeros((n, size))
-        speed[:, :n] = shift * np.eye(n) - weights * point.motion.instant.force_derivative(
-            point.drift
-        )
-        speed[:, n + m :] = -weights * jacobian.T
-        core[:n, :size] = (parts.rate + shift * parts.acceleration) @ speed
+        core = np.zeros((size, size))
+        core[:n, :last] = (parts.rate + self._step.shift * parts.acceleration) @ speed
         core[:n, :n] += parts.position
         core[:n, n : n + m] = jacobian.T
         core[n : n + m, :n] = jacobian
-        core[n + m : size, :size] = jacobian @ speed
-        core[n + m : size, :n] += point.motion.carried[1]
-        core[size:, size:] = np.eye(len(core) - size)
-        contact.enter(core, speed)
-        films = []
-        for i, film in enumerate(self.films):
-            share = float(self.responses.share[self.responses.points[i].start])
-            found = film.linearise(point.films[i], shift, speed, patterns[i], share, len(core))
-            film.twist(point.films[i], core)
-            films.append(contact.extend(i, found, film))
-        return Derivative(films, core)
+        core[n + m : last, :last] = jacobian @ speed
+        core[n + m : last, :n] += point.motion.carried[1]
+        core[last:, last:] = np.eye(size - last)
+        return core
 
     def gap_change(
-        self, derivatives: Sequence[FilmBlock], pressures: list[np.ndarray], x: np.ndarray
+        self, blocks: Sequence[FilmBlock], pressures: list[np.ndarray], x: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray] | None]:
         """Changes of gaps and film equations by changes of pressures [Pa] and of all unknowns x.
 
@@ -354,48 +382,48 @@ class StepEquations:
         -------
         changes
             Of the gap at every film's Gauss points [m].
-        left
-            Of every film's equations, by patterns left out of the derivatives; None: there are
-            none.
+        residuals
+            Changes of every film's equations by the patterns that the derivatives do not retain;
+            None: all are retained.
         """
-        inputs = [own.spread @ x for own in derivatives]
-        changes = [own.gap @ given for own, given in zip(derivatives, inputs, strict=True)]
+        inputs = [block.spread @ x for block in blocks]
+        changes = [block.gap @ values for block, values in zip(blocks, inputs, strict=True)]
         responses = self.responses
-        left = [np.zeros(len(film.nodes)) for film in self.films]
         if not responses.size:
             return changes, None
-        any_left = False
-        moved = responses.gap_change_from_pressure(pressures)
-        for i, (film, derivative) in enumerate(zip(self.films, derivatives, strict=True)):
+        residuals = [np.zeros(film.pattern.size) for film in self.films]
+        complete = True
+        by_pressure = responses.gap_change_from_pressure(pressures)
+        for i, (coupling, block) in enumerate(zip(self.couplings, blocks, strict=True)):
             body = responses.body_of(i)
-            retained = film.retained
             if body is None:
                 continue
-            missing = moved[responses.points[i]] - derivative.gap[:, retained] @ inputs[i][retained]
+            retained = coupling.retained_patterns
+            by_retained = block.gap[:, retained] @ inputs[i][retained]
+            missing = by_pressure[responses.points[i]] - by_retained
             changes[i] = changes[i] + missing
-            if retained.stop - retained.start < len(body.own):
-                along = derivative.along_gap @ missing
-                left[i] = along[film.nodes] / film.scale
-                any_left = True
-        return changes, left if any_left else None
+            if retained.stop - retained.start < len(body.amplitudes):
+                residuals[i] = coupling.model.rows(block.along_gap @ missing)
+                complete = False
+        return changes, None if complete else residuals
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """``(z, y)``, void volumes, and their rates at a point."""
+        """``(z, y)``, the contents of all films, and the rates of these values at a point."""
         pressures = [
-            film.film.parameters.pressure_scale * own.nodal
-            for film, own in zip(self.films, point.films, strict=True)
+            film.film.parameters.pressure_scale * film_point.nodal
+            for film, film_point in zip(self.films, point.films, strict=True)
         ]
         z = point.motion.instant.z
         parts = [(z, point.motion.rates)]
         if self.responses.size:
-            forces = self.contacts.forces([own.gap.thickness.ravel() for own in point.films])
+            forces = self.contacts.forces([film.gap.thickness.ravel() for film in point.films])
             parts.append(self.responses.state(self.responses.static(pressures, forces)))
-        for film, own in zip(self.films, point.films, strict=True):
-            parts.append(film.volume_rates(own, z))
+        for film, film_point in zip(self.films, point.films, strict=True):
+            parts.append(film.content.at_end(film_point, z))
         x, rates = (np.concatenate(values) for values in zip(*parts, strict=True))
         return x, rates
 
 
-def _twist(binding: FilmBinding, torque: float, residual: np.ndarray) -> None:
-    """Take a torque on the journal, whose opposite is on the bore, from the residual of motion."""
+def _subtract_torque(binding: FilmBinding, torque: float, residual: np.ndarray) -> None:
+    """Subtract a torque on the journal, its opposite on the bore, from the residual of motion."""
     residual[binding.turning] -= binding.signs * torque

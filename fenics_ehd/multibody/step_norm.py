@@ -12,15 +12,16 @@ from fenics_ehd.multibody.step_equations import StepEquations
 
 
 class StepNorm:
-    """Errors of the gaps, relative to the gaps, and of the bodies' coordinates (`Body`).
+    """Norm of the errors of the gaps, relative to the gaps, and of the bodies' coordinates.
 
-    Without a film the coordinates alone control the steps. What is observed is affine in them;
-    gaps that a journal's turning shape makes follow from its angle, observed too.
+    Without a film the coordinates alone control the steps. Observed values are gaps and
+    dimensionless coordinates (`Body.error_measure`), both affine in the state, and the angles of
+    journals whose shape turns, from which the gap reduction by the shape follows.
 
     Parameters
     ----------
     equations
-        Of the mechanism.
+        Equations of the mechanism.
     """
 
     def __init__(self, equations: StepEquations):
@@ -44,60 +45,60 @@ class StepNorm:
         self._constant = np.concatenate([*constants, np.zeros(len(self._measure) + len(angles))])
 
     def _turning_angles(self, films: Sequence[FilmBinding], size: int) -> list[np.ndarray]:
-        """Rows of the angles of journals whose shape turns; where, which and whose is kept."""
+        """Rows of the angles of journals whose shape turns, and the gaps that follow from each."""
         self._turning: list[tuple[slice, int, float, JointShape]] = []
         angles: list[np.ndarray] = []
-        for own, film in zip(self._films, films, strict=True):
+        for indices, film in zip(self._films, films, strict=True):
             shape = film.film.shape
             if shape.turning:
                 row = self._gaps + len(self._measure) + len(angles)
-                self._turning.append((own, row, film.relative_angle(np.zeros(size)), shape))
+                self._turning.append((indices, row, film.relative_angle(np.zeros(size)), shape))
                 angles.append(np.zeros((1, size)))
                 angles[-1][0, film.turning] = film.signs
         return angles
 
     def observe(self, x: np.ndarray) -> np.ndarray:
-        """Gaps [m], then dimensionless coordinates, for a state ``(z, y)`` and more."""
-        found = self._constant + self._rows @ x[: self._rows.shape[1]]
+        """Observed gaps [m], dimensionless coordinates and angles of a state ``(z, y, ...)``."""
+        observed = self._constant + self._rows @ x[: self._rows.shape[1]]
         if self._responses.size:
-            found[: self._gaps] += self._responses.observed(x[self._responses.places])
-        return found
+            observed[: self._gaps] += self._responses.observed(x[self._responses.indices])
+        return observed
 
     def gaps(self, observed: np.ndarray) -> np.ndarray:
-        """Those of what is observed that must stay positive."""
-        found = observed[: self._gaps]
+        """Gaps, with the shapes of turning journals, of observed values [m]."""
+        gaps = observed[: self._gaps]
         if self._turning:
-            found = found.copy()
-            for own, angle, mounted, shape in self._turning:
-                found[own] -= shape.gap_reduction(observed[angle] + mounted)
-        return found
+            gaps = gaps.copy()
+            for indices, angle, mounted, shape in self._turning:
+                gaps[indices] -= shape.gap_reduction(observed[angle] + mounted)
+        return gaps
 
     def lengths(self, gaps: np.ndarray) -> np.ndarray:
-        """Lengths that changes of all gaps are compared with: the gaps, if surfaces are smooth."""
+        """Reference lengths of gap changes [m]: the gaps themselves between smooth surfaces."""
         if not self._rough:
             return gaps
         each = zip(self._joints, self._films, strict=True)
-        return np.concatenate([joint.lengths(gaps[own]) for joint, own in each])
+        return np.concatenate([joint.lengths(gaps[indices]) for joint, indices in each])
 
     def gap_reduction(self, before: np.ndarray, after: np.ndarray) -> float:
-        """Largest relative closing of a gap; -inf without one."""
+        """Largest relative reduction of a gap; -inf without gaps."""
         return float(((before - after) / self.lengths(before)).max(initial=-np.inf))
 
     def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
-        """The gap of every film."""
+        """Gap of every film, where gaps are observed [m]."""
         gaps = self.gaps(observed)
-        return [gaps[own] for own in self._films]
+        return [gaps[indices] for indices in self._films]
 
     def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
-        """Largest error, see `Observed`."""
-        own = error[self._gaps : self._gaps + len(self._measure)]
-        coordinates = float(np.abs(own).max(initial=0.0))
+        """Largest error of observed values, see `Observed`."""
+        measured = error[self._gaps : self._gaps + len(self._measure)]
+        coordinates = float(np.abs(measured).max(initial=0.0))
         if not self._gaps:
             return coordinates
         gaps = self.gaps(observed)
         change = gaps - self.gaps(observed - error) if self._turning else self.gaps(error)
         lengths = self.lengths(gaps)
-        # Newton's iterates stay in h > 0 at the films' Gauss points only.
+        # Newton's method keeps h > 0 at the films' Gauss points only, not at the nodes.
         if not lengths.min() > 0.0:
             return np.inf
         return max(float(np.max(np.abs(change) / lengths)), coordinates)

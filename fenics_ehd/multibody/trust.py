@@ -124,8 +124,8 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, floa
         found["kinetic"] += energies.kinetic
         found["strain"] += energies.strain
         found["damping"] += energies.dissipated
-    found["strain"] += responses.energy(step.x[responses.places])
-    found["damping"] += responses.dissipation(step.rate[responses.places])
+    found["strain"] += responses.energy(step.x[responses.indices])
+    found["damping"] += responses.dissipation(step.rate[responses.indices])
     for joint in step.solution.joints:
         lost, fed = joint.powers
         lost -= joint.flows.refill_work
@@ -238,9 +238,9 @@ def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
     return BasisErrorEstimate(missing, body.damping_time, inertia, slowest_pattern(part.residual))
 
 
-def bore_body(system: System, binding: FilmBinding) -> FlexibleBody:
+def bore_body(system: System, place: FilmBinding) -> FlexibleBody:
     """The flexible body that has the bore of a film."""
-    body = system.mechanism.bodies[binding.bore_body]
+    body = system.mechanism.bodies[place.bore_body]
     assert isinstance(body, FlexibleBody)
     return body
 
@@ -248,11 +248,11 @@ def bore_body(system: System, binding: FilmBinding) -> FlexibleBody:
 def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
     """Pressures on the pressure nodes of all bores of a body, by its name, of all films' nodes."""
     found: dict[str, np.ndarray] = {}
-    for binding, pressure in zip(system.films, pressures, strict=True):
-        if binding.film.bore is not None:
-            part = bore_body(system, binding).reduced
-            load = found.setdefault(binding.bore_body, np.zeros(part.load_projection.shape[1]))
-            load[part.rows_of(binding.bore).pressures] = binding.film.bore.structure_pressure(pressure)
+    for place, pressure in zip(system.films, pressures, strict=True):
+        if place.film.bore is not None:
+            part = bore_body(system, place).reduced
+            load = found.setdefault(place.bore_body, np.zeros(part.load_projection.shape[1]))
+            load[part.rows_of(place.bore).pressures] = place.film.bore.structure_pressure(pressure)
     return found
 
 
@@ -292,104 +292,3 @@ QUANTITIES = ("max_pressure", "min_film_thickness")
 
 #: Said of what cannot be estimated, and of what a run or joint does not have.
 NOT_ESTIMATED, NOT_APPLICABLE = "not estimated", "not applicable"
-
-
-def stated(worth: Mapping[str, Any], component: str) -> float | None:
-    """The largest error over the cycle by one component of all joints; None: one is not known."""
-    errors = [
-        own["largest_over_cycle"][quantity][component]
-        for own in worth.values()
-        for quantity in QUANTITIES
-    ]
-    if not errors or NOT_ESTIMATED in errors:
-        return None
-    return max((error for error in errors if not isinstance(error, str)), default=0.0)
-
-
-def above(worth: Mapping[str, Any], limit: float) -> str:
-    """Why figures cannot be trusted of which one is off by more than a limit; usually nothing."""
-    errors = {
-        (joint, quantity): own[quantity]["known"]
-        for joint, own in worth.items()
-        for quantity in QUANTITIES
-        if not isinstance(own[quantity]["known"], str)
-    }
-    if not errors or max(errors.values()) <= limit:
-        return ""
-    joint, quantity = max(errors, key=errors.__getitem__)
-    own = worth[joint][quantity]
-    worst = max((key for key in COMPONENTS if not isinstance(own[key], str)), key=own.__getitem__)
-    return (
-        f"untrustworthy: {quantity} of joints.{joint} is off by {100 * own['known']:.3g} %, above "
-        f"output.error_limit = {100 * limit:g} %, most of it by the {worst.replace('_', ' ')}: "
-        f"see {KEYS[worst]}"
-    )
-
-
-#: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
-#: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
-#: of an orbit by less; at 0.8 it is 15 %.
-NODE_SPACING = 0.5
-
-
-def too_coarse(binding: FilmBinding, thickness: float) -> str:
-    """Complaint about a rigid bore's film that is too thin for its mesh; usually nothing."""
-    if binding.film.bore is not None:
-        return ""
-    angles = np.unique(binding.film.film.parameters.grid.node_positions[:, 0].round(9))
-    spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
-    # Where the gap is below twice its least: h = c (1 - eps cos phi).
-    length = float(binding.film.lengths(np.array([thickness]))[0])
-    bend = binding.film.clearance + binding.film.shape.largest_second_derivative
-    thin = np.degrees(np.sqrt(2 * length / bend))
-    if spacing <= NODE_SPACING * thin:
-        return ""
-    return (
-        f"untrustworthy: joints.{binding.name}.cells put nodes {spacing:.3g} degrees apart, above "
-        f"half of the {thin:.3g} degrees over which a film of {thickness * 1e6:.3g} um is thin: "
-        "use more cells around"
-    )
-
-
-# Peaks that are hardly meant
-
-#: Largest pressure over those of the steps before and after it, above which it is one step's own.
-#: The ten shipped scenes have 1.0002 to 1.005 at their peaks and 1.022 anywhere, the starved
-#: journal 1.29 and 1.63 while it fills; a peak of 858 MPa beside 1.6 MPa has 536.
-SPIKE = 5.0
-
-#: Swings of a ringing start, each smaller than the one before, least of them as a share of the
-#: peak, and damping ratio below which a mode rings. A rod without damping that begins with the
-#: velocities of a rigid one swings from 73 MPa by 47, 30, 26 and 15 MPa (`slider-crank`, where 47
-#: MPa are its own); with its damping, and in all shipped scenes, no such swing follows the peak.
-SWINGS, SMALLEST_SWING, RINGING = 4, 0.1, 0.02
-
-
-def in_one_step(values: np.ndarray) -> float:
-    """Largest value over the larger of its neighbours, shape (steps,); 1 of a single step."""
-    row = int(np.argmax(values))
-    near = np.delete(values[max(row - 1, 0) : row + 2], min(row, 1))
-    if not len(near) or not values[row] > 0.0:
-        return 1.0
-    return float(values[row] / max(near.max(), np.finfo(float).tiny))
-
-
-def turning_points(values: np.ndarray, least: float) -> list[float]:
-    """A curve's first value, a maximum, and extremes that it leaves by more than a least change."""
-    points = [float(values[0])]
-    rising = True
-    for value in values[1:].tolist():
-        if (value > points[-1]) == rising:
-            points[-1] = value  # on the way to the same extreme
-        elif abs(value - points[-1]) > least:
-            points.append(value)
-            rising = not rising
-    return points
-
-
-def rings(values: np.ndarray) -> bool:
-    """True where a curve falls from its largest value to and fro, less and less."""
-    peak = float(values.max())
-    points = turning_points(values[int(np.argmax(values)) :], SMALLEST_SWING * peak)
-    swings = np.abs(np.diff(points[: SWINGS + 1]))
-    return len(swings) == SWINGS and bool((np.diff(swings) < 0.0).all())

@@ -470,7 +470,9 @@ def draw(
     mechanism, time = frames.system.mechanism, frames.time
     scale = scale or automatic_scale(frames, shapes)
     bodies = {name: body_view(frames, name, shapes.get(name), scale) for name in frames.bodies}
-    bearings = {binding.name: Bearing(frames, binding, bodies, scale) for binding in frames.system.films}
+    bearings = {
+        binding.name: Bearing(frames, binding, bodies, scale) for binding in frames.system.films
+    }
     limits = extent(bodies, bearings)
     figure = Figure(figsize=SIZE, layout="constrained")
     layout = [["mechanism"]]

@@ -70,7 +70,9 @@ from fenics_ehd.multibody.history import (
     opened_history,
 )
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep, SolverState
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.verdict import verdict
 
 
 class _Unobserved:
@@ -355,8 +357,11 @@ CHECKPOINT_EVERY = 10.0
 #: Time between two of them over that which one takes.
 REST = 10.0
 
-#: What else a summary says of a complete run, whose history is in a folder.
-Judge = Callable[[Simulation, Path], Mapping[str, Any]]
+#: Error budget of every joint, by its name.
+Budgets = Mapping[str, Mapping[str, Any]]
+
+#: Judges a complete run whose history is in a folder: error budgets, and entries of the summary.
+Judge = Callable[[Recorder, Path], tuple[Budgets, Mapping[str, Any]]]
 
 
 #: What a summary says of the run that began, also of one that went on.
@@ -374,7 +379,7 @@ class Checkpoint:
     digests
         Of what it must go on with, by the names of files.
     state
-        After its last step, see `Simulation`.
+        After its last step, see `Recorder`.
     history
         Up to that step.
     """
@@ -390,7 +395,7 @@ CHECKPOINT = Group(
     {
         "about": Group({"reduction_time_s": Value("real"), "scene": Value("text")}),
         "digests": Group(each=Value("text")),
-        "state": Group(Simulation.carried),
+        "state": Group(Recorder.carried),
     }
 )
 
@@ -425,7 +430,7 @@ def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
     return IntegratorState(**values)
 
 
-def continue_from(former: Checkpoint, run: Simulation, directory: Path) -> None:
+def continue_from(former: Checkpoint, run: Recorder, directory: Path) -> None:
     """Bring a run to where a checkpoint is.
 
     Raises
@@ -439,7 +444,7 @@ def continue_from(former: Checkpoint, run: Simulation, directory: Path) -> None:
         run.take(former.history)
 
 
-def save_run_state(run: Simulation, directory: Path, fields: Mapping[str, Any]) -> None:
+def save_run_state(run: Recorder, directory: Path, fields: Mapping[str, Any]) -> None:
     """Store a run and its history.
 
     Parameters
@@ -454,7 +459,7 @@ def save_run_state(run: Simulation, directory: Path, fields: Mapping[str, Any]) 
 
 
 def recorded_steps(
-    run: Simulation, directory: Path, fields: Mapping[str, Any], interval: float
+    run: Recorder, directory: Path, fields: Mapping[str, Any], interval: float
 ) -> Generator[MechanismStep, None, None]:
     """Accepted steps, whose rows are on the disk, and checkpoints: the last one where they end.
 
@@ -482,20 +487,21 @@ def recorded_steps(
             save_run_state(run, directory, fields)
 
 
-def estimate_errors(run: Simulation, directory: Path) -> dict[str, Any]:
-    """Estimate the errors of a run that is complete, and leave them in its folder.
+def estimate_errors(run: Recorder, directory: Path) -> tuple[Budgets, dict[str, Any]]:
+    """Estimate the errors of a run that is complete, and store them in its folder.
 
     Returns
     -------
-    dict
-        For ``summary.json``: processor time, Newton iterations, why what is not estimated is
-        not, shares of the time that are left out. The run has the budgets.
+    budgets
+        Error budget of every joint, by its name.
+    entries
+        For ``summary.json``: processor time, Newton iterations, reasons of missing estimates,
+        shares of the time that are left out.
     """
     budget = Estimator(run).budget()
     over_time = budget.over_time(run.began.time)
     write_whole(directory / ERROR_BUDGET, to_json(over_time) + "\n")
-    run.worth = budget.joints
-    return {
+    return budget.joints, {
         "error_budget_notes": budget.notes,
         "error_budget_left_out": budget.left_out,
         "error_budget_iterations": budget.iterations,
@@ -503,7 +509,7 @@ def estimate_errors(run: Simulation, directory: Path) -> dict[str, Any]:
     }
 
 
-def multiplier_figures(run: Simulation, between: Callable[[], None]) -> dict[str, Any]:
+def multiplier_figures(run: Recorder, between: Callable[[], None]) -> dict[str, Any]:
     """Entries of the summary on the multiplier of a periodic solution; `between` every two steps.
 
     It takes more cycles of the run.
@@ -519,7 +525,7 @@ def multiplier_figures(run: Simulation, between: Callable[[], None]) -> dict[str
 
 
 def record_run(
-    run: Simulation,
+    run: Recorder,
     directory: Path,
     about: Mapping[str, Any],
     fingerprints: Mapping[str, str],
@@ -551,7 +557,7 @@ def record_run(
     multiplier
         Whether the largest multiplier of a periodic solution is found, too.
     judge
-        Says what the figures of the complete run are worth; None: nobody asks.
+        Estimates the errors of the complete run; None: errors are not estimated.
 
     Raises
     ------
@@ -561,6 +567,7 @@ def record_run(
         See `Run.until` and `PeriodicSolver`.
     """
     more = dict[str, Any]()
+    budgets: Budgets = {}
     if former is not None:
         require_same_scene(former, fingerprints, directory)
         continue_from(former, run, directory)
@@ -570,7 +577,8 @@ def record_run(
 
     def leave(status: str) -> dict[str, Any]:
         seconds = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
-        summary = {"status": status, **about, **run.figures(), **seconds, **more}
+        figures = RunSummary(run, budgets).entries()
+        summary = {"status": status, **about, **figures, **seconds, **more}
         if run.rows:
             write_summary(directory, summary)
         return summary
@@ -590,9 +598,10 @@ def record_run(
                 check()
             if multiplier:
                 more |= multiplier_figures(run, check)
-            status = run.verdict()
+            status = verdict(RunSummary(run))
         if judge is not None:
-            more |= judge(run, directory)
+            budgets, judged = judge(run, directory)
+            more |= judged
     except BaseException as error:
         with suppress(OutputError):  # the disk may be full
             leave(_how_it_ended(error, directory))
@@ -600,7 +609,7 @@ def record_run(
     summary = leave(status)
     if run.cycles is not None:
         # What is left is no run to go on with.
-        replace(run.ended(), told=summary).save(directory)
+        replace(run.final_history(), told=summary).save(directory)
     return summary
 
 
@@ -613,7 +622,7 @@ def _how_it_ended(error: BaseException, directory: Path) -> str:
     return f"failed: {' '.join(str(error).replace(f'{directory}/', '').split())}"
 
 
-def _show(bar: tqdm, run: Simulation, step: MechanismStep) -> None:
+def _show(bar: tqdm, run: Recorder, step: MechanismStep) -> None:
     pressure = max((film.pressure.max() for film in step.solution.films), default=0.0)
     cycle = f"cycle {run.cycles.number}, " if run.cycles else ""
     start = run.cycles.start if run.cycles else 0.0

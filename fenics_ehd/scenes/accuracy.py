@@ -1,8 +1,9 @@
-"""Accuracy asked of a run: what takes the largest share of its error is refined, run by run.
+"""Required accuracy of a run: settings are refined, run by run, until the error budget meets it.
 
-A pilot run comes first: on coarse films, with a tolerance that usually gives such errors. Its error
-budget (`fenics_ehd.analysis.error_budget`) tells whether it will do. If not, the largest shares of
-the errors of every figure are brought down to one level, by the laws of their settings,
+The first run is a pilot on coarse films, with a tolerance that usually gives errors of this size.
+If its error budget (`fenics_ehd.analysis.error_budget`) exceeds the accuracy, the largest
+components of every figure's error are reduced to one level, by the convergence orders of their
+settings,
 
     step size   tolerance^(k / (k + 1)),
     film mesh   cells^-3 either way, of 4-node cells cells^-2: between the orders of a film's
@@ -11,12 +12,14 @@ the errors of every figure are brought down to one level, by the laws of their s
     part mesh   cells^-2,
     start       periodicity,
 
-at which all shares together leave a margin to the accuracy; and the next run is judged in the same
+at which all components together leave a margin to the accuracy. The next run is judged in the same
 way.
 
-What is chosen, unless ``output.accuracy_keeps`` names it: the tolerance of steps and of the
-periodicity, the cells of every film, the reduction of meshed parts that are not to be rigid, and,
-with ``output.part_mesh_error``, cells of their meshes.
+These settings are chosen unless ``output.accuracy_keeps`` names them: the tolerances of steps and
+of the periodicity, the cells of every film, the reduction of meshed parts that are not rigid, and,
+with ``output.part_mesh_error``, the cells of their meshes.
+
+Imports inside functions: parts import all reductions.
 """
 
 from __future__ import annotations
@@ -35,54 +38,58 @@ from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES
 from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.scene import Scene, changed, meshed, stored
 
-#: Least tolerance of a step, least periodicity, most film cells, vibration modes that a basis may
-#: have, and cells of a part's mesh around a bore.
+#: Limits of what a search chooses: least tolerance of a step, least periodicity, most film cells,
+#: most vibration modes of a basis, and most cells of a part's mesh around a bore.
 TIGHTEST = 1e-8
 TIGHTEST_PERIODICITY = 1e-7
 MOST_CELLS = 6400
 MOST_MODES = 48
 MOST_CELLS_AROUND = 60
 
-#: Share of the accuracy that all components together are aimed at, and what of its steps and films
-#: is left of a run that may not be trusted.
-AIM, HALF = 0.7, 0.5
+#: Share of the accuracy that the sum of all components is reduced to.
+AIM = 0.7
 
-#: Beside shares that are kept others that are less of them are left alone.
+#: Factor on the errors of steps and films after a run that cannot be trusted.
+HALF = 0.5
+
+#: Components are not reduced below this share of the components that cannot be reduced.
 LITTLE = 0.2
 
-#: Rounding that makes no cell more.
+#: Relative round-off that does not add a cell.
 ROUNDING = 1e-6
 
 
 def rounded(value: float) -> float:
-    """Down to two digits, as people write numbers."""
+    """A number rounded down to two digits."""
     digits = 10.0 ** (int(np.floor(log10(value))) - 1)
     return float(f"{np.floor(value / digits * (1 + ROUNDING)) * digits:.1e}")
 
 
-#: Cells of a pilot's films around at an accuracy of 1 %, by element, and the order of their errors.
-#: Those of films of 24 cells are 0.3 to 1.5 %, of 4-node ones of 48 cells 1.2 %.
+#: Cells around of a pilot's films at an accuracy of 1 %, and order of their errors, by element.
+#: Errors of films of 24 cells are 0.3 to 1.5 %, of 48 bilinear cells 1.2 %.
 PILOT_AROUND = {"lagrange": 24, "serendipity": 24, "bilinear": 48}
 FILM_ORDER = {"lagrange": 3.0, "serendipity": 3.0, "bilinear": 2.0}
 
-#: Fewest and most cells of a pilot's film around.
-FEWEST_AROUND, MOST_AROUND = 16, 48
+#: Fewest and most cells around of a pilot's film.
+FEWEST_AROUND = 16
+MOST_AROUND = 48
 
-#: Error of the steps at a tolerance of 1e-3, of order 2 or 3: 0.4 to 1.5 % of shipped scenes; the
-#: share of the accuracy that it is to take in a pilot, and least and largest tolerance of one.
+#: Error of the steps at a tolerance of 1e-3 and order 2 or 3: 0.4 to 1.5 % in shipped scenes.
 STEP_ERROR = 0.006
+
+#: Share of the accuracy for the steps of a pilot, and its least and largest tolerance.
 PILOT_SHARE = 0.6
 PILOT_TIGHTEST = 3e-4
 PILOT_LOOSEST = 3e-3
 
-#: Least accuracy: smaller errors were never judged (`docs/error-budget.md`), and 1e-9 would be 37
-#: hours.
+#: Least accuracy: smaller errors were never compared (`docs/error-budget.md`), and 1e-9 would take
+#: 37 hours.
 LEAST = 1e-4
 
 #: Periodicity over the accuracy; at least it is `CYCLE_NOISE` times the tolerance of a step.
@@ -91,21 +98,21 @@ PERIODICITY = 0.1
 
 @dataclass
 class Search:
-    """For settings that meet an accuracy.
+    """Search for settings that meet an accuracy.
 
     Attributes
     ----------
     asked
-        The accuracy.
+        The required accuracy, relative.
     kept
         Full keys that stay as written.
     chosen
-        Values by full key of the run under way.
+        Values by full key of the current run.
     runs
-        Of every run so far, the pilot first: what was ``chosen``, its ``estimate``, the largest
+        Entries of all runs, the pilot first: values ``chosen``, ``estimate`` of the error, largest
         error of every component as ``errors``, ``status``, ``processor_time_s``.
     wanted
-        Values for the next run; none: the search is over.
+        Values by full key for the next run; empty: the search is over.
     """
 
     asked: float
@@ -116,17 +123,19 @@ class Search:
 
     @property
     def met(self) -> bool:
-        """True if the last run meets the accuracy, and may be trusted."""
+        """True if the last run meets the accuracy and can be trusted."""
         last = self.runs[-1]
         return bool(last["estimate"] <= self.asked and last["status"] == "complete")
 
-    def go_on(self, scene: Scene) -> Scene:
-        """With what is wanted for the next run."""
-        self.chosen, values, self.wanted = {**self.chosen, **self.wanted}, self.wanted, {}
+    def continue_search(self, scene: Scene) -> Scene:
+        """Choose the values that are wanted; the scene with them is that of the next run."""
+        values = self.wanted
+        self.chosen = {**self.chosen, **values}
+        self.wanted = {}
         return stored(changed(scene, values))
 
-    def leave(self, directory: Path) -> None:
-        """Store it beside the run under way."""
+    def store(self, directory: Path) -> None:
+        """Write the search into the folder of its current run."""
         contents = {
             "asked": self.asked,
             "kept": self.kept,
@@ -137,7 +146,7 @@ class Search:
         write_whole(directory / ACCURACY, to_json(contents) + "\n")
 
     def figures(self) -> dict[str, Any]:
-        """For ``summary.json``."""
+        """Entries of ``summary.json``."""
         seconds = [run["processor_time_s"] for run in self.runs]
         return {
             "asked": self.asked,
@@ -151,16 +160,17 @@ class Search:
         }
 
 
-def begun(scene: Scene) -> tuple[Scene, Search | None]:
-    """The pilot's scene, which asks for no accuracy, and its search; as given if none is asked for.
+def start_search(scene: Scene) -> tuple[Scene, Search | None]:
+    """Scene of the pilot, and the search; the given scene and None if it requires no accuracy.
 
     Raises
     ------
     SettingsError
-        There is no film, or its errors are not to be estimated, or not so well, or no such key is
-        chosen.
+        The scene has no film or no error budget, the accuracy is too small, or a key that is to
+        be kept is none of those that are chosen.
     """
-    output, asked = scene.output, scene.output.accuracy
+    output = scene.output
+    asked = output.accuracy
     if not asked:
         return scene, None
     if not scene.films:
@@ -192,23 +202,23 @@ def begun(scene: Scene) -> tuple[Scene, Search | None]:
 
 
 def search_of(directory: Path) -> Search | None:
-    """Search that the run in a folder belongs to."""
+    """Search of the run in a folder; None: it has none."""
     path = directory / ACCURACY
     if not path.exists():
         return None
     with named(InputError, f"{path}: not the search of a run"):
-        found = read_json(path)
+        stored_search = read_json(path)
         return Search(
-            asked=found["asked"],
-            kept=tuple(found["kept"]),
-            chosen=found["chosen"],
-            runs=found["runs"],
-            wanted=found["wanted"],
+            asked=stored_search["asked"],
+            kept=tuple(stored_search["kept"]),
+            chosen=stored_search["chosen"],
+            runs=stored_search["runs"],
+            wanted=stored_search["wanted"],
         )
 
 
 def choosable(scene: Scene) -> tuple[str, ...]:
-    """Full keys of what an accuracy chooses."""
+    """Full keys of the settings that an accuracy chooses."""
     keys = ["time.tolerance", *(["time.periodicity"] if scene.time.periodic else [])]
     keys += [f"joints.{name}.cells" for name in scene.films]
     for name in meshed(scene):
@@ -220,45 +230,52 @@ def choosable(scene: Scene) -> tuple[str, ...]:
 
 
 def _kept(scene: Scene) -> tuple[str, ...]:
-    """Full keys of those that are to stay, which may be given by their end, or one within them."""
-    known, found = choosable(scene), []
+    """Full keys that stay as written, by their ends or by keys of their sections."""
+    known = choosable(scene)
+    kept = []
     for name in scene.output.accuracy_keeps:
-        own = [
+        meant = [
             key
             for key in known
             if f".{key}".endswith(f".{name}") or f"{name}.".startswith(f"{key}.")
         ]
-        if not own:
+        if not meant:
             raise SettingsError(
-                f"output.accuracy_keeps: {name!r} is none of what is chosen: {', '.join(known)}"
+                f"output.accuracy_keeps: {name!r} is not a setting that an accuracy chooses: "
+                f"{', '.join(known)}"
             )
-        found += own
-    return tuple(dict.fromkeys(found))
+        kept += meant
+    return tuple(dict.fromkeys(kept))
 
 
 def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
-    """Values of a pilot by key."""
+    """Values of a pilot by full key."""
     order = scene.time.order
     tolerance = 1e-3 * (PILOT_SHARE * asked / STEP_ERROR) ** ((order + 1.0) / order)
     values: dict[str, Any] = {
         "time.tolerance": rounded(float(np.clip(tolerance, PILOT_TIGHTEST, PILOT_LOOSEST)))
     }
     if scene.time.periodic:
-        own = values["time.tolerance"] if "time.tolerance" not in kept else scene.time.tolerance
-        values["time.periodicity"] = max(PERIODICITY * asked, CYCLE_NOISE * own)
+        kept_tolerance = "time.tolerance" in kept
+        used = scene.time.tolerance if kept_tolerance else values["time.tolerance"]
+        values["time.periodicity"] = max(PERIODICITY * asked, CYCLE_NOISE * used)
     for name in scene.films:
         values[f"joints.{name}.cells"] = list(_pilot_cells(scene, name, asked))
     for name in meshed(scene):
         reduction = scene.bodies[name].reduction
         if reduction.method != "rigid":
-            own = attrs.evolve(reduction, method="m4", estimate_error=True)
-            values[f"bodies.{name}.reduction"] = attrs.asdict(own)
+            completed = attrs.evolve(reduction, method="m4", estimate_error=True)
+            values[f"bodies.{name}.reduction"] = attrs.asdict(completed)
     return values
 
 
 def _pilot_cells(scene: Scene, name: str, asked: float) -> tuple[int, int]:
-    """As the scene's own in shape, but coarse; with supplies, whose edges need cells, its own."""
-    joint, (around, along) = scene.joints[name], planned_cells(scene, name)
+    """Coarse cells with the proportions of the scene's; the scene's own if the film has supplies.
+
+    Edges of grooves and supplies need the cells that were chosen for them.
+    """
+    joint = scene.joints[name]
+    around, along = planned_cells(scene, name)
     most = 2 * ceil(
         0.5 * PILOT_AROUND[joint.element] * (0.01 / asked) ** (1.0 / FILM_ORDER["lagrange"])
     )
@@ -271,166 +288,179 @@ def _pilot_cells(scene: Scene, name: str, asked: float) -> tuple[int, int]:
 #: Runs after the pilot, at most.
 RUNS = 3
 
-#: By joint and quantity: component and error.
+#: Errors by component, for every joint and quantity.
 Errors = Mapping[tuple[str, str], Mapping[str, float]]
 
 
 def account(
-    search: Search, scene: Scene, recorded: Simulation, worth: Mapping[str, Any]
+    search: Search,
+    scene: Scene,
+    recorded: Recorder,
+    budgets: Mapping[str, Mapping[str, Any]],
+    entries: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Add a judged run to its search, which then wants other settings or is over.
+    """Add a judged run to its search, and choose the settings of the next run.
 
     Parameters
     ----------
     search, scene
-        Of the run.
+        Search and scene of the run.
     recorded
-        The run, which has the budgets.
-    worth
-        What the summary has of its budget.
+        The run.
+    budgets
+        Error budget of every joint, by its name.
+    entries
+        Entries of the summary on the budgets, and the verdict on them.
 
     Returns
     -------
     dict
-        For ``summary.json``.
+        Entries of ``summary.json`` about the accuracy.
 
     Raises
     ------
     AccuracyError
-        A component is not estimated.
+        A component of the error is not estimated.
     """
-    errors = _errors(search, recorded, worth["error_budget_notes"])
-    budgets = recorded.worth
+    notes = entries["error_budget_notes"]
+    errors = _errors(search, budgets, notes)
     if search.runs and search.runs[-1]["chosen"] == search.chosen:
-        search.runs.pop()  # a complete run, taken up again
+        search.runs.pop()  # a complete run, resumed
     search.runs.append(
         {
             "chosen": dict(search.chosen),
             "estimate": max(budgets[name][quantity]["known"] for name, quantity in errors),
             "errors": {
-                key: max(own[key] for own in errors.values() if key in own)
+                key: max(parts[key] for parts in errors.values() if key in parts)
                 for key in COMPONENTS
-                if any(key in own for own in errors.values())
+                if any(key in parts for parts in errors.values())
             },
-            "status": recorded.verdict(max(scene.output.error_limit, search.asked)),
-            "processor_time_s": recorded.processor_time + worth["error_budget_processor_time_s"],
+            "status": entries["status"],
+            "processor_time_s": recorded.processor_time + entries["error_budget_processor_time_s"],
         }
     )
-    warnings, why = list(scene.warnings), worth["error_budget_notes"].get("part_mesh")
-    if why is not None:
-        warnings.append(f"output.accuracy = {search.asked:g} is without the part mesh: {why}")
+    warnings = list(scene.warnings)
+    if "part_mesh" in notes:
+        warnings.append(
+            f"output.accuracy = {search.asked:g} does not include the part mesh: "
+            f"{notes['part_mesh']}"
+        )
     if search.met:
         return {"accuracy": search.figures(), "status": "complete", "warnings": warnings}
     if len(search.runs) <= RUNS:
         values = _refined(search, scene, recorded, errors)
         search.wanted = {k: v for k, v in values.items() if v != search.chosen.get(k)}
-    found = {"accuracy": search.figures(), "status": search.runs[-1]["status"]}
+    figures = {"accuracy": search.figures(), "status": search.runs[-1]["status"]}
     if not search.wanted:
-        found["warnings"] = [*warnings, _missed(search)]
-    return found
+        figures["warnings"] = [*warnings, _not_met(search)]
+    return figures
 
 
-def _errors(search: Search, recorded: Simulation, notes: Mapping[str, str]) -> Errors:
-    """Components that count."""
-    found: dict[tuple[str, str], dict[str, float]] = {}
-    for joint, budget in recorded.worth.items():
+def _errors(
+    search: Search, budgets: Mapping[str, Mapping[str, Any]], notes: Mapping[str, str]
+) -> Errors:
+    """Estimated components of the errors of a run."""
+    errors: dict[tuple[str, str], dict[str, float]] = {}
+    for joint, budget in budgets.items():
         for quantity in QUANTITIES:
-            own = found[joint, quantity] = {}
+            parts = errors[joint, quantity] = {}
             for key in COMPONENTS:
                 value = budget[quantity][key]
                 if not isinstance(value, str):
-                    own[key] = value
+                    parts[key] = value
                 elif key == "start" and value != NOT_APPLICABLE:
-                    own[key] = search.asked  # films that repeat by chance: once more
+                    parts[key] = search.asked  # films repeat by coincidence: run once again
                 elif value != NOT_APPLICABLE and key != "part_mesh":
                     raise AccuracyError(
                         f"output.accuracy = {search.asked:g}: the error of joints.{joint} by "
                         f"{key.replace('_', ' ')} is {value}: {notes.get(key, 'drop the key')}"
                     )
-    return found
+    return errors
 
 
-def _refined(search: Search, scene: Scene, recorded: Simulation, errors: Errors) -> dict[str, Any]:
-    """Values by key that bring the errors of every figure to the aim together, within limits."""
-    films = {binding.name: binding for binding in recorded.run.equations.system.films}
+def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -> dict[str, Any]:
+    """Values by full key that reduce the error of every figure to the aim, within limits."""
+    films = {film.name: film for film in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
     free = set(choosable(scene)) - set(search.kept)
-    found: dict[str, tuple[float, str, FilmBinding]] = {}
-    for (joint, _), own in errors.items():
-        keys = {component: _setting(component, films[joint]) for component in own}
-        ours = {component: own[component] for component in own if keys[component] in free}
-        beyond = sum(own.values()) - sum(ours.values())
-        level = water_level(ours.values(), max(AIM * search.asked - beyond, LITTLE * beyond))
-        for component, error in ours.items():
+    refinements: dict[str, tuple[float, str, FilmBinding]] = {}
+    for (joint, _), parts in errors.items():
+        keys = {component: _setting(component, films[joint]) for component in parts}
+        reducible = {component: parts[component] for component in parts if keys[component] in free}
+        fixed = sum(parts.values()) - sum(reducible.values())
+        total = max(AIM * search.asked - fixed, LITTLE * fixed)
+        level = water_filling_level(reducible.values(), total)
+        for component, error in reducible.items():
             share = min(1.0, level / error) if error else 1.0
             if not trusted and component in ("step_size", "film_mesh"):
                 share = min(share, HALF)
-            former = found.get(keys[component], (1.0,))
+            former = refinements.get(keys[component], (1.0,))
             if share < former[0]:
-                found[keys[component]] = share, component, films[joint]
+                refinements[keys[component]] = share, component, films[joint]
     values = search.chosen | {
-        key: _value(search, scene, recorded, *wanted) for key, wanted in found.items()
+        key: _value(search, scene, recorded, *refinement) for key, refinement in refinements.items()
     }
     if {"time.periodicity", "time.tolerance"} <= set(values):
-        # The steps of a cycle are not those of the one before.
+        # Two cycles have different steps, and differ by the errors of these.
         most = values["time.periodicity"] / CYCLE_NOISE
         values["time.tolerance"] = min(values["time.tolerance"], most)
     return values
 
 
-def water_level(errors: Collection[float], total: float) -> float:
-    """Limit that leaves errors a total together; infinite where they are less."""
-    for left, error in zip(range(len(errors), 0, -1), sorted(errors), strict=True):
-        if left * error > total:
-            return total / left
+def water_filling_level(errors: Collection[float], total: float) -> float:
+    """Limit of every error with which their sum is a total; infinite if the sum is smaller."""
+    for count, error in zip(range(len(errors), 0, -1), sorted(errors), strict=True):
+        if count * error > total:
+            return total / count
         total -= error
     return inf
 
 
-def _setting(component: str, binding: FilmBinding) -> str:
-    """Key of what makes a component of the errors of a joint smaller."""
+def _setting(component: str, film: FilmBinding) -> str:
+    """Key of the setting that reduces a component of a joint's errors."""
     return {
         "step_size": "time.tolerance",
         "start": "time.periodicity",
-        "film_mesh": f"joints.{binding.name}.cells",
-        "basis": f"bodies.{binding.bore_body}.reduction",
-        "part_mesh": f"bodies.{binding.bore_body}.geometry",
+        "film_mesh": f"joints.{film.name}.cells",
+        "basis": f"bodies.{film.bore_body}.reduction",
+        "part_mesh": f"bodies.{film.bore_body}.geometry",
     }[component]
 
 
 def _value(
     search: Search,
     scene: Scene,
-    recorded: Simulation,
+    recorded: Recorder,
     share: float,
     component: str,
-    binding: FilmBinding,
+    film: FilmBinding,
 ) -> Any:
-    """Value of its setting that leaves a share of a component, or is the last within limits."""
+    """Value of a setting that reduces a component to a share of itself, within limits."""
     if component == "step_size":
-        order, own = recorded.run.control.order, scene.time.tolerance
-        return min(own, max(rounded(own * share ** ((order + 1.0) / order)), TIGHTEST))
+        order = recorded.run.control.order
+        tolerance = scene.time.tolerance
+        return min(tolerance, max(rounded(tolerance * share ** ((order + 1.0) / order)), TIGHTEST))
     if component == "start":
-        # Cycles differ by what their steps leave.
+        # Two cycles differ by the errors of their steps.
         noise = CYCLE_NOISE * scene.time.tolerance if "time.tolerance" in search.kept else 0.0
-        own = scene.time.periodicity
-        return min(own, max(rounded(share * own), TIGHTEST_PERIODICITY, noise))
+        periodicity = scene.time.periodicity
+        return min(periodicity, max(rounded(share * periodicity), TIGHTEST_PERIODICITY, noise))
     if component == "film_mesh":
-        grid = binding.film.film.parameters.grid
+        grid = film.film.film.parameters.grid
         most = max(1.0, sqrt(MOST_CELLS / prod(grid.cells)))
         factor = min(share ** (-1.0 / FILM_ORDER[grid.family]), most)
         return [ceil(factor * cells - ROUNDING) for cells in grid.cells]
-    part, chosen = scene.bodies[binding.bore_body], search.chosen
+    part = scene.bodies[film.bore_body]
     if component == "basis":
         modes = part.reduction.vibration_modes
         modes = max(modes, min(ceil(modes / share - ROUNDING), MOST_MODES))
-        return {**chosen.get(_setting(component, binding), {}), "vibration_modes": modes}
+        return {**search.chosen.get(_setting(component, film), {}), "vibration_modes": modes}
     around = max((part.geometry[key] for key in part.cell_counts if "around" in key), default=1.0)
     return part.geometry_of(min(share ** (-1.0 / PART_ORDER), max(1.0, MOST_CELLS_AROUND / around)))
 
 
-def _missed(search: Search) -> str:
-    """The line that says so."""
+def _not_met(search: Search) -> str:
+    """Notice of an accuracy that is not met."""
     run = search.runs[-1]
     worst = max(run["errors"], key=run["errors"].__getitem__)
     keys = [key for key in search.kept if f".{key}".endswith(f".{KEYS[worst]}")]

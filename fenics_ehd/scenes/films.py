@@ -179,11 +179,11 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
     if bore is not None:
         radius = bore.radius
         for size in ("radius", "width"):
-            given = getattr(joint, size)
+            written = getattr(joint, size)
             value = getattr(bore, size)
-            if given and not abs(given - value) <= FIT * value:
+            if written and not abs(written - value) <= FIT * value:
                 raise SettingsError(
-                    f"{key}.{size} = {given:g} m must be that of the bore {joint.bore}, "
+                    f"{key}.{size} = {written:g} m must be that of the bore {joint.bore}, "
                     f"{value:g} m, within {100 * FIT:g} %: drop it or change the part, "
                     f"bodies.{joint.bore.partition('.')[0]}.geometry"
                 )

@@ -2,6 +2,8 @@
 
 One entry of a scene may become several forces or drives: a load over time has a component along x
 and one along y, a drive by a torque is a force.
+
+Imports inside functions: `fenics_ehd.scenes.part` imports all reductions.
 """
 
 from __future__ import annotations
@@ -49,11 +51,11 @@ class Inputs:
     forces
         Forces and torques by name, without gravity.
     supplies
-        Supplies of every lubricated joint, by its name.
+        Supplies of every lubricated joint, by the joint's name.
     shapes
         Measured deviations of a bore or journal, by the key of their table.
     bodies
-        Reduced bodies that are there already, by body name.
+        Reduced bodies that need not be made, by body name.
     """
 
     drives: Mapping[str, AngleOverTime]
@@ -65,12 +67,12 @@ class Inputs:
     @property
     def supply_curves(self) -> dict[str, Curve]:
         """Pressures over time of the supplies that have a table, by key."""
-        return {
+        curves = {
             f"joints.{joint}.supply.{supply.name}": supply.curve
             for joint, supplies in self.supplies.items()
             for supply in supplies
-            if isinstance(supply.curve, Curve)
         }
+        return {key: curve for key, curve in curves.items() if isinstance(curve, Curve)}
 
 
 def read_inputs(scene: Scene, bodies: Mapping[str, ReducedBody]) -> Inputs:
@@ -193,12 +195,12 @@ def _pressure_curve(supply: Supply, key: str, *, periodic: bool) -> Curve | None
 
 def _shapes(scene: Scene) -> dict[str, ShapeTable]:
     """Measured shapes of bores and journals, by key."""
-    named = {
+    files = {
         f"joints.{name}.{surface}.table": getattr(joint, surface).table
         for name, joint in scene.films.items()
         for surface in SURFACES
     }
-    return {key: read_shape_table(file, key) for key, file in named.items() if file != NONE}
+    return {key: read_shape_table(file, key) for key, file in files.items() if file != NONE}
 
 
 def _bodies(scene: Scene, given: Mapping[str, ReducedBody]) -> dict[str, ReducedBody]:
@@ -211,7 +213,6 @@ def _bodies(scene: Scene, given: Mapping[str, ReducedBody]) -> dict[str, Reduced
         elif settings.model == NONE:
             bodies[name] = load_body(settings.body)
         else:
-            # Imports all reductions.
             from fenics_ehd.scenes.part import model_file, require_snapshots
 
             model_file(settings, f"bodies.{name}")

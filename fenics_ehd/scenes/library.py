@@ -42,7 +42,7 @@ def shipped_scene(name: str) -> Path:
 
 
 def table_file(name: str, key: str) -> Path:
-    """File of a table that a key names: one that comes with the package, or one of its own.
+    """File of a table that a key names: a table of the package, or a file of the user.
 
     Raises
     ------
@@ -57,6 +57,6 @@ def table_file(name: str, key: str) -> Path:
 
 
 def _files(folder: str) -> dict[str, Path]:
-    """Files of a folder beside this module by name, in order."""
+    """Files of a folder of this package by name, in order."""
     paths = Path(str(resources.files("fenics_ehd.scenes") / folder)).iterdir()
     return {path.stem: path for path in sorted(paths) if path.suffix in (".csv", ".toml")}

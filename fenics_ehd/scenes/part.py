@@ -1,8 +1,10 @@
-"""Elastic parts of a scene: meshed or read from a file, reduced, made again for another mesh.
+"""Elastic parts of a scene: meshed or read from a file, reduced, and made again.
 
-A part is what its settings name: a Gmsh model or the reduced body of a file. Beside its reduction
-stands what it was made from, by which a run's part, whose folder holds neither mesh nor basis, is
-made again.
+A part is a Gmsh model or the reduced body of a file. The provenance of a reduced body lists the
+settings and the model that it was made from: a run's folder holds neither mesh nor basis, and its
+parts are made again from these.
+
+Imports inside functions: Gmsh and dolfinx are for scenes that mesh a part.
 """
 
 from __future__ import annotations
@@ -55,38 +57,46 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part_settings import ReductionSettings, method_keys
 from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
 
-#: Reductions by name, of what, by which settings, and with which options that most have.
+#: Reductions by the name of their method: functions of the part, settings, and common options.
 METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]], ReducedBody]] = {
-    "m1": lambda part, given, common: craig_bampton(part, given.modes, **common),
-    "m2": lambda part, given, common: two_step_craig_bampton(
-        part, given.modes, given.interior_modes, **common
+    "m1": lambda part, chosen, common: craig_bampton(part, chosen.modes, **common),
+    "m2": lambda part, chosen, common: two_step_craig_bampton(
+        part, chosen.modes, chosen.interior_modes, **common
     ),
-    "m3": lambda part, given, common: load_dependent(
+    "m3": lambda part, chosen, common: load_dependent(
         part,
-        given.vibration_modes,
-        given.residual_modes,
-        given.pressure_set,
-        given.selection,
+        chosen.vibration_modes,
+        chosen.residual_modes,
+        chosen.pressure_set,
+        chosen.selection,
         **common,
     ),
-    "m4": lambda part, given, common: residual_flexibility(
+    "m4": lambda part, chosen, common: residual_flexibility(
         part,
-        given.vibration_modes,
-        truncation=given.residual_truncation,
+        chosen.vibration_modes,
+        truncation=chosen.residual_truncation,
         centrifugal=part.free,
         **common,
     ),
-    "full": lambda part, given, _: full_interface(part, given.vibration_modes, keep_basis=True),
+    "full": lambda part, chosen, _: full_interface(part, chosen.vibration_modes, keep_basis=True),
     "rigid": lambda part, _, common: rigid(part, **common),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedPart:
-    """A reduced part, and what only displacement fields need.
+    """A reduced part with the mesh and the basis of its displacement fields.
 
-    `structure` and `columns`, the part-size basis, stay distributed over the
-    ranks that reduced the part.
+    Attributes
+    ----------
+    body
+        The reduced body.
+    structure
+        Assembled structure, distributed over the ranks that reduced the part.
+    columns
+        Basis of the whole part, shape (owned dofs, n), distributed likewise.
+    seconds
+        Time of the reduction [s].
     """
 
     body: ReducedBody
@@ -96,14 +106,14 @@ class ReducedPart:
 
 
 def model_file(part: schema.FlexibleSettings, section: str) -> Path:
-    """The Gmsh model of a part whose settings are in a section of that name.
+    """File of the Gmsh model of a part; `section` is that of its settings, for messages.
 
     Raises
     ------
     SettingsError
-        There is no such file.
+        The file does not exist.
     MeshError
-        It is no model.
+        The file is no model.
     """
     path = Path(part.model) if Path(part.model).suffix else model_path(part.model)
     if not path.is_file():
@@ -113,7 +123,7 @@ def model_file(part: schema.FlexibleSettings, section: str) -> Path:
 
 
 def require_snapshots(part: schema.FlexibleSettings, section: str) -> None:
-    """Refuse snapshots of a folder that holds no run, before anything is meshed for them.
+    """Refuse snapshots from a folder without a run, before anything is meshed.
 
     Raises
     ------
@@ -123,15 +133,15 @@ def require_snapshots(part: schema.FlexibleSettings, section: str) -> None:
     folder = part.reduction.snapshots
     if folder != NONE and not Path(folder, FIELDS_NAME).is_file():
         raise SettingsError(
-            f"{section}.reduction.snapshots = {folder!r}: no folder of a run, it has no "
+            f"{section}.reduction.snapshots = {folder!r} must be the folder of a run: it has no "
             f"{FIELDS_NAME}"
         )
 
 
 def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -> ReducedBody:
-    """Apply the method that the settings name, and keep the part-size basis.
+    """Reduce a part by the method of the settings, and keep the basis of the whole part.
 
-    A `Reductor` solves as it was made, whatever `solver` the settings name.
+    A `Reductor` keeps its own solver; the setting `solver` is for structures.
     """
     if isinstance(part, Structure):
         part = Reductor(part, solver=reduction.solver)
@@ -144,7 +154,7 @@ def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -
 def _trained(
     part: Reductor, reduction: ReductionSettings, common: Mapping[str, Any]
 ) -> ReducedBody:
-    """M3 with the main patterns of a former run's pressures, its accuracy with how many more."""
+    """M3 with the main pressure patterns of a former run; the accuracy has the number added."""
     asked = reduction.residual_modes
     patterns = proper_orthogonal(_snapshots(part.structure, reduction), asked)
     body = load_dependent(
@@ -170,15 +180,16 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
             f"needed, it has {', '.join(joints) or 'none'}"
         )
     ((_, joint),) = joints.items()
-    film, nodes = joint.film, structure.bore.pressure_coordinates
+    film = joint.film
+    nodes = structure.bore.pressure_coordinates
     radius = np.linalg.norm(nodes[:, :2], axis=1).max()
     circle = radius * np.cos(film.angle), radius * np.sin(film.angle)
-    places = np.column_stack([*circle, film.height])
-    order = match(nodes, places)
+    film_nodes = np.column_stack([*circle, film.height])
+    order = match(nodes, film_nodes)
     if order is None:
         raise SettingsError(
-            f"reduction.snapshots = {reduction.snapshots!r}: its {len(places)} film nodes are not "
-            f"the {len(nodes)} pressure nodes of this bore"
+            f"reduction.snapshots = {reduction.snapshots!r}: its {len(film_nodes)} film nodes are "
+            f"not the {len(nodes)} pressure nodes of this bore"
         )
     return np.asarray(film.pressure)[:, order].T
 
@@ -186,12 +197,12 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
 def structure_provenance(
     part: schema.FlexibleSettings, model: Path, film_element: str
 ) -> dict[str, str]:
-    """Everything that an assembled part depends on, as text by name."""
+    """All that an assembled part depends on, as text by name."""
     return {
         "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
         "element": part.element,
         "clamped": part.clamped,
-        # A mesh has the cells it has.
+        # The cells of a stored mesh are not chosen.
         **({"cells": part.cells} if model.suffix == ".geo" else {}),
         **{name: repr(value) for name, value in attrs.asdict(part.material).items()},
         "film_element": film_element,
@@ -202,7 +213,7 @@ def structure_provenance(
 
 
 def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
-    """A method and what it reads of its settings, as text by name."""
+    """Method and the settings that it reads, as text by name."""
     names = ("method", *method_keys(reduction.method))
     return {name: str(getattr(reduction, name)) for name in names}
 
@@ -210,25 +221,25 @@ def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
 def require_provenance(
     body: ReducedBody, asked: Mapping[str, str], written: set[str], section: str
 ) -> None:
-    """Refuse a body that was not made as a scene file says.
+    """Refuse a body that was made with other settings than those of a scene file.
 
-    One that was not made from a scene is taken as it is.
+    A body that was not made from a scene is accepted.
 
     Parameters
     ----------
     body
-        From a file.
+        Body of a file.
     asked
-        Provenance that the scene's would have.
+        Provenance of a body with the settings of the scene.
     written
-        Names in it that the file writes.
+        Names of the provenance that the scene file writes.
     section
-        Of the part.
+        Section of the part, for messages.
 
     Raises
     ------
     SettingsError
-        A key in the file differs from the body's.
+        A value of the scene file differs from the body's.
     """
     made = dict(body.provenance)
     if "model" not in made:
@@ -240,19 +251,20 @@ def require_provenance(
     for name in sorted(written & {*asked, *made}):
         if asked.get(name) != made.get(name):
             raise SettingsError(
-                f"the body was made with {name} = {made.get(name, 'default')}, {section} says "
-                f"{asked.get(name, 'default')}: reduce the part again or take the key out"
+                f"the body was made with {name} = {made.get(name, 'default')}, {section} has "
+                f"{asked.get(name, 'default')}: reduce the part again or drop the key"
             )
 
 
 def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
-    """The settings of a part, numbers of cells that are its model's own written out; serial."""
+    """Settings of a part with the numbers of cells that its model has by default; serial."""
     from fenics_ehd.fem.gmsh_session import model_parameters  # Gmsh
 
     path = model_file(settings, key)
-    own = model_parameters(path) if path.suffix == ".geo" else {}
-    whole = attrs.evolve(settings, geometry=own).cell_counts
-    return attrs.evolve(settings, geometry={k: own[k] for k in whole} | settings.geometry)
+    defaults = model_parameters(path) if path.suffix == ".geo" else {}
+    counts = attrs.evolve(settings, geometry=defaults).cell_counts
+    geometry = {key: defaults[key] for key in counts} | settings.geometry
+    return attrs.evolve(settings, geometry=geometry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,11 +274,11 @@ class ElasticPart:
     Attributes
     ----------
     settings
-        Of the body.
+        Settings of the body.
     source
-        The assembled structure, or the reduced body of a file.
+        Assembled structure, or reduced body.
     film_element
-        Of its pressures, see `Scene.film_element`.
+        Element of the pressures in its bores, see `Scene.film_element`.
     """
 
     settings: schema.FlexibleSettings
@@ -274,12 +286,12 @@ class ElasticPart:
     film_element: str
 
     def bore(self, name: str, key: str) -> BoreSurface:
-        """A bore.
+        """A bore by its name; `key` is the setting that names it, for messages.
 
         Raises
         ------
         SettingsError
-            The body's file has none of this name, which a key asks for.
+            The body's file has no bore of this name.
         """
         bores = self.source.bores
         if name not in bores:
@@ -288,7 +300,7 @@ class ElasticPart:
 
     @property
     def held(self) -> bool:
-        """True for a part that does not move as a whole."""
+        """True for a part that is clamped: it deforms and does not move otherwise."""
         if isinstance(self.source, ReducedBody):
             return self.source.frame == "clamped"
         return self.settings.clamped != NONE
@@ -296,23 +308,24 @@ class ElasticPart:
     def points(self) -> Mapping[str, tuple[float, float]]:
         """Points by name, from the first bore's centre [m]; collective."""
         if isinstance(self.source, ReducedBody):
-            found = {name: field[:2, 0] for name, field in self.source.points.items()}
+            points = {name: field[:2, 0] for name, field in self.source.points.items()}
         else:
-            found = {name: _mean_place(self.source, name) for name in self.source.attachments}
-        found = {name: bore.centre[:2] for name, bore in self.source.bores.items()} | found
-        return {name: (float(x), float(y)) for name, (x, y) in found.items()}
+            points = {name: _mean_position(self.source, name) for name in self.source.attachments}
+        centres = {name: bore.centre[:2] for name, bore in self.source.bores.items()}
+        return {name: (float(x), float(y)) for name, (x, y) in (centres | points).items()}
 
     def reduce(self, reductor: Reductor | None = None, *, mesh_error: bool = False) -> ReducedPart:
-        """The assembled structure, reduced; collective.
+        """Reduce the assembled structure; collective.
 
         Parameters
         ----------
         reductor
-            Of the structure, which serves other reductions of the part as well.
+            Reductor of the structure that other reductions of the part share.
         mesh_error
-            Whether the body is to know what its mesh misses, as far as the model allows.
+            Whether the error of the mesh is estimated, if the model can be meshed otherwise.
         """
-        source, settings = self.source, self.settings
+        source = self.source
+        settings = self.settings
         assert isinstance(source, Structure)
         start = perf_counter()
         reductor = reductor or Reductor(source, solver=settings.reduction.solver)
@@ -320,7 +333,7 @@ class ElasticPart:
         columns = body.columns
         assert columns is not None
         if mesh_error:
-            with suppress(EhdError):  # whatever goes wrong with another mesh, this one is there
+            with suppress(EhdError):  # the body is complete without a second mesh
                 body = self._with_mesh_error(body, reductor)
         made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
         made |= reduction_provenance(settings.reduction)
@@ -328,11 +341,12 @@ class ElasticPart:
         return ReducedPart(body, source, columns, perf_counter() - start)
 
     def _with_mesh_error(self, body: ReducedBody, reductor: Reductor) -> ReducedBody:
-        settings, part = self.settings, reductor.structure
-        if settings.reduction.method == "rigid":  # it does not bend, on any mesh
+        settings = self.settings
+        part = reductor.structure
+        if settings.reduction.method == "rigid":  # no mesh makes it bend
             loads = SMOOTH * len(part.bores) + 2 * len(part.attachments)
-            places = sum(len(sampling_grid(bore).nodes) for bore in part.bores.values())
-            return replace(body, mesh_flexibility=np.zeros((places, loads)))
+            samples = sum(len(sampling_grid(bore).nodes) for bore in part.bores.values())
+            return replace(body, mesh_flexibility=np.zeros((samples, loads)))
         model = model_file(settings, "body")
         if model.suffix == ".msh":
             error, moved = stored_mesh_error(model, tuple(part.bores), part.attachments)
@@ -346,7 +360,7 @@ class ElasticPart:
         return replace(body, mesh_flexibility=moved, accuracy=accuracy)
 
     def _other_mesh(self, part: Structure, counted: schema.FlexibleSettings) -> Structure:
-        """The part on a finer mesh if that is small enough and can be made, else a coarser one."""
+        """The part on a finer mesh, or a coarser one if this mesh is large or the model refuses."""
 
         def made(factor: float) -> Structure:
             settings = attrs.evolve(counted, geometry=counted.geometry_of(factor))
@@ -380,25 +394,25 @@ def missed(
     for bore in part.bores.values():
         x, y, z = bore.coordinates.T
         nodes.append(np.column_stack([np.arctan2(y, x), z]))
-    at_nodes = _read(part, _read(other, there.outward, nodes), wanted)
-    moved = share * (at_nodes - _read(part, own.outward, wanted))
-    moved += between * (_read(other, there.outward, wanted) - at_nodes)
+    at_nodes = _sampled(part, _sampled(other, there.outward, nodes), wanted)
+    moved = share * (at_nodes - _sampled(part, own.outward, wanted))
+    moved += between * (_sampled(other, there.outward, wanted) - at_nodes)
     missing = share * (there.compliance - own.compliance)
     return compliance_errors(missing, own.compliance), moved
 
 
-def _read(part: Structure, outward: np.ndarray, wanted: Sequence[np.ndarray]) -> np.ndarray:
-    """Displacements at the nodes of all bores, read at angles and heights in each of them."""
-    found = []
-    for bore, places in zip(part.bores.values(), wanted, strict=True):
+def _sampled(part: Structure, outward: np.ndarray, wanted: Sequence[np.ndarray]) -> np.ndarray:
+    """Displacements at the nodes of all bores, interpolated to angles and heights in each bore."""
+    blocks = []
+    for bore, positions in zip(part.bores.values(), wanted, strict=True):
         surface = bore_surface(bore.coordinates, bore.cells, bore.family)
-        found.append(interpolation_matrix(surface, *places.T))
-    return np.asarray(sparse.block_diag(found, format="csr") @ outward)
+        blocks.append(interpolation_matrix(surface, *positions.T))
+    return np.asarray(sparse.block_diag(blocks, format="csr") @ outward)
 
 
-def _mean_place(structure: Structure, name: str) -> np.ndarray:
+def _mean_position(structure: Structure, name: str) -> np.ndarray:
     """Mean position of a boundary point, shape (2,) [m]; collective."""
-    # The share of a unit force that a node takes is its weight in the mean position.
+    # The fraction of a unit force at a node is its weight in the mean position.
     weights = structure.attachments[name][0].array.reshape(-1, 3)[:, 0]
     return structure.comm.allreduce(weights @ structure.coordinates)[:2]
 
@@ -411,7 +425,7 @@ def elastic_part(
     Raises
     ------
     SettingsError, MeshError, BodyFileError
-        Naming what is wrong with its model or file.
+        The model or file cannot be used.
     """
     if settings.body != NONE:
         return ElasticPart(settings, load_body(settings.body), film_element)
@@ -450,46 +464,48 @@ def _assembled(
 
 
 def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[str]) -> ReducedPart:
-    """Mesh and reduce a body of a scene again, with the coordinates that a run recorded; serial.
+    """Mesh and reduce a body of a recorded run again, in the coordinates of the record; serial.
 
-    Nothing is meshed unless settings and model are those that the body was made with.
+    Settings and model must be those that the body was made with, or nothing is meshed.
 
     Parameters
     ----------
     scene
-        Of the run.
+        Scene of the run.
     name
-        Of a body with a model.
+        Name of a body with a model.
     body
-        As the run has it.
+        Reduced body of the run.
     programs
-        Models that may be run: the scene of a run's folder may be another person's.
+        Models that may be executed: the scene of a run's folder may be from another person.
 
     Raises
     ------
     SettingsError, MeshError
-        Its model is gone, is not what it was, or is a program that is not among those.
+        The model is missing, has changed, or is a program that is not among `programs`.
     VerificationError
         From `basis_of`.
     """
-    settings, key = scene.bodies[name], f"bodies.{name}"
+    settings = scene.bodies[name]
+    key = f"bodies.{name}"
     # Coordinates do not depend on the estimate.
     reduction = attrs.evolve(settings.reduction, estimate_error=False)
     settings = attrs.evolve(settings, reduction=reduction)
-    element, model = scene.film_element(name), model_file(settings, key)
-    found = structure_provenance(settings, model, element) | reduction_provenance(reduction)
-    for made, value in found.items():
+    element = scene.film_element(name)
+    model = model_file(settings, key)
+    present = structure_provenance(settings, model, element) | reduction_provenance(reduction)
+    for made, value in present.items():
         former = body.provenance.get(made, value)
         if former != value:
             raise SettingsError(
-                f"{key} was made with {made} = {former}, which is {value} now: put back what it "
-                "was, or run the scene anew"
+                f"{key} was made with {made} = {former}, which is {value} now: restore the former "
+                "value, or run the scene again"
             )
     program = model.suffix == ".geo" and not is_shipped(model)
     if program and not any(model.samefile(known) for known in programs):
         raise SettingsError(
-            f"{key}.model = {settings.model!r} is a program, which the run's folder names: if you "
-            f"know it, have it run by --model {model}"
+            f"{key}.model = {settings.model!r} is a program, named by the scene of the run: if you "
+            f"trust it, allow it to run by --model {model}"
         )
     part = elastic_part(settings, key, element, MPI.COMM_SELF).reduce()
     return replace(part, body=body, columns=basis_of(body, part.body, part.columns))
@@ -501,16 +517,16 @@ def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
     Parameters
     ----------
     scene
-        With one flexible body.
+        Scene with one flexible body.
     file
-        Made by ``fenics-ehd reduce``.
+        File made by ``fenics-ehd reduce``.
     written
-        Tables as the user wrote them: what they say of the body must be so.
+        Tables as the user wrote them: the body must have been made with their values.
 
     Raises
     ------
     SettingsError
-        There are several flexible bodies or none, or the file's was made otherwise than written.
+        There are several flexible bodies or none, or the body was made with other values.
     BodyFileError
         The file cannot be read.
     """
@@ -523,14 +539,15 @@ def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
     (name,) = names
     settings = scene.bodies[name]
     if settings.model != NONE:
-        model, element = model_file(settings, f"bodies.{name}"), scene.film_element(name)
+        model = model_file(settings, f"bodies.{name}")
+        element = scene.film_element(name)
         asked = structure_provenance(settings, model, element)
         asked |= reduction_provenance(settings.reduction)
-        own = renamed(written)[0].get("bodies", {}).get(name, {})
+        table = renamed(written)[0].get("bodies", {}).get(name, {})
         require_provenance(
             load_body(file),
             asked,
-            {*own, *own.get("material", {}), *own.get("reduction", {})},
+            {*table, *table.get("material", {}), *table.get("reduction", {})},
             f"bodies.{name}",
         )
     entry = {
@@ -547,7 +564,7 @@ def with_method(scene: Scene, method: str) -> Scene:
     Raises
     ------
     SettingsError
-        There is none.
+        The scene has no part with a model.
     """
     names = meshed(scene)
     if not names:

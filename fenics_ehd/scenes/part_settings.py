@@ -1,6 +1,6 @@
-"""Settings of an elastic part's reduction, what to choose from, output.
+"""Settings of a part's reduction, their choices, and settings of the output.
 
-Read by ``--help``: nothing else is imported.
+The module is imported by ``--help``, and imports nothing that is slow.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class ReductionSettings:
     snapshots: str = only_with(
         text(
             NONE,
-            "folder of a former run: the main patterns of its pressures are kept, whatever "
-            "pressure_set and selection say, or none (m3)",
+            "folder of a former run, whose main pressure patterns are kept in place of "
+            "pressure_set and selection, or none (m3)",
         ),
         "method",
         among=("m3",),
@@ -75,21 +75,25 @@ class ReductionSettings:
 
 
 def method_keys(method: str) -> tuple[str, ...]:
-    """Keys of [reduction] that only some methods read, this one among them."""
-    return tuple(
-        field.name
+    """Keys of [reduction] that this method reads, of those that not all methods read."""
+    conditions = (
+        (field.name, condition)
         for field in attrs.fields(ReductionSettings)
         for condition in field.metadata.get("needs", ())
+    )
+    return tuple(
+        name
+        for name, condition in conditions
         if condition.keys == ("method",) and method in condition.among
     )
 
 
 @attrs.frozen
 class OutputSettings:
-    """Files that a run writes beside history and summary."""
+    """Files that a run writes in addition to history and summary, and its accuracy."""
 
     plots: bool = flag(True, "curves as pictures")
-    error_budget: bool = flag(True, "whether the run says what its figures are worth")
+    error_budget: bool = flag(True, "whether the errors of the run's figures are estimated")
     error_limit: float = only_with(
         number(
             0.2,
@@ -102,7 +106,7 @@ class OutputSettings:
         among=(True,),
     )
     part_mesh_error: bool = flag(
-        True, "whether parts are meshed again, more finely, to know what their meshes are worth"
+        True, "whether parts are meshed again, more finely, to estimate the errors of their meshes"
     )
     accuracy: float = number(
         0.0,

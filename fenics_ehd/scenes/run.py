@@ -1,8 +1,6 @@
-"""A scene's run into a folder, and runs until one meets the accuracy asked for.
+"""Runs of a scene into a folder, with everything that is needed to resume them.
 
-A scene's run into a folder, with all that it takes to go on with it.
-
-Runs of a scene, one after another, until one meets the accuracy that is asked for.
+A scene that requires an accuracy is run again, with other settings, until a run meets it.
 """
 
 from __future__ import annotations
@@ -28,13 +26,16 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.simulation import Simulation
+from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.verdict import verdict
 from fenics_ehd.reduction.body import ReducedBody, body_digest, load_body, save_body
 from fenics_ehd.results.recorded_run import (
     BODY_FILE,
     CHECKPOINT_EVERY,
     SCENE_NAME,
+    Budgets,
     Checkpoint,
     RunFolder,
     estimate_errors,
@@ -42,7 +43,7 @@ from fenics_ehd.results.recorded_run import (
     record_run,
     written_by_run,
 )
-from fenics_ehd.scenes.accuracy import Search, account, begun, search_of
+from fenics_ehd.scenes.accuracy import Search, account, search_of, start_search
 from fenics_ehd.scenes.build import Machine, build
 from fenics_ehd.scenes.scene import (
     Scene,
@@ -64,25 +65,25 @@ def run(
     Parameters
     ----------
     scene
-        As read; that of a run that goes on must be the one it began with.
+        Scene as read; a run is resumed with the scene that it was started with.
     folder
-        Made where it is missing.
+        Folder of the results, which is created if it is missing.
     resume
-        Go on with the run that was stopped there.
+        Resume the run that was interrupted in the folder.
     overwrite
-        A complete result there may be replaced.
+        Replace a complete result in the folder.
 
     Returns
     -------
     History
-        As `load_history` reads it from the folder; its summary has the status.
+        History as `load_history` reads it from the folder; its summary has the status.
 
     Raises
     ------
     InputError, InUseError
         The folder cannot be used.
     SettingsError, MeshError, BodyFileError, SolverError
-        Of the scene, its parts and the run.
+        From the scene, its parts and the run.
     """
     require_class("scene", scene, Scene)
     require_class("folder", folder, str, Path)
@@ -91,12 +92,13 @@ def run(
     if resume:
         with RunFolder(directory, resume=True) as held:
             _require_same(scene, held.path)
-            # A periodic solution keeps its last cycle, and nothing to go on with.
+            # A periodic solution keeps its last cycle, and no checkpoint.
             if "cycles" not in (complete_result(held.path) or {}):
-                found, former = stored_scene(held.path), load_run_state(held.path)
-                run_accurately(*found, held.path, search_of(held.path), former=former)
+                stored_run = stored_scene(held.path)
+                former = load_run_state(held.path)
+                run_accurately(*stored_run, held.path, search_of(held.path), former=former)
         return load_history(directory)
-    scene, search = begun(stored(scene))
+    scene, search = start_search(stored(scene))
     require_kept(directory, input_files("", scene), written_by_run(flexible(scene)))
     with RunFolder(directory, flexible(scene), overwrite=overwrite) as held:
         run_accurately(scene, build(scene), held.path, search)
@@ -104,14 +106,16 @@ def run(
 
 
 def _require_same(scene: Scene, directory: Path) -> None:
-    """Refuse to go on with a run of another scene; that of an accuracy chooses some of its own."""
-    ours = dict(by_key(stored(scene).tables))
-    theirs = dict(by_key(as_stored(directory / SCENE_NAME).tables))
-    for key in {} if scene.output.accuracy else {**ours, **theirs}:
-        if ours.get(key) != theirs.get(key):
+    """Refuse to resume a run of another scene; an accuracy chooses some values itself."""
+    if scene.output.accuracy:
+        return
+    asked = dict(by_key(stored(scene).tables))
+    recorded = dict(by_key(as_stored(directory / SCENE_NAME).tables))
+    for key in {**asked, **recorded}:
+        if asked.get(key) != recorded.get(key):
             raise SettingsError(
-                f"{key} = {ours.get(key)!r}: the run in {directory} has {theirs.get(key)!r}: go on "
-                f"with read_scene of its {SCENE_NAME}, or choose another folder"
+                f"{key} = {asked.get(key)!r}: the run in {directory} has {recorded.get(key)!r}: "
+                f"resume it with read_scene of its {SCENE_NAME}, or choose another folder"
             )
 
 
@@ -126,30 +130,30 @@ def run_scene(
     multiplier: bool = False,
     search: Search | None = None,
 ) -> dict[str, Any]:
-    """Integrate a scene, serially, and leave its results in a folder.
+    """Integrate a scene and write its results into a folder; serial.
 
     Parameters
     ----------
     scene, built
-        As read with `as_stored`, and what it stands for.
+        Scene as read with `as_stored`, and its mechanism.
     directory
-        Made by the caller.
+        Existing folder of the results.
     interval
-        Between two checkpoints [s].
+        Time between two checkpoints [s].
     former
-        Checkpoint of a run in this folder to go on from.
+        Checkpoint of the run in this folder to resume.
     alone
-        Whether it shows its progress, and says what its figures are worth if the scene wants that;
-        runs of a study are compared with one another.
+        Whether progress is shown, and the error budget estimated if the scene has one: runs of a
+        study are compared with one another instead.
     multiplier
-        Whether the largest multiplier of a periodic solution is found, too.
+        Whether the largest multiplier of a periodic solution is computed.
     search
-        For settings that meet an accuracy, which takes account of the run.
+        Search for settings that meet an accuracy, to which the run is added.
 
     Returns
     -------
     dict
-        The summary, as in ``summary.json``.
+        Summary, as in ``summary.json``.
 
     Raises
     ------
@@ -159,19 +163,20 @@ def run_scene(
     if former is None:
         clear(directory)
         if search is not None:
-            search.leave(directory)
+            search.store(directory)
         write_whole(directory / SCENE_NAME, scene_text(scene))
         for name, body in built.bodies.items():
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
     if alone and scene.output.error_budget and scene.films:
-        judge = partial(_worth, scene=scene, search=search)
-    run, time = Run(built.mechanism, built.steps, scene.span), scene.time
+        judge = partial(_judged, scene=scene, search=search)
+    run = Run(built.mechanism, built.steps, scene.span)
+    time = scene.time
     cycles = (
         PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     )
     return record_run(
-        Simulation(run, scene.span, cycles),
+        Recorder(run, scene.span, cycles),
         directory,
         {
             "warnings": list(scene.warnings),
@@ -189,39 +194,43 @@ def run_scene(
     )
 
 
-def _worth(
-    recorded: Simulation,
+def _judged(
+    recorded: Recorder,
     directory: Path,
     scene: Scene,
     search: Search | None,
-) -> dict[str, Any]:
-    """Part of the summary about a run's budget, and about the search for an accuracy."""
-    found = estimate_errors(recorded, directory)
+) -> tuple[Budgets, dict[str, Any]]:
+    """Error budgets of a run, and entries of its summary on them and on the search."""
+    budgets, entries = estimate_errors(recorded, directory)
+    limit = scene.output.error_limit
     if search is not None:
-        return found | account(search, scene, recorded, found)
-    return found | {"status": recorded.verdict(scene.output.error_limit)}
+        limit = max(limit, search.asked)
+    entries["status"] = verdict(RunSummary(recorded, budgets), limit)
+    if search is not None:
+        entries |= account(search, scene, recorded, budgets, entries)
+    return budgets, entries
 
 
 def _reductions(built: Machine) -> dict[str, Any]:
-    """Method and number of modes of every flexible body; alone where there is one or none."""
-    found = {
+    """Method and number of modes of every flexible body; of at most one body also by themselves."""
+    by_body = {
         name: {"method": body.method, "modes": body.modes} for name, body in built.bodies.items()
     }
-    alone = next(iter(found.values()), {"method": "rigid", "modes": 0})
-    if len(found) > 1:
-        alone = {}
-    return {**alone, "bodies": found}
+    if len(by_body) > 1:
+        return {"bodies": by_body}
+    single = next(iter(by_body.values()), {"method": "rigid", "modes": 0})
+    return {**single, "bodies": by_body}
 
 
 def stored_scene(directory: Path, *, forces: bool = True) -> tuple[Scene, Machine]:
-    """Scene and mechanism of a run from its folder, perhaps without what acts on it.
+    """Scene and mechanism of a run from its folder; without `forces`, no loads act on it.
 
     Nothing is meshed or reduced: a model, which is a program, is not run again.
 
     Raises
     ------
     SettingsError, BodyFileError
-        Of its files.
+        From the files of the folder.
     """
     scene = as_stored(directory / SCENE_NAME)
     if not forces:
@@ -241,12 +250,12 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
 
 
 def _fingerprints(scene: Scene, built: Machine) -> dict[str, str]:
-    """Digests of scene, tables and bodies: a run goes on only with those it began with."""
-    found = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
+    """Checksums of scene, tables and bodies: a run is resumed only with the same ones."""
+    hashes = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
     for path in dict.fromkeys(csv_files(scene.tables)):
-        # A name in HDF5 has no slash, and files of several folders may have the same one.
-        found.setdefault(path.name, hashlib.sha256()).update(path.read_bytes())
-    digests = {name: digest.hexdigest() for name, digest in found.items()}
+        # A name in HDF5 has no slash, and files of several folders may have the same name.
+        hashes.setdefault(path.name, hashlib.sha256()).update(path.read_bytes())
+    digests = {name: digest.hexdigest() for name, digest in hashes.items()}
     return digests | {
         BODY_FILE.format(name): body_digest(body) for name, body in built.bodies.items()
     }
@@ -261,25 +270,25 @@ def run_accurately(
     interval: float = CHECKPOINT_EVERY,
     former: Checkpoint | None = None,
     multiplier: bool = False,
-    told: Callable[[Search], None] = lambda search: None,
+    announce: Callable[[Search], None] = lambda search: None,
 ) -> tuple[Scene, Machine, dict[str, Any]]:
-    """Run a scene as `run_scene` does, and then others while its search wants them; serial.
+    """Run a scene as `run_scene` does, and again while its search wants other settings; serial.
 
     Parameters
     ----------
     scene, built
-        Of the first run, see `fenics_ehd.scenes.accuracy.begun`.
+        Scene and mechanism of the first run, see `fenics_ehd.scenes.accuracy.start_search`.
     directory, interval, former, multiplier
-        See `run_scene`; the folder has the last run.
+        As of `run_scene`; the folder has the last run.
     search
-        None: there is one run.
-    told
-        Of a search that goes on.
+        Search for settings; None: there is one run.
+    announce
+        Called with the search before every further run.
 
     Returns
     -------
     scene, built, summary
-        Of the last run.
+        Scene, mechanism and summary of the last run.
     """
     while True:
         summary = run_scene(
@@ -294,14 +303,15 @@ def run_accurately(
         if search is None:
             return scene, built, summary
         if not search.wanted:
-            search.leave(directory)
+            search.store(directory)
             return scene, built, summary
-        told(search)
-        # Whoever finds the folder so, finds no result that is not that of its scene.
+        announce(search)
+        # The folder never holds results of another scene than its own.
         for name in (SUMMARY, FIELDS_NAME):
             (directory / name).unlink(missing_ok=True)
-        former, last = None, scene
-        scene = search.go_on(scene)
+        former = None
+        last = scene
+        scene = search.continue_search(scene)
         bodies = {
             name: body
             for name, body in built.bodies.items()

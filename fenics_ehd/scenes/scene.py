@@ -1,10 +1,12 @@
-"""Scenes: read from a file, checked as a whole, written as text again.
+"""Scenes: read from a file, checked, written as text again.
 
-A `Scene` is what a scene file says of one mechanism: bodies, joints, drives and forces by name.
-What needs no mesh is checked here: keys, kinds, values, and that every name is the name of
-something, that times fit each other, that what a joint lists does something.
-`fenics_ehd.scenes.build` makes a mechanism of it. As text again it has every setting with its value
-and its meaning, files by their own paths.
+A `Scene` holds the settings of one mechanism: bodies, joints, drives and forces by name. Checks
+that need no mesh are made here: keys, kinds and values, names of bodies and points, times, and
+settings without effect. Each value is checked by its class; a scene adds the key to the message.
+`fenics_ehd.scenes.build` makes the mechanism. The text of a scene lists every setting with its
+value and its meaning, and files by absolute paths.
+
+Imports inside functions: `--help` and rigid scenes do without films, meshes and models.
 """
 
 from __future__ import annotations
@@ -60,21 +62,22 @@ GROUND = "ground"
 
 @attrs.frozen(eq=False, kw_only=True)
 class Scene:
-    """A scene as written and checked.
+    """Settings of a scene, checked.
 
     Attributes
     ----------
     bodies, joints, drives, forces, lubricants
-        Settings by name, classes of `fenics_ehd.scenes.schema`; drives by the body they turn.
+        Settings by name, classes of `fenics_ehd.scenes.schema`; drives by the body that they turn.
     time, output
-        See there.
+        Settings of the run and of its files.
     name
-        File or shipped scene it was read from.
+        File or shipped scene that the settings were read from.
     tables
-        As written.
-    renamed, warnings
-        Keys of version 0.2 that were read, and those with values that may be in another unit, one
-        line each.
+        Tables as they were written.
+    renamed
+        Former keys that were read, one line each.
+    warnings
+        Notices on values that are accepted and probably not meant, one line each.
     """
 
     bodies: dict = entries(
@@ -105,12 +108,12 @@ class Scene:
         return (name, point) if elastic else None
 
     def film_element(self, body: str) -> str:
-        """Element of the pressures on a flexible body, that of a film in its first bore with one.
+        """Element of the pressures on a flexible body: that of the film in its first bore with one.
 
-        9-node where that film's is no quadratic one; other films reach the body by a transfer.
+        It is 9-node if that film has bilinear elements. Pressures of other films are transferred.
         """
-        found = {self.elastic_bore(joint): joint.element for joint in self.films.values()}
-        elements = (found.get((body, bore), "") for bore in self.bodies[body].bores)
+        by_bore = {self.elastic_bore(joint): joint.element for joint in self.films.values()}
+        elements = (by_bore.get((body, bore), "") for bore in self.bodies[body].bores)
         element = next(filter(None, elements), "lagrange")
         return element if element in ELEMENTS else "lagrange"
 
@@ -118,8 +121,8 @@ class Scene:
     def span(self) -> float:
         """End or period [s]."""
         time = self.time
-        given = time.period if time.periodic else time.end
-        return given or time.revolutions * 2 * np.pi / abs(self.speed_of(time.of))
+        duration = time.period if time.periodic else time.end
+        return duration or time.revolutions * 2 * np.pi / abs(self.speed_of(time.of))
 
     def speed_of(self, body: str) -> float:
         """Angular speed of a body at the start as written [rad/s]."""
@@ -136,12 +139,12 @@ def flexible(scene: Scene) -> tuple[str, ...]:
 
 
 def meshed(scene: Scene) -> tuple[str, ...]:
-    """Names of the flexible bodies that are meshed and reduced, not read."""
+    """Names of the flexible bodies that are meshed and reduced, not read from a file."""
     return tuple(name for name in flexible(scene) if scene.bodies[name].model != NONE)
 
 
 def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
-    """Oil of a joint; where its heat is balanced, at the supply's temperature."""
+    """Oil of a joint; at the supply's temperature if the heat of the film is balanced."""
     if joint.lubricant == NONE:
         return Lubricant(joint.viscosity)
     settings = scene.lubricants[joint.lubricant]
@@ -151,7 +154,7 @@ def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant
 
 
 def check_lubricants(scene: Scene) -> None:
-    """Refuse oils that cannot be made; one that is always balanced needs no temperature.
+    """Refuse oils that cannot be made; oils of heat-balanced films only need no temperature.
 
     Raises
     ------
@@ -170,7 +173,7 @@ def check_lubricants(scene: Scene) -> None:
 
 
 def check_heat(scene: Scene, name: str) -> None:
-    """Refuse a balance without a cycle, or of an oil that is the same at every temperature.
+    """Refuse a heat balance without a cycle, or of an oil whose viscosity is constant.
 
     Raises
     ------
@@ -189,7 +192,7 @@ def check_heat(scene: Scene, name: str) -> None:
         require_graded(graded, key=key, lubricant=f"lubricants.{joint.lubricant}")
 
 
-#: Bodies that have a mass whatever is written.
+#: Bodies that have a mass with any settings.
 ELASTIC = (schema.FlexibleSettings, ShaftBody)
 
 #: Reynolds number up to which films of bearings are laminar: turbulence begins at about 1000 and is
@@ -201,7 +204,7 @@ ROUGHEST = 0.3
 
 
 def check_names(scene: Scene) -> None:
-    """Refuse names of what is not there, and a bore used twice."""
+    """Refuse names of bodies, points and oils that do not exist, and a bore used twice."""
     for name, body in scene.bodies.items():
         if isinstance(body, schema.FlexibleSettings):
             _check_source(scene, name, body)
@@ -230,7 +233,7 @@ def check_names(scene: Scene) -> None:
 
 
 def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> None:
-    """Refuse a part of a model and a file, of neither, or keys of the other one."""
+    """Refuse a part with both a model and a file or with neither, and a bore listed twice."""
     key = f"bodies.{name}"
     if not body.bores or len(set(body.bores)) < len(body.bores):
         raise SettingsError(f"{key}.bores = {list(body.bores)} must be names, each of them once")
@@ -239,7 +242,7 @@ def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> Non
 
 
 def points_of(body: Any) -> tuple[str, ...] | None:
-    """Names of a body's points, None where only its file knows them."""
+    """Names of a body's points; None if they are known from its file only."""
     if isinstance(body, schema.FlexibleSettings):
         return None if body.body != NONE else (*body.bores, *body.points)
     return tuple(body.points)
@@ -253,7 +256,7 @@ def _check_turning(scene: Scene, key: str, marker: str) -> None:
 
 
 def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
-    """Refuse an oil that is not there, and a rigid bore without a size."""
+    """Refuse an oil that does not exist, and a rigid bore without a size."""
     key = f"joints.{name}"
     if (joint.lubricant == NONE) == (joint.viscosity == 0.0):
         raise SettingsError(f"{key}: give a lubricant or a viscosity, one of them")
@@ -283,12 +286,12 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
 
 
 def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
-    """Refuse what is no pair of rough surfaces.
+    """Refuse surfaces that are too rough for their clearance.
 
     Raises
     ------
     SettingsError
-        Surfaces too rough.
+        Naming roughness, limit and clearance.
     """
     contact = joint.contact
     if not contact.roughness < ROUGHEST * joint.clearance:
@@ -299,7 +302,7 @@ def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
 
 
 def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
-    """Refuse elements that cannot conserve oil, and a gap not full that holds a massless body."""
+    """Refuse elements that cannot conserve mass, and a part-filled gap around a massless body."""
     if joint.cavitation != "mass-conserving":
         return
     from fenics_ehd.film.oil_balance import require_monotone  # slow to import
@@ -316,26 +319,27 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
 
 
 def notices(scene: Scene) -> list[str]:
-    """Notices of values that a scene may have and hardly means, one line each."""
+    """Notices of values that are accepted and probably not meant, one line each."""
     weights = [n for n, f in scene.forces.items() if isinstance(f, schema.GravitySettings)]
-    found = []
+    lines = []
     if len(weights) > 1:
         x, y = np.sum([scene.forces[name].acceleration for name in weights], axis=0)
-        found.append(f"forces.{', forces.'.join(weights)}: all of them are gravity, and act with "
+        lines.append(f"forces.{', forces.'.join(weights)}: all of them are gravity, and act with "
                      f"their sum, [{x:g}, {y:g}] m/s2")  # fmt: skip
     stiff = [b for b in scene.bodies.values() if isinstance(b, MasslessBody)]
-    plain = not any(isinstance(b, ELASTIC) for b in scene.bodies.values())
-    given = weights or any(isinstance(body, RigidBody) for body in stiff)
-    if plain and given and not any(getattr(body, "mass", 0.0) for body in stiff):
-        found.append("bodies: none has a mass, so that gravity and inertia do nothing")
+    all_stiff = not any(isinstance(b, ELASTIC) for b in scene.bodies.values())
+    massive = weights or any(isinstance(body, RigidBody) for body in stiff)
+    if all_stiff and massive and not any(getattr(body, "mass", 0.0) for body in stiff):
+        lines.append("bodies: none has a mass, so that gravity and inertia do nothing")
     for name, joint in scene.films.items():
-        found += _turbulent(scene, name, joint)
-    return found
+        lines += _turbulent(scene, name, joint)
+    return lines
 
 
 def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> list[str]:
-    """A line where a film's Reynolds number, by speeds as written, is not that of laminar flow."""
-    lubricant, radius = joint_lubricant(scene, joint), joint.radius
+    """A line if the Reynolds number of a film, at the speeds of the start, exceeds laminar flow."""
+    lubricant = joint_lubricant(scene, joint)
+    radius = joint.radius
     if not radius and (elastic := scene.elastic_bore(joint)):
         radius = float(scene.bodies[elastic[0]].geometry.get("bore_radius", 0.0))
     journal, bore = (scene.speed_of(at.partition(".")[0]) for at in (joint.journal, joint.bore))
@@ -344,26 +348,27 @@ def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> lis
     if number <= LAMINAR:
         return []
     return [
-        f"joints.{name}: its film has a Reynolds number of {number:.4g}, and is laminar, as the "
-        f"equations take it, up to {LAMINAR:g}: see speed, clearance and viscosity"
+        f"joints.{name}: its film has a Reynolds number of {number:.4g}; the equations hold for "
+        f"laminar flow, up to {LAMINAR:g}: check speed, clearance and viscosity"
     ]
 
 
 def check_time(scene: Scene) -> None:
     """Refuse a time that is given twice or not at all."""
-    time, key = scene.time, "time.period" if scene.time.periodic else "time.end"
-    given = time.period if time.periodic else time.end
-    if bool(given) == bool(time.revolutions):
+    time = scene.time
+    key = "time.period" if time.periodic else "time.end"
+    duration = time.period if time.periodic else time.end
+    if bool(duration) == bool(time.revolutions):
         raise SettingsError(f"give {key} or time.revolutions, one of them")
     if time.revolutions:
         require_body("time.of", time.of, {GROUND: (), **scene.bodies})
         if not scene.speed_of(time.of):
             raise SettingsError(
-                f"time.of = {time.of!r}: its speed at the start is 0, so that revolutions say no "
+                f"time.of = {time.of!r}: its speed at the start is 0, so that revolutions give no "
                 f"time: give {key}"
             )
-    share = time.largest_step * scene.span / (time.revolutions or 1.0)
-    for name, value in (("time.first_step", time.first_step), ("time.largest_step", share)):
+    largest_step = time.largest_step * scene.span / (time.revolutions or 1.0)
+    for name, value in (("time.first_step", time.first_step), ("time.largest_step", largest_step)):
         if not time.smallest_step < value:
             raise SettingsError(
                 f"time.smallest_step = {time.smallest_step:g} s must be below {name} = {value:g} s"
@@ -373,55 +378,56 @@ def check_time(scene: Scene) -> None:
 #: Tables of a scene file.
 TABLES = (*schema.KINDS, "time", "output")
 
-#: What files of a scene end with.
+#: Suffixes of files that a scene names.
 FILES = (".csv", ".h5", ".geo", ".msh")
 
-#: Keys of version 0.2 in every entry of a table, sections between, and their names of today.
+#: Present names of keys of version 0.2, by table, sections between, and former key.
 RENAMED = {
     ("bodies", "held_by"): "clamped",
     ("joints", "heat", "conducted"): "conducted_share",
     ("joints", "heat", "mixing"): "outlet_weight",
 }
 
-#: The same by their last words, which name nothing else.
+#: Present names by former key: no other key has a former name.
 NOW = {path[-1]: new for path, new in RENAMED.items()}
 
 
 def today(key: str) -> str:
-    """A key, or its end, with today's name of its last word."""
+    """A key, or its end, with the present name of its last word."""
     before, dot, last = key.rpartition(".")
     return before + dot + NOW.get(last, last)
 
 
 def renamed(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Tables with today's names of keys that had others, and one line for each of these."""
-    found, lines = deepcopy(dict(tables)), []
+    """Tables with the present names of renamed keys, and one line for each renamed key."""
+    current = deepcopy(dict(tables))
+    lines = []
     for (table, *between, old), new in RENAMED.items():
-        own = found.get(table)
-        for name, entry in own.items() if isinstance(own, Mapping) else ():
+        entries_of = current.get(table)
+        for name, entry in entries_of.items() if isinstance(entries_of, Mapping) else ():
             for key in between:
                 entry = entry.get(key) if isinstance(entry, Mapping) else None
             if isinstance(entry, dict) and old in entry and new not in entry:
                 entry[new] = entry.pop(old)
                 lines.append(f"{'.'.join((table, name, *between, old))} is now called {new}")
-    oils = found.get("lubricants")
+    oils = current.get("lubricants")
     for oil in oils.values() if isinstance(oils, Mapping) else ():
         if isinstance(oil, dict) and oil.get("kind", "constant") == "constant":
-            oil["kind"] = "oil"  # the only kind, which had that name
-    return found, lines
+            oil["kind"] = "oil"  # the only kind, whose former name is "constant"
+    return current, lines
 
 
-def beside(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Tables with every file that they name, relative to the scene's folder, by its own path."""
-    found: dict[str, Any] = {}
+def with_absolute_paths(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables with absolute paths of all files, which are relative to the scene's folder."""
+    resolved: dict[str, Any] = {}
     for key, value in tables.items():
         if isinstance(value, Mapping):
-            found[key] = beside(value, folder)
+            resolved[key] = with_absolute_paths(value, folder)
         elif isinstance(value, str) and Path(value).suffix in FILES:
-            found[key] = str((folder / value).absolute())
+            resolved[key] = str((folder / value).absolute())
         else:
-            found[key] = value
-    return found
+            resolved[key] = value
+    return resolved
 
 
 def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
@@ -430,23 +436,23 @@ def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
     Parameters
     ----------
     source
-        Path that ends in ``.toml``, whose files are found beside it; name of a shipped scene; or
-        tables, whose files are found in the working directory.
+        Path that ends in ``.toml``, whose files are relative to its folder; name of a shipped
+        scene; or tables, whose files are relative to the working directory.
     changes
-        Values in place of others, by full key: ``**{"time.tolerance": 1e-4}``.
+        Values that replace those of the source, by full key: ``**{"time.tolerance": 1e-4}``.
 
     Raises
     ------
     SettingsError
-        The file cannot be read, or naming the key that cannot be used.
+        The file cannot be read, or a key or value cannot be used: the message names it.
     """
     require_class("source", source, str, Path, Mapping)
     if isinstance(source, Mapping):
-        scene = scene_of(beside(source, Path()), "scene")
+        scene = scene_of(with_absolute_paths(source, Path()), "scene")
     elif Path(source).suffix != ".toml":
         scene = scene_of(read_toml(shipped_scene(str(source))), str(source))
     else:
-        tables = beside(read_toml(source), Path(source).parent)
+        tables = with_absolute_paths(read_toml(source), Path(source).parent)
         if _of_run(Path(source)):
             tables = _without_idle(renamed(tables)[0], ())
         scene = scene_of(tables, str(source))
@@ -464,37 +470,40 @@ def changed(scene: Scene, values: Mapping[str, Any], optional: Collection[str] =
     Parameters
     ----------
     scene
-        Stays as it is.
+        The scene, which is not modified.
     values
         By key; files are relative to the working directory.
     optional
-        Those of these keys that are dropped, not refused, if the others leave them without effect.
+        Keys among these that are dropped instead of refused if the others leave them without
+        effect.
 
     Raises
     ------
     SettingsError
         Naming the key that cannot be used.
     """
-    tables, told = deepcopy(dict(scene.tables)), list(scene.renamed)
+    tables = deepcopy(dict(scene.tables))
+    renamed_lines = list(scene.renamed)
     for key, value in values.items():
         *path, last = today(key).split(".")
         if last != key.rpartition(".")[2]:
-            told.append(f"{key} is now called {last}")
+            renamed_lines.append(f"{key} is now called {last}")
         table = tables
         for name in path:
             table = table.setdefault(name, {})
             if not isinstance(table, dict):
                 raise SettingsError(f"unknown key {key}: {name} is no table")
-        table[last] = deepcopy(value)  # of the caller's tables nothing is changed below
+        table[last] = deepcopy(value)  # the caller's tables stay as they are
     changes = {today(key) for key in values if key not in optional}
-    return scene_of(_without_idle(beside(tables, Path()), changes), scene.name, told)
+    absolute = with_absolute_paths(tables, Path())
+    return scene_of(_without_idle(absolute, changes), scene.name, renamed_lines)
 
 
 def _without_idle(tables: Mapping[str, Any], changes: Collection[str]) -> dict[str, Any]:
-    """Tables without keys that changes of others leave without effect.
+    """Tables without the keys that changes of other keys leave without effect.
 
-    A scene has none before: with ``method = "m4"`` in place of "m3" its ``residual_modes`` go, and
-    a sweep over methods has those of M3 where it is M3.
+    If ``method = "m4"`` replaces "m3", ``residual_modes`` is dropped. A sweep over methods keeps it
+    in the cases with M3.
     """
     remaining = deepcopy(dict(tables))
     try:
@@ -511,8 +520,17 @@ def _without_idle(tables: Mapping[str, Any], changes: Collection[str]) -> dict[s
     return remaining
 
 
-def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> Scene:
-    """Scene of tables as a TOML file has them; `told` is what was said of keys renamed before.
+def scene_of(tables: Mapping[str, Any], name: str, renamed_before: Iterable[str] = ()) -> Scene:
+    """Scene of tables as a TOML file has them.
+
+    Parameters
+    ----------
+    tables
+        Settings by table and key.
+    name
+        Name of the scene, for messages and results.
+    renamed_before
+        Lines of former keys that were replaced in the tables before.
 
     Raises
     ------
@@ -520,7 +538,7 @@ def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> 
         Naming the key that cannot be used.
     """
     tables, lines = renamed(tables)
-    lines = [*dict.fromkeys((*told, *lines))]
+    lines = [*dict.fromkeys((*renamed_before, *lines))]
     if "bodies" not in tables:
         raise SettingsError(
             f"{name}: no [bodies.NAME] tables; write bodies, joints, drives and forces: "
@@ -542,14 +560,15 @@ def scene_of(tables: Mapping[str, Any], name: str, told: Iterable[str] = ()) -> 
 
 
 def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
-    """The scene with the materials that models keep, and a line for each value written otherwise.
+    """The scene with materials from its models, and a line for each value that differs.
 
-    What the scene's tables write is valid; `fenics_ehd.fem.models.store_material` wrote the rest.
+    Values of the scene's tables have priority over those that
+    `fenics_ehd.fem.models.store_material` wrote into a model.
 
     Raises
     ------
     MeshError
-        A model keeps what is no material.
+        The material of a model cannot be read.
     """
     bodies = dict(scene.bodies)
     lines = []
@@ -563,18 +582,19 @@ def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
         written = scene.tables["bodies"][name].get("material", {})
         stored_values = stored_material(path)
         for key, value in stored_values.items():
-            if key in written and (own := getattr(body.material, key)) != value:
+            if key in written and (used := getattr(body.material, key)) != value:
                 full = f"bodies.{name}.material.{key}"
-                lines.append(f"{full} = {own:g} is taken, the model {path.name} has {value:g}")
+                lines.append(f"{full} = {used:g} is used, the model {path.name} has {value:g}")
         values = {key: value for key, value in stored_values.items() if key not in written}
         bodies[name] = attrs.evolve(body, material=attrs.evolve(body.material, **values))
     return attrs.evolve(scene, bodies=bodies), lines
 
 
 def _hint(tables: Mapping[str, Any], key: str) -> str:
-    """Hint at what an unknown key may stand for, which may be one of another kind or table."""
+    """Hint at the known key that an unknown one may mean, perhaps of another kind or table."""
     table, *entry = key.split(".")
-    name, kinds = entry[-1], schema.KINDS.get(table)
+    name = entry[-1]
+    kinds = schema.KINDS.get(table)
     if kinds is None:
         section = attrs.fields_dict(Scene)[table].metadata["section"]
         return f": {key_hint(setting_names(section, f'{table}.'), key)}"
@@ -594,18 +614,18 @@ def _hint(tables: Mapping[str, Any], key: str) -> str:
 
 
 def as_stored(source: str | Path) -> Scene:
-    """A scene with the values that its text keeps: a run that goes on has no others.
+    """A scene with the digits that its text keeps: those that a resumed run reads.
 
     Parameters
     ----------
     source
-        As for `read_scene`.
+        As of `read_scene`.
     """
     return attrs.evolve(stored(read_scene(source)), name=Path(source).stem)
 
 
 def stored(scene: Scene) -> Scene:
-    """A scene with the values that its text keeps."""
+    """A scene with the digits that its text keeps."""
     return scene_of(tomllib.loads(scene_text(scene)), scene.name, scene.renamed)
 
 
@@ -619,18 +639,18 @@ def by_key(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any
 
 
 def csv_files(tables: Mapping[str, Any]) -> list[Path]:
-    """Tables that a scene names and that are there."""
+    """Existing CSV files that a scene names."""
     names = [value for _, value in by_key(tables) if str(value).endswith(".csv")]
     return [Path(name) for name in names if Path(name).is_file()]
 
 
 def input_files(source: str | Path, scene: Scene) -> list[Path]:
-    """Files that a scene is read from: its own, and those it names; of a folder all in it.
+    """Files that a scene is read from: its own file, files that it names, and all of its folders.
 
     Parameters
     ----------
     source, scene
-        As for `read_scene`, and the scene read from it, whose tables have whole paths.
+        As of `read_scene`, and the scene read from it, whose tables have absolute paths.
     """
     texts = [str(value) for _, value in by_key(scene.tables) if isinstance(value, str)]
     paths = [Path(text) for text in texts if "\0" not in text and Path(text).is_absolute()]

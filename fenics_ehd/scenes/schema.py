@@ -1,6 +1,6 @@
 """Schema of scene files: bodies, joints, drives, forces, lubricants, supplies, output.
 
-One settings class for every kind of entry; the docstrings and help texts are the reference.
+Every kind of entry has one settings class; docstrings and help texts are the reference.
 Angles are counted from the x axis, positive from x to y, and a body's angle is that of its own x
 axis; a crank whose pin lies on its x axis has its outer (top) dead centre, for a piston on the
 positive x axis, at angle 0.
@@ -70,7 +70,7 @@ from fenics_ehd.scenes.part_settings import (
     ReductionSettings,
 )
 
-#: Fewest film cells around and along. With 3 around the largest pressure is 12 % too low.
+#: Fewest film cells around and along: with 3 around the largest pressure is 12 % too low.
 FEWEST_CELLS = (8, 2)
 
 #: Film cells around times along that still fit into the memory of a usual machine.
@@ -78,19 +78,19 @@ MOST_CELLS = 200_000
 
 
 def film_cells(help_text: str) -> Any:
-    """Cells of a film mesh around and along, or an empty list."""
+    """Field for the cells of a film mesh around and along, or an empty list."""
 
     def check(name: str, value: Any) -> None:
-        given = f"{name} = {list(value)!r}"
+        setting = f"{name} = {list(value)!r}"
         if value and (len(value) != 2 or any(type(n) is not int or n <= 0 for n in value)):
-            raise SettingsError(f"{given} must be two whole numbers above 0, or empty")
+            raise SettingsError(f"{setting} must be two whole numbers above 0, or empty")
         if any(n < fewest for n, fewest in zip(value, FEWEST_CELLS, strict=False)):
             raise SettingsError(
-                f"{given} must be at least {list(FEWEST_CELLS)}: fewer are too coarse"
+                f"{setting} must be at least {list(FEWEST_CELLS)}: fewer are too coarse"
             )
         if value and value[0] * value[1] > MOST_CELLS:
             raise SettingsError(
-                f"{given}: {value[0] * value[1]} cells, at most {MOST_CELLS} are allowed"
+                f"{setting}: {value[0] * value[1]} cells, at most {MOST_CELLS} are allowed"
             )
 
     return checked(
@@ -110,21 +110,21 @@ SUPPLIES: Mapping[str, type] = {
 
 @attrs.frozen
 class GroundSettings:
-    """The frame at rest; it is there without being listed."""
+    """The frame at rest; it exists without being listed."""
 
     points: dict = places("points of the frame at rest [m]")
 
 
-#: The models' cells around a bore are a multiple of this.
+#: Cells around a bore of the shipped models are a multiple of this.
 AROUND = 10
 
-#: Of a factor, that makes no cell more.
+#: Relative round-off of a factor that does not add a cell.
 ROUNDING = 1e-9
 
 
 @attrs.frozen
 class FlexibleSettings(Pose):
-    """An elastic part with lubricated bores, meshed and reduced, or reduced before.
+    """An elastic part with lubricated bores, meshed and reduced, or read from a file.
 
     Its origin is the centre of its first bore; a bore is a point, `bore` if no other is named.
     """
@@ -173,16 +173,16 @@ class FlexibleSettings(Pose):
 
     @property
     def idle(self) -> tuple[str, ...]:
-        """Keys without effect with the file of a reduced part."""
+        """Keys that have no effect if the reduced part is read from a file."""
         return () if self.body == NONE else keys_excluded_by(type(self), "body")
 
     @property
     def cell_counts(self) -> tuple[str, ...]:
-        """Parameters of the model that are numbers of its cells, of those that are given."""
+        """Names of the given parameters that are numbers of cells."""
         return tuple(filter(quantities.is_cell_count, self.geometry))
 
     def geometry_of(self, factor: float) -> dict[str, float]:
-        """Parameters of the model with so many times its cells."""
+        """Parameters of the model with its numbers of cells times a factor."""
         geometry = dict(self.geometry)
         for key in self.cell_counts:
             step = AROUND if "around" in key else 1
@@ -192,7 +192,7 @@ class FlexibleSettings(Pose):
 
 @attrs.frozen(kw_only=True)
 class ContactSettings(Roughness):
-    """Rough surfaces of a journal and its bore, which may touch; smooth without a roughness."""
+    """Rough surfaces of a journal and its bore, with contact; smooth without a roughness."""
 
     asperity_density: float = only_with(
         only_if_rough(
@@ -264,7 +264,7 @@ class LubricatedSettings:
     supply: dict = entries("holes and grooves of bore or journal that feed the film", SUPPLIES)
     cavitation: str = choice(
         "reynolds", CAVITATIONS,
-        "reynolds, or mass-conserving: the film keeps account of its oil; needs bilinear elements",
+        "reynolds, or mass-conserving (JFO), which needs bilinear elements",
     )  # fmt: skip
     initial_filling: float = only_with(
         number(
@@ -275,7 +275,7 @@ class LubricatedSettings:
     )
     ambient: str = not_with(only_with(choice(
         "air", AMBIENTS,
-        "around sides without ambient_pressure: air, or oil beside them (mass-conserving)",
+        "outside of sides without ambient_pressure: air or oil (mass-conserving)",
     ), "cavitation", among=("mass-conserving",)), "ambient_pressure", notice=True)  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
     shear_rule: str = only_with(
@@ -315,7 +315,7 @@ class ConstantForceSettings:
 
 @attrs.frozen(kw_only=True)
 class TimeTableSettings:
-    """A force over time, over and over."""
+    """A periodic force over time."""
 
     point: str = text(REQUIRED, "where it acts")
     file: str = text(REQUIRED, "CSV file time_s,Fx_N,Fy_N, or a shipped table: main-bearing")
@@ -328,7 +328,7 @@ class TimeTableSettings:
 
 @attrs.frozen(kw_only=True)
 class AngleTableSettings:
-    """A force along a line at rest over a body's angle, over and over."""
+    """A force along a line at rest, periodic over a body's angle."""
 
     point: str = text(REQUIRED, "where it acts")
     file: str = text(REQUIRED, "CSV file angle_deg,force_N over 360 or 720 degrees, or "

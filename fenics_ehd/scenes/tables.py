@@ -10,12 +10,11 @@ A header names columns and units, rows of numbers follow; lines that start with 
     ...
     720,120
 
-Angles ascend from any first one and span one period, 360 or 720 degrees; the last value is the
-first. In between lies a periodic cubic spline whose slopes are limited (F. N. Fritsch and R. E.
-Carlson, SIAM J. Numer. Anal. 17, 1980), so that it never leaves the range of the rows beside it:
-the spline itself swings below zero beside an ignition that a few rows describe. Close rows of
-something smooth leave all slopes but those at extremes as they are. The slope is continuous, as
-Newton's method wants it.
+Angles ascend from any first angle and span one period, 360 or 720 degrees; the last value is the
+first one. The curve between the rows is a periodic cubic spline with limited slopes (F. N. Fritsch
+and R. E. Carlson, SIAM J. Numer. Anal. 17, 1980): it never leaves the range of two neighbouring
+rows, whereas the spline itself falls below zero next to an ignition of a few rows. Close rows of a
+smooth curve change slopes at extremes only. The slope is continuous, as Newton's method needs it.
 
 **Over time:**
 
@@ -24,8 +23,9 @@ Newton's method wants it.
     0.0,0.0
     ...
 
-Between the rows lies a cubic curve that never leaves their range (F. N. Fritsch and J. Butland,
-SIAM J. Sci. Stat. Comput. 5, 1984); before the first and after the last row their values stay.
+The curve between the rows is cubic and never leaves the range of two neighbouring rows (F. N.
+Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5, 1984). It is constant before the first row and
+after the last.
 
 **A periodic load over time:**
 
@@ -60,10 +60,10 @@ LARGEST = 1e15
 #: ``time_s``, ``time [s]`` or ``time (s)``.
 HEADER = re.compile(r"\s*([A-Za-z]+)\s*(?:_\s*|\[\s*|\(\s*)([A-Za-z_]+)\s*[\])]?\s*")
 
-#: Factors of the units that a header may name, by column; the first unit is that of messages.
+#: Factors to SI of the units that a header may name, by column; messages name the first unit.
 Units = Mapping[str, Mapping[str, float]]
 
-#: The last row of a closed table may differ from the first by this share of the largest: rounding.
+#: Largest difference of the last row of a closed table from the first, over the largest: rounding.
 CLOSING_TOLERANCE = 1e-3
 
 #: Rows that a periodic table needs.
@@ -71,7 +71,7 @@ FEWEST_ROWS = 3
 
 
 def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
-    """Entries of all lines but empty ones and comments, each with its place for messages.
+    """Entries of all lines but empty ones and comments, each with its file and line for messages.
 
     Raises
     ------
@@ -84,21 +84,21 @@ def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
         raise SettingsError(f"{where}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise SettingsError(f"{where}: not a text file") from None
-    found = []
+    lines = []
     for number, line in enumerate(text.splitlines(), 1):
-        place = f"{where}, line {number}"
+        line_name = f"{where}, line {number}"
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         if ";" in line or "\t" in line:
             raise SettingsError(
-                f"{place}, has {line.strip()[:40]!r}: separate by commas, decimals with a point"
+                f"{line_name}, has {line.strip()[:40]!r}: separate by commas, decimals with a point"
             )
-        found.append((place, [entry.strip(' "') for entry in line.split(",")]))
-    return found
+        lines.append((line_name, [entry.strip(' "') for entry in line.split(",")]))
+    return lines
 
 
 def _finite(where: str, entry: str) -> float:
-    """An entry as a number, refused where it is none or beyond `LARGEST`."""
+    """An entry as a number; refused if it is none, or `LARGEST` or more."""
     try:
         value = parse_number(entry)
     except ValueError:
@@ -116,7 +116,7 @@ def read_columns(
     *,
     ascending: bool = True,
 ) -> tuple[list[str], np.ndarray]:
-    """Places of all rows for messages, and their numbers in the order of `units`, in SI units.
+    """Names of all rows for messages, and their numbers in the order of `units`, in SI units.
 
     Parameters
     ----------
@@ -125,11 +125,11 @@ def read_columns(
     where
         Names file and setting in messages.
     units
-        Columns that must be there.
+        Required columns.
     fewest
-        Rows that are needed.
+        Fewest rows.
     ascending
-        Whether the first column must.
+        Whether the first column must ascend.
 
     Raises
     ------
@@ -140,42 +140,44 @@ def read_columns(
     wanted = ",".join(f"{name}_{next(iter(known))}" for name, known in units.items())
     if not lines:
         raise SettingsError(f"{where}: no header {wanted}")
-    (place, header), *body = lines
-    columns = _columns(place, header, units, wanted)
+    (header_name, header), *body = lines
+    columns = _columns(header_name, header, units, wanted)
     values = np.empty((len(body), len(columns)))
-    for row, (place, entries) in enumerate(body):
+    for row, (line_name, entries) in enumerate(body):
         if len(entries) != len(header):
-            raise SettingsError(f"{place}: {len(entries)} values for {len(header)} columns")
-        values[row] = [f * _finite(f"{place}: {header[i]}", entries[i]) for i, f in columns]
+            raise SettingsError(f"{line_name}: {len(entries)} values for {len(header)} columns")
+        values[row] = [f * _finite(f"{line_name}: {header[i]}", entries[i]) for i, f in columns]
         former = values[max(row - 1, 0), 0]
         here = values[row, 0]
         if ascending and row and not here > former:
             name, unit = wanted.partition(",")[0].split("_", 1)
             raise SettingsError(
-                f"{place}: the {name} {here:g} {unit} must be above {former:g} {unit}, that of the "
-                "row before"
+                f"{line_name}: the {name} {here:g} {unit} must be above {former:g} {unit} of "
+                "the row before"
             )
     if len(body) < fewest:
         raise SettingsError(f"{where}: {len(body)} rows of numbers, at least {fewest} are needed")
-    return [place for place, _ in body], values
+    return [line_name for line_name, _ in body], values
 
 
-def _columns(place: str, header: list[str], units: Units, wanted: str) -> list[tuple[int, float]]:
-    """Which column holds what, and its factor to SI units, in the order of `units`."""
-    found: dict[str, tuple[int, float]] = {}
+def _columns(
+    line_name: str, header: list[str], units: Units, wanted: str
+) -> list[tuple[int, float]]:
+    """Index of every column and its factor to SI units, in the order of `units`."""
+    columns: dict[str, tuple[int, float]] = {}
     for index, title in enumerate(header):
         match = HEADER.fullmatch(title)
         name, unit = match.groups() if match else (title, "")
-        if name not in units or name in found:
-            reason = "appears twice" if name in found else f"is not one of {', '.join(units)}"
-            raise SettingsError(f"{place}: column {title!r} {reason}, with a unit: {wanted}")
+        if name not in units or name in columns:
+            reason = "appears twice" if name in columns else f"is not one of {', '.join(units)}"
+            raise SettingsError(f"{line_name}: column {title!r} {reason}, with a unit: {wanted}")
         if unit not in units[name]:
             known = " or ".join(f"{name}_{known}" for known in units[name])
-            raise SettingsError(f"{place}: column {title!r} needs a unit: {known}")
-        found[name] = index, units[name][unit]
-    if missing := [name for name in units if name not in found]:
-        raise SettingsError(f"{place}: no column {', '.join(missing)}; needed: {wanted}")
-    return [found[name] for name in units]
+            raise SettingsError(f"{line_name}: column {title!r} needs a unit: {known}")
+        columns[name] = index, units[name][unit]
+    if missing := [name for name in units if name not in columns]:
+        raise SettingsError(f"{line_name}: no column {', '.join(missing)}; needed: {wanted}")
+    return [columns[name] for name in units]
 
 
 def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
@@ -186,18 +188,19 @@ def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
     SettingsError
         Naming both rows and what to do.
     """
-    first, last = values[0], values[-1]
+    first = values[0]
+    last = values[-1]
     gap = np.linalg.norm(last - first)
     largest = np.linalg.norm(values, axis=1).max()
     if not gap <= CLOSING_TOLERANCE * largest:
-        told = (", ".join(f"{value:g}" for value in row) for row in (last, first))
+        closing, opening = (", ".join(f"{value:g}" for value in row) for row in (last, first))
         raise SettingsError(
-            f"{where}: the last row ({next(told)}) differs from the first ({next(told)}) by "
+            f"{where}: the last row ({closing}) differs from the first ({opening}) by "
             f"{gap:.3g}, above {CLOSING_TOLERANCE:g} of the largest: {remedy}"
         )
 
 
-#: Degrees after which a machine repeats itself, with two or with four strokes.
+#: Periods of a machine with two and with four strokes [degrees].
 PERIODS = (360.0, 720.0)
 
 #: Rounding of the angles in the file [degrees].
@@ -212,9 +215,9 @@ def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
     angles
         Ascending over one period, shape (n,) [rad].
     values
-        The last one that of the first, shape (n,).
+        Values, the last one equal to the first, shape (n,).
     """
-    closed = np.append(values[:-1], values[0])  # SciPy forgives no round-off
+    closed = np.append(values[:-1], values[0])  # SciPy requires equal bits
     slopes = scipy.interpolate.CubicSpline(angles, closed, bc_type="periodic")(angles, 1)
     curve = scipy.interpolate.CubicHermiteSpline(
         angles, closed, limited(slopes, np.diff(closed) / np.diff(angles))
@@ -223,32 +226,32 @@ def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
 
 
 def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
-    """Slopes at the rows of a closed table with which a cubic curve stays between them.
+    """Slopes with which a cubic curve stays between the rows of a closed table.
 
     Parameters
     ----------
     slopes
-        Wanted, the last one that of the first, shape (n,).
+        Slopes of a spline, the last one equal to the first, shape (n,).
     chords
-        Between one row and the next, shape (n - 1,).
+        Slopes of the straight lines between neighbouring rows, shape (n - 1,).
     """
     before = np.append(chords[-1], chords)
     after = np.append(chords, chords[0])
     largest = 3.0 * np.minimum(np.abs(before), np.abs(after))
-    # At an extreme, and where the spline falls although the rows rise.
+    # Zero at an extreme, and if the spline falls although the rows rise.
     turns = (before * after <= 0) | (slopes * after <= 0)
     return np.where(turns, 0.0, np.clip(slopes, -largest, largest))
 
 
 def read_angle_table(path: Path, key: str, column: Units) -> Curve:
-    """Table of a CSV file; lines that start with ``#`` are comments.
+    """Periodic curve over an angle from a CSV file; lines that start with ``#`` are comments.
 
     Parameters
     ----------
     path
         The file.
     key
-        Setting that names it, for messages.
+        Setting that names the file, for messages.
     column
         Name and unit of the values, see `read_columns`.
 
@@ -258,7 +261,7 @@ def read_angle_table(path: Path, key: str, column: Units) -> Curve:
         Naming setting, file, line and value.
     """
     where = f"{key} {path}"
-    places, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column})
+    row_names, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column})
     angles, values = rows.T
     span = float(angles[-1] - angles[0])
     period = min(PERIODS, key=lambda p: abs(p - span))
@@ -267,20 +270,20 @@ def read_angle_table(path: Path, key: str, column: Units) -> Curve:
             f"{where}: the angles span {span:g} deg, from {angles[0]:g} to {angles[-1]:g}, they "
             "must span 360 or 720"
         )
-    require_closed(places[-1], rows[:, 1:], "close the period")
-    # To the very period, or many revolutions would shift the table.
+    require_closed(row_names[-1], rows[:, 1:], "close the period")
+    # The exact period: a rounded one would shift the table over many revolutions.
     return angle_table(np.radians(np.append(angles[:-1], angles[0] + period)), values)
 
 
 def read_time_table(path: Path, key: str, column: Units) -> Curve:
-    """Table of a CSV file; lines that start with ``#`` are comments.
+    """Curve over time from a CSV file; lines that start with ``#`` are comments.
 
     Parameters
     ----------
     path
         The file.
     key
-        Setting that names it, for messages.
+        Setting that names the file, for messages.
     column
         Name and unit of the values, see `read_columns`.
 
@@ -311,17 +314,17 @@ def load_curves(
     times
         From zero to the period, ascending, shape (n,) [s].
     forces
-        The last row that of the first, shape (n, 2) [N].
+        Forces, the last row equal to the first, shape (n, 2) [N].
     interpolation
         ``"cubic"``: periodic spline, or ``"linear"``.
 
     Raises
     ------
     SettingsError
-        Another interpolation.
+        An unknown interpolation.
     """
     require_word("interpolation", interpolation, INTERPOLATIONS)
-    closed = np.vstack([forces[:-1], forces[:1]])  # SciPy forgives no round-off
+    closed = np.vstack([forces[:-1], forces[:1]])  # SciPy requires equal bits
     largest = float(np.hypot(*forces.T).max())
 
     def curve(values: np.ndarray) -> scipy.interpolate.PPoly:
@@ -353,10 +356,10 @@ def read_load(
     interpolation
         See `load_curves`.
     period
-        Period [s], beyond the last time; zero: the last time, with the load of
-        the first.
+        Period beyond the last time [s]; zero: the last time is the period, with the load of the
+        first.
     section
-        Of the scene that names the file, for messages.
+        Section of the scene that names the file, for messages.
 
     Raises
     ------
@@ -367,18 +370,20 @@ def read_load(
     scale = require_number("scale", scale)
     period = require_number("period", period, least=0)
     where = f"{section}.file {path}"
-    places, values = read_columns(path, where, UNITS)
-    times, forces = values[:, 0], scale * values[:, 1:]
+    row_names, values = read_columns(path, where, UNITS)
+    times = values[:, 0]
+    forces = scale * values[:, 1:]
     if times[0] != 0.0:
-        raise SettingsError(f"{places[0]}: the first time is {times[0]:g} s, it must be 0")
+        raise SettingsError(f"{row_names[0]}: the first time is {times[0]:g} s, it must be 0")
     if not forces.any():
         raise SettingsError(f"{where}: the load is 0 throughout")
     if period:
         if not period > times[-1]:
             raise SettingsError(
                 f"{section}.period = {period:g} s must be above {times[-1]:g} s, the last time of "
-                f"{places[-1]}"
+                f"{row_names[-1]}"
             )
-        times, forces = np.append(times, period), np.vstack([forces, forces[:1]])
-    require_closed(places[-1], forces, f"close the cycle or set {section}.period")
+        times = np.append(times, period)
+        forces = np.vstack([forces, forces[:1]])
+    require_closed(row_names[-1], forces, f"close the cycle or set {section}.period")
     return load_curves(times, forces, interpolation)

@@ -1,0 +1,227 @@
+"""What a film stores in the state of the time integration: nothing, or its oil content.
+
+The state x of the integration consists of the coordinates z, the amplitudes y of the residual
+patterns, and the values that every film stores (`FilmContent`). The integrator differentiates them
+like coordinates: a film returns values and rates at the end of a step and receives the past values
+at the start of the next one.
+
+**Oil content.** With mass-conserving cavitation (JFO) the stored values follow from the contents
+``M = int rho h N (1 - s)`` of all nodes, s the void fraction. Stored is the difference between the
+full content of the part of the gap that is affine in z and y, and M:
+
+- the void volumes ``int rho h N s``;
+- plus the volume that the shape of a turning journal occupies;
+- minus ``int rho (h_T - h) N`` between rough surfaces, whose average gap is ``h_T``.
+
+A round film that is full everywhere therefore stores zeros, and its step is that of the Reynolds
+condition to the last Newton iteration. Rates are differences of contents, so that the oil of a
+closed film stays constant to round-off with every formula of the integrator. Oil that pressure
+compresses takes less than the gap's volume: its stored void volumes are negative.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_ehd.film.oil_balance import OilBalance
+from fenics_ehd.multibody.bdf import ImplicitStep
+from fenics_ehd.multibody.film_point import FilmPoint, OilPoint
+from fenics_ehd.multibody.mechanism import FilmBinding
+
+#: Largest relative excess of the density over that at ambient pressure which a stored state may
+#: have: the limit of Dowson and Higginson's law for infinite pressure.
+LARGEST_COMPRESSION = 0.6 / 1.7
+
+
+class FilmContent:
+    """Values that one film stores in the state of the integration; this class stores none.
+
+    A film with further unknowns that have a memory, a temperature for instance, derives from it.
+
+    Parameters
+    ----------
+    first
+        Index of the first value in the state.
+    size
+        Number of values.
+
+    Attributes
+    ----------
+    size
+        Number of values.
+    indices
+        Their indices in the state.
+    """
+
+    def __init__(self, first: int, size: int = 0):
+        self.size = size
+        self.indices = slice(first, first + size)
+
+    def initial(self, z: np.ndarray) -> np.ndarray:
+        """Values at the start, for coordinates z, shape (size,)."""
+        return np.zeros(self.size)
+
+    def begin(self, step: ImplicitStep) -> None:
+        """Start a step, whose past values belong to the former ones."""
+
+    def at_end(self, point: FilmPoint, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and their rates at the end of a step, shape (size,) each."""
+        return np.zeros(0), np.zeros(0)
+
+    def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
+        """Correct the values of extrapolated states so that the first one is admissible.
+
+        Parameters
+        ----------
+        states
+            States, shape (k, n), changed in place; all by the same amount.
+        observed
+            Gap of the first state where gaps are observed, shape (w,) [m].
+        """
+
+    def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray | None:
+        """Void fractions of all nodes in a state with an observed gap; None if not stored."""
+        return None
+
+    def of_void_fractions(
+        self, fractions: np.ndarray | None, z: np.ndarray, observed: np.ndarray
+    ) -> np.ndarray:
+        """Values for void fractions of all nodes (None: full) in an observed gap."""
+        return np.zeros(self.size)
+
+    def oil(self, state: np.ndarray, observed: np.ndarray) -> float:
+        """Volume of oil in a state with an observed gap [m^3]; 0 if not stored."""
+        return 0.0
+
+
+class OilContent(FilmContent):
+    """Oil content of a film with mass-conserving cavitation.
+
+    Parameters
+    ----------
+    binding
+        The joint in its mechanism.
+    balance
+        Oil balance of its film.
+    first
+        Index of the first value in the state.
+    """
+
+    def __init__(self, binding: FilmBinding, balance: OilBalance, first: int):
+        super().__init__(first, balance.assembly.size)
+        self._binding = binding
+        self._balance = balance
+        self._film = balance.film
+        self._nodes = balance.unknown
+
+    def full(self, thickness: np.ndarray) -> np.ndarray:
+        """Content ``int rho h N`` of a full gap at all nodes, over the volume scale.
+
+        `thickness` is the gap at the Gauss points [m].
+        """
+        shape = self._film.assembly.area.shape
+        thickness = thickness.reshape(shape) / self._film.parameters.clearance
+        return self._film.assembly.source(self._film.equation.factors[1] * thickness)
+
+    def _beyond_affine(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+        """Full content of the affine part of the gap less that of the gap, over the volume scale.
+
+        A turning journal's shape reduces the gap; between rough surfaces the average gap exceeds
+        the `nominal` one (at the Gauss points).
+        """
+        shape = self._binding.film.shape
+        surfaces = self._film.parameters.surfaces
+        reduction = np.zeros(nominal.size)
+        if shape.turning:
+            reduction += shape.gap_reduction(self._binding.relative_angle(z))[: nominal.size]
+        if surfaces is not None:
+            reduction -= surfaces.excess(nominal).ravel()
+        return self.full(reduction)
+
+    def initial(self, z: np.ndarray) -> np.ndarray:
+        """Values of the initial filling, shape (nodes,) [m^3]."""
+        gap = self._binding.gap(z, np.zeros_like(z), 0.0)
+        void = np.full(self.size, 1.0 - self._binding.joint.initial_filling)
+        return self.of_void_fractions(void, z, gap.thickness.ravel())
+
+    def begin(self, step: ImplicitStep) -> None:
+        """Start a step with its shift and past volumes."""
+        self._shift = step.shift
+        #: Past of the stored volumes in ``x' = shift x + past`` [m^3/s].
+        self.past = step.past_x[self.indices]
+
+    def at_end(self, point: FilmPoint, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Stored volumes [m^3] and rates at the end of a step.
+
+        They follow from the flows: the residual that Newton's method leaves in the balance is
+        carried to the next step, no oil is lost.
+        """
+        volumes = self.void_volumes(point)  # type: ignore[arg-type]
+        beyond = self._beyond_affine(z, point.gap.thickness)
+        volumes += self._balance.volume_scale * beyond
+        return volumes, self._shift * volumes + self.past
+
+    def void_volumes(self, point: OilPoint) -> np.ndarray:
+        """Void volumes of all nodes less the volume gained by compression [m^3], shape (nodes,)."""
+        volumes = point.step.full * point.transport.void
+        volumes[self._nodes] += point.balance
+        if not self._film.parameters.lubricant.density_law.constant:
+            equation = self._film.equation
+            density = equation.flow(point.gap, point.nodal).density - equation.factors[1]
+            compressed = density * point.step.flow.thickness / point.step.length
+            volumes -= self._film.assembly.source(compressed)
+        return self._balance.volume_scale * point.step.length * volumes
+
+    def _gap_and_full(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gap at the Gauss points and full content of the gap, over the volume scale.
+
+        Gauss points come first among the points where gaps are observed.
+        """
+        surfaces = self._film.parameters.surfaces
+        gap = observed[: self._film.assembly.area.size]
+        return gap, self.full(gap if surfaces is None else gap + surfaces.excess(gap))
+
+    def _full_and_void(
+        self, state: np.ndarray, observed: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Full content of all nodes over the volume scale; void volumes of the unknowns [m^3]."""
+        gap, full = self._gap_and_full(observed)
+        beyond = self._beyond_affine(state, gap)
+        void = state[self.indices] - self._balance.volume_scale * beyond
+        return full, void[self._nodes]
+
+    def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
+        """Clip the void volumes of the first state to between zero and the gap's volume.
+
+        Compressed oil may exceed the gap's volume by `LARGEST_COMPRESSION`.
+        """
+        full, void = self._full_and_void(states[0], observed)
+        full = self._balance.volume_scale * full[self._nodes]
+        constant = self._film.parameters.lubricant.density_law.constant
+        least = 0.0 if constant else -LARGEST_COMPRESSION
+        change = np.zeros(self.size)
+        change[self._nodes] = np.clip(void, least * full, full) - void
+        states[:, self.indices] += change
+
+    def oil(self, state: np.ndarray, observed: np.ndarray) -> float:
+        """Volume of oil in a state with an observed gap [m^3]."""
+        full, void = self._full_and_void(state, observed)
+        return float(self._balance.volume_scale * full.sum() - void.sum())
+
+    def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        """Void fractions of all nodes in a state with an observed gap."""
+        full, void = self._full_and_void(state, observed)
+        fractions = np.zeros(self.size)
+        full = self._balance.volume_scale * full[self._nodes]
+        fractions[self._nodes] = np.clip(void / full, 0.0, 1.0)
+        return fractions
+
+    def of_void_fractions(
+        self, fractions: np.ndarray | None, z: np.ndarray, observed: np.ndarray
+    ) -> np.ndarray:
+        """Stored volumes for void fractions of all nodes in an observed gap [m^3]."""
+        gap, full = self._gap_and_full(observed)
+        void = np.zeros(self.size)
+        if fractions is not None:
+            void[self._nodes] = (full * fractions)[self._nodes]
+        return self._balance.volume_scale * (void + self._beyond_affine(z, gap))

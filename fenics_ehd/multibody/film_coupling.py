@@ -1,0 +1,170 @@
+"""Coupling of one film's equations with all other unknowns of a step.
+
+The gap of a film and its two surface velocities are linear in its coordinates xi, their rates, the
+relative speed of the journal, and the retained residual patterns of its bore: the *inputs*. The
+film's pressures act on the coordinates and patterns: the *outputs*. `FilmCoupling` makes of the
+derivatives of any `FilmModel` along its gap those along the unknowns of the step (`FilmBlock`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from fenics_ehd.multibody.border import FilmBlock
+from fenics_ehd.multibody.film_models import FilmModel
+from fenics_ehd.multibody.film_point import FilmPoint
+
+#: Part of the rates of a joint's coordinates that does not follow from xi' = shift xi (drift of
+#: constraints), over the shift, above which derivatives contain it: 1e-8 in motion; mechanisms at
+#: rest whose bore turns have nothing else.
+LEAST_DRIFT = 1e-4
+
+
+class FilmCoupling:
+    """Coupling of one film.
+
+    Parameters
+    ----------
+    model
+        The film's equations.
+
+    Attributes
+    ----------
+    model
+        As given.
+    retained_patterns
+        Columns of the retained residual patterns among the inputs.
+    """
+
+    def __init__(self, model: FilmModel[Any]):
+        self.model = model
+        joint = model.binding.film
+        turning = np.full((len(joint.thickness), 1), 0.5 * joint.shaft_radius)
+        self._velocity = np.hstack([joint.mean_velocity, turning])
+        self._sliding = np.hstack([joint.sliding_velocity, 2.0 * turning])
+        self._coordinates = np.hstack([joint.thickness, np.zeros_like(turning)])
+        self._forces = -model.columns(joint.load)
+
+    def retain_patterns(self, gap: np.ndarray, patterns: np.ndarray) -> None:
+        """Retain residual patterns in the derivatives.
+
+        Parameters
+        ----------
+        gap
+            Gap change at the Gauss points for unit amplitudes, shape (g, k).
+        patterns
+            Amplitudes at rest for unit nodal pressures, shape (k, nodes).
+        """
+        first = self._coordinates.shape[1]
+        self._gap = np.hstack([self._coordinates, gap])
+        self._patterns = -self.model.columns(patterns)
+        self.retained_patterns = slice(first, first + len(patterns))
+
+    def linearise(
+        self,
+        point: FilmPoint,
+        shift: float,
+        speed: np.ndarray,
+        patterns: slice,
+        share: float,
+        size: int,
+    ) -> FilmBlock:
+        """Derivatives at a point.
+
+        Without drift (`LEAST_DRIFT`) the rates of xi follow xi alone.
+
+        Parameters
+        ----------
+        point
+            Of the film.
+        shift
+            Of the step.
+        speed
+            Derivative of all rates along all unknowns x but the patterns.
+        patterns, share
+            Indices of the retained patterns in x, and their response within the step over that at
+            rest.
+        size
+            Number of unknowns x.
+        """
+        model = self.model
+        binding = model.binding
+        n = binding.film.size
+        along_h, along_v, along_u = model.along_gap(point, shift)
+        inputs = along_h @ self._gap
+        velocity = along_v @ self._velocity
+        if along_u is not None:
+            velocity += along_u @ self._sliding
+        inputs[:, :n] += shift * velocity[:, :n]
+        inputs[:, n] += velocity[:, n]
+        #: Derivatives of the journal's relative angle and speed along x.
+        rotation = np.zeros((2, size))
+        rotation[0, binding.turning] = binding.signs
+        rotation[1, : speed.shape[1]] = binding.signs @ speed[binding.turning]
+        spread = np.zeros((inputs.shape[1], size))
+        spread[np.arange(n), binding.xi] = 1.0
+        spread[n] = rotation[1]
+        spread[self.retained_patterns, patterns] = np.eye(patterns.stop - patterns.start)
+        block = FilmBlock(
+            model.pattern,
+            model.along_unknowns(point),
+            point.weights,
+            inputs=model.rows(inputs),
+            spread=spread,
+            outputs=np.vstack([self._forces, share * self._patterns]),
+            rows=np.concatenate([binding.xi, np.arange(patterns.start, patterns.stop)]),
+            gap=self._gap,
+            along_gap=along_h,
+        )
+        drift = np.zeros((n, size))
+        drift[:, : speed.shape[1]] = speed[binding.xi]
+        drift[np.arange(n), binding.xi] -= shift
+        if np.abs(drift).max() > LEAST_DRIFT:
+            along = self._along_rate(point, shift, along_h) @ self._gap[:, :n] + velocity[:, :n]
+            block = block.extended(model.rows(along), drift, np.zeros((len(self._gap), n)))
+        feeds = model.film.equation.feeds
+        if feeds is not None and feeds.turning:
+            along = model.rows(model.along_turn(point))[:, None]
+            block = block.extended(along, rotation[:1], np.zeros((len(self._gap), 1)))
+        return self._with_rotated_shape(block, point, shift, rotation)
+
+    def _with_rotated_shape(
+        self, block: FilmBlock, point: FilmPoint, shift: float, rotation: np.ndarray
+    ) -> FilmBlock:
+        """Derivatives with those along angle and speed of a journal whose shape turns."""
+        if point.rotated is None:
+            return block
+        # Along the angle, the rate of the gap is not the shift times the gap.
+        slope = point.rotated.slope
+        along_rate = self._along_rate(point, shift, block.along_gap)
+        along = block.along_gap @ slope + along_rate @ (point.rotated.rate_slope - shift * slope)
+        inputs = self.model.rows(np.stack([along, along_rate @ slope], axis=-1))
+        gap = np.stack([slope, np.zeros_like(slope)], axis=-1)
+        binding = self.model.binding
+        outputs = -binding.signs[:, None] * self.model.columns(point.rotated.torque)
+        return block.extended(inputs, rotation, gap, (outputs, binding.turning))
+
+    def _along_rate(
+        self, point: FilmPoint, shift: float, along_gap: sparse.csc_matrix
+    ) -> sparse.csc_matrix:
+        """Derivative along the rate of the gap, from those along the gap at two shifts."""
+        rate = self.model.film.parameters.rate
+        return (self.model.along_gap(point, shift + rate)[0] - along_gap) / rate
+
+    def with_matrix(self, former: FilmBlock, point: FilmPoint) -> FilmBlock:
+        """Former derivatives with the film's own matrices at a point."""
+        return replace(former, entries=self.model.along_unknowns(point), weights=point.weights)
+
+    def add_torque_stiffness(self, point: FilmPoint, core: np.ndarray) -> None:
+        """Add to the core the derivative of the pressures' torque along the journal's angle."""
+        if point.rotated is not None:
+            stiffness = point.rotated.stiffness @ (
+                self.model.film.parameters.pressure_scale * point.nodal
+            )
+            turning = self.model.binding.turning
+            signs = self.model.binding.signs
+            core[np.ix_(turning, turning)] -= stiffness * np.outer(signs, signs)

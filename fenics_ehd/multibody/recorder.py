@@ -1,0 +1,403 @@
+"""Records of a run: a row of every accepted step, and state that is kept for a restart.
+
+A row has every column of the history, nodal fields of the films, and the state of the mechanism.
+Columns are numbers by path with unit, ``joints/big_end/force_x_N``; fields and state are arrays
+by path. Of a search for a periodic solution the rows of the last two cycles are kept.
+
+State that is not recorded (the integrator's points, the estimator's load history, wear so far) is
+kept for a restart, see `Recorder.carried`. Figures of the rows are computed in
+`fenics_ehd.multibody.summary`, and `fenics_ehd.multibody.verdict` judges them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from time import perf_counter, process_time
+from typing import Any, ClassVar
+
+import numpy as np
+
+from fenics_ehd.base.columns import Quantity, split_unit, with_unit
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
+from fenics_ehd.multibody.bdf import IntegratorState
+from fenics_ehd.multibody.cycle import Cycle, first_of_last
+from fenics_ehd.multibody.history import (
+    FIELD_UNITS,
+    TURN_ROUNDING,
+    History,
+    column_name,
+    fixed,
+    is_column,
+)
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep, SolverState
+from fenics_ehd.multibody.periodic import PeriodicSolver, crank, recurrence_of
+from fenics_ehd.multibody.quantities import joint_row, rubbing
+from fenics_ehd.multibody.run import Run
+from fenics_ehd.multibody.trust import (
+    SIGNS,
+    BasisErrorEstimate,
+    bore_body,
+    bore_loads,
+    energy_row,
+    estimate_at,
+    step_powers,
+)
+
+#: Columns of a history by path with unit, each of shape (steps,).
+Columns = Mapping[str, np.ndarray]
+
+#: A step: numbers by path with unit, ``joints/big_end/force_x_N``, arrays by path.
+Row = Mapping[str, Any]
+
+#: Frame coordinates of a body as columns.
+FRAME = ("x_m", "y_m", "angle_rad")
+
+#: Coordinates of a joint, relative displacements of its journal, as columns.
+JOURNAL = ("eccentricity_x_m", "eccentricity_y_m", "tilt_x_rad", "tilt_y_rad")
+
+#: Unit of the amplitude of an elastic mode: as its basis is scaled.
+MODAL = "modal"
+
+#: Columns that decide which cycle is the last complete one.
+CYCLE_COLUMNS = ("time_s", "run/crank_angle_deg", "run/cycle", "run/cycle_time_s")
+
+
+def film_meshes(system: System) -> dict[str, np.ndarray]:
+    """Nodes, cells, radius and clearance of every film, by path with units left out."""
+    meshes: dict[str, np.ndarray] = {}
+    for binding in system.films:
+        parameters = binding.film.film.parameters
+        path = f"joints/{binding.name}/film"
+        angles, heights = parameters.grid.node_positions.T
+        meshes |= {
+            f"{path}/radius": np.array(parameters.grid.radius),
+            f"{path}/clearance": np.array(parameters.clearance),
+            f"{path}/angle": angles,
+            f"{path}/height": heights,
+            f"{path}/cells": parameters.grid.cell_nodes.astype(np.int32),
+        }
+    return meshes
+
+
+def history_of(system: System, rows: Sequence[Row]) -> History:
+    """History of a mechanism from the rows of its steps."""
+    values: dict[str, Quantity] = {}
+    arrays = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+    for name, array in {**arrays, **film_meshes(system)}.items():
+        path, unit = split_unit(name)
+        numbers = array.astype(float) if is_column(name) else array
+        values[path] = Quantity(numbers, FIELD_UNITS.get(path.rpartition("/")[2], unit))
+    coordinates = coordinate_units(system)
+    return History(values, tuple(coordinates), tuple(coordinates.values()))
+
+
+def solution(run: Run, step: MechanismStep) -> dict[str, np.ndarray]:
+    """Arrays of the last accepted step of a run by path in a history: state and nodal fields."""
+    system = run.equations.system
+    patterns = run.equations.responses.size
+    arrays = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
+    assert run.state.solver is not None
+    values = run.state.solver.values[0]
+    arrays["state/multipliers"] = values[len(values) - 2 * system.m :]
+    arrays["state/corner"] = np.array(len(run.state.times) == 1)
+    if patterns:
+        arrays["state/quasi_static"] = step.x[system.n : system.n + patterns]
+    for joint in step.solution.joints:
+        path = f"joints/{joint.binding.name}/film"
+        arrays[f"{path}/pressure"] = joint.pressure
+        arrays[f"{path}/gap"] = joint.gap[-len(joint.pressure) :]
+        if joint.state.fluid_fraction is not None:
+            arrays[f"{path}/fluid_fraction"] = joint.state.fluid_fraction
+    # Copies: views would keep the larger arrays alive.
+    return {path: np.array(array) for path, array in arrays.items()}
+
+
+def coordinate_units(system: System) -> dict[str, str]:
+    """Unit of every coordinate of a mechanism by its path, in the order of the coordinates."""
+    units: dict[str, str] = {}
+    for name, dofs in system.bodies.items():
+        angle = system.angles.get(name)
+        frame = () if angle is None else FRAME[2 - (angle - dofs.start) :]
+        units |= dict(split_unit(f"bodies/{name}/{column}") for column in frame)
+        modes = dofs.stop - dofs.start - len(frame)
+        units |= {f"bodies/{name}/mode_{i + 1}": MODAL for i in range(modes)}
+    for binding in system.films:
+        columns = JOURNAL[: binding.film.journal_coordinates]
+        units |= dict(split_unit(f"joints/{binding.name}/{column}") for column in columns)
+    return units
+
+
+def columns_of(rows: Sequence[Row], names: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Columns of rows by path with unit: all, or those of some names; empty without rows."""
+    present = rows[0] if rows else {}
+    chosen = [name for name in names or filter(is_column, present) if name in present]
+    return {name: np.array([row[name] for row in rows]) for name in chosen}
+
+
+def _require_alike(row: Row, stored: Row) -> None:
+    """Refuse rows of a stored history that are not those of this mechanism.
+
+    Raises
+    ------
+    InputError
+        Naming a column.
+    """
+    for name in dict.fromkeys([*row, *stored]):
+        if name not in row or name not in stored or np.shape(row[name]) != np.shape(stored[name]):
+            raise InputError(
+                f"the stored history is not of this scene: {name} is missing or has another shape; "
+                "run the scene anew"
+            )
+
+
+#: Layout of a number of steps or iterations.
+COUNT = Value("integer", least=0)
+
+
+class Recorder(Stateful):
+    """Steps of a run and their rows, also after its end.
+
+    Parameters
+    ----------
+    run
+        At its start.
+    end
+        Time at which a run once through stops [s].
+    cycles
+        Search for a periodic solution, None of a run once through.
+
+    Attributes
+    ----------
+    system
+        Equations of the mechanism.
+    recurrence
+        After what its loads recur.
+    wall_time, processor_time
+        Of all steps so far [s].
+    rows
+        Of the steps that are kept.
+    counts, rejected_because
+        Steps, iterations and rejected steps, and rejected steps by reason; of all steps, also of
+        those whose rows are not kept.
+    estimates
+        Estimates of the basis error by joint.
+    rubbing, slid
+        Contact pressure times sliding speed at the Gauss points of rough surfaces by joint, at the
+        last step [W/m2], and its integral over the cycle under way, or the run [J/m2].
+    """
+
+    carried: ClassVar = {
+        "integrator": INTEGRATOR_STATE,
+        "cycles": Group(PeriodicSolver.carried, required=False),
+        "wall_time": Value("real"),
+        "processor_time": Value("real"),
+        "counts": Group(
+            dict.fromkeys(("steps", "newton_iterations", "rejected_steps"), COUNT), each=COUNT
+        ),
+        "rejected_because": Group(each=COUNT),
+        "estimates": Group(each=Group(BasisErrorEstimate.carried)),
+        "rubbing": Group(each=Value("float", ("points",))),
+        "slid": Group(each=Value("float", ("points",))),
+    }
+
+    def __init__(self, run: Run, end: float, cycles: PeriodicSolver | None = None):
+        self.run = run
+        self.end = end
+        self.cycles = cycles
+        self.system = run.equations.system
+        self._start = run.state
+        self.wall_time = self.processor_time = 0.0
+        self.rows: list[Row] = []
+        self._resumed = False
+        self._reference = crank(self.system)
+        self.recurrence = recurrence_of(self.system)
+        self._coordinates = coordinate_units(self.system)
+        films = self.system.films
+        self.estimates = {
+            binding.name: estimate_at(bore_body(self.system, binding), binding.bore)
+            for binding in films
+            if binding.film.bore
+        }
+        self.slid = {
+            binding.name: np.zeros(len(contact.area))
+            for binding, contact in zip(films, run.equations.contacts.joints, strict=True)
+            if contact is not None
+        }
+        self.rubbing = dict(self.slid)
+        self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
+        self.rejected_because: dict[str, int] = {}
+
+    @property
+    def integrator(self) -> IntegratorState[SolverState]:
+        """State of the integration."""
+        return self.run.state
+
+    @integrator.setter
+    def integrator(self, state: IntegratorState[SolverState]) -> None:
+        self.run.state = state
+
+    @property
+    def began(self) -> IntegratorState[SolverState]:
+        """State at the start of the run, or of the cycle under way."""
+        return self._start if self.cycles is None else self.cycles.began
+
+    @property
+    def time(self) -> float:
+        """Time of the last step [s]."""
+        return self.rows[-1]["time_s"] if self.rows else self._start.time
+
+    @property
+    def first(self) -> int:
+        """Row of the first step of the cycle under way; 0 of a run once through."""
+        numbers = columns_of(self.rows, ["run/cycle"]).values()
+        return first_of_last(*numbers) if numbers else 0
+
+    @property
+    def last_cycle(self) -> Cycle | None:
+        """The last complete cycle; None before the first step."""
+        columns = columns_of(self.rows, CYCLE_COLUMNS)
+        return Cycle.of_columns(columns, self.recurrence) if columns else None
+
+    def known_sizes(self) -> Sizes:
+        """Number of unknowns of a step."""
+        owners = ("/integrator", "/cycles/began")
+        return dict.fromkeys(
+            (f"{owner} unknowns" for owner in owners), len(self.run.equations.lower)
+        )
+
+    def take(self, history: History) -> None:
+        """Continue after the steps of a history.
+
+        Raises
+        ------
+        ValueError
+            A column that the next step needs is missing, or has another shape.
+        """
+        columns = {
+            with_unit(path, array.units) if is_column(path) else path: np.asarray(array)
+            for path, array in history.values.items()
+            if not fixed(path)
+        }
+        needed = energy_row((), 0.0, dict.fromkeys((*SIGNS, "kinetic", "strain"), 0.0))
+        needed |= {"time_s": 0.0, "run/crank_angle_deg": 0.0}
+        if self.cycles is not None:
+            needed |= {"run/cycle": 0.0, "run/cycle_time_s": 0.0}
+        for name, value in needed.items():
+            if name not in columns or columns[name].shape[1:] != np.shape(value):
+                raise ValueError(f"/{name} is missing, or of another shape than this scene's")
+        self.rows = [
+            {name: array[i] for name, array in columns.items()} for i in range(len(history))
+        ]
+        self._resumed = bool(self.rows)
+
+    def steps(self) -> Iterator[tuple[MechanismStep, dict[str, float]]]:
+        """Accepted steps, each recorded before it is returned, and its row of ``history.csv``."""
+        began = perf_counter() - self.wall_time
+        processor_began = process_time() - self.processor_time
+        for step in self.run.until(self.end) if self.cycles is None else self.cycles:
+            row = self.add(step)
+            self.wall_time = perf_counter() - began
+            self.processor_time = process_time() - processor_began
+            yield step, row
+
+    def add(self, step: MechanismStep) -> dict[str, float]:
+        """Record an accepted step, of a search in its current cycle.
+
+        Returns
+        -------
+        dict
+            Row of ``history.csv``, by the names of its columns.
+        """
+        cycles = self.cycles
+        begins = bool(cycles and self.rows and cycles.number != self.rows[-1]["run/cycle"])
+        if begins:
+            # Works and wear are those of a cycle; counts and estimates are those of the run.
+            self.rows = self.rows[self.first :]
+            self.slid = {name: np.zeros_like(wear) for name, wear in self.slid.items()}
+        size = step.time - self.time
+        rejected = sum(step.rejected.values())
+        self.counts["steps"] += 1
+        self.counts["newton_iterations"] += step.newton_iterations
+        self.counts["rejected_steps"] += rejected
+        for reason, count in step.rejected.items():
+            self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
+        row: dict[str, Any] = {"time_s": step.time}
+        row["run/crank_angle_deg"] = self._angle(step)
+        row |= self._joints(step, size) | self._bodies(step)
+        powers = step_powers(self.run.equations, step)
+        row |= energy_row(self.rows, step.time, powers, begins=begins)
+        row |= {"run/step_s": size, "run/newton_iterations": step.newton_iterations}
+        row["run/rejected_steps"] = rejected
+        if cycles is not None:
+            row |= {"run/cycle": cycles.number, "run/cycle_time_s": step.time - cycles.start}
+        row |= solution(self.run, step)
+        if self._resumed:
+            _require_alike(row, self.rows[-1])
+            self._resumed = False
+        self.rows.append(row)
+        films = self.system.films
+        return {column_name(name, films): value for name, value in row.items() if is_column(name)}
+
+    def _angle(self, step: MechanismStep) -> float:
+        """Reference angle [degrees], continuous over a cycle; 0 if nothing turns.
+
+        Every cycle but the first of a search begins within the first period of the loads: the last
+        cycle of an engine is 0 to 720 degrees, not 1440 to 2160.
+        """
+        if self._reference is None:
+            return 0.0
+        former = 0.0
+        cycles = self.cycles
+        if cycles is not None and cycles.number > 1:
+            began = float(np.degrees(cycles.began.x[0, self._reference]))
+            turn = self.recurrence.angle
+            former = turn * np.floor(began / turn + TURN_ROUNDING)
+        return float(np.degrees(step.x[self._reference]) - former)
+
+    def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
+        """Columns of the lubricated joints at a step of a size [s]; adds to wear and estimates."""
+        row: dict[str, float] = {}
+        loads = bore_loads(self.system, [film.pressure for film in step.solution.films])
+        for joint in step.solution.joints:
+            name = joint.binding.name
+            columns = joint_row(joint)
+            if name in self.slid:
+                former = self.rubbing[name]
+                self.rubbing[name] = rubbing(joint)
+                if self.rows:
+                    slid = 0.5 * size * (former + self.rubbing[name])
+                    self.slid[name] = self.slid[name] + slid
+            if name in self.estimates:
+                body = joint.binding.bore_body
+                amplitudes = self.run.equations.responses.of_body(body)
+                columns["basis_error_estimate_m"] = self.estimates[name].add(
+                    size, loads[body], step.acceleration[amplitudes]
+                )
+            row |= {f"joints/{name}/{column}": value for column, value in columns.items()}
+        return row
+
+    def _bodies(self, step: MechanismStep) -> dict[str, float]:
+        """Columns of the bodies' frames; the frame of a shaft has an angle alone."""
+        row: dict[str, float] = {}
+        coordinates = self._coordinates.items()
+        for (path, unit), x, rate in zip(coordinates, step.x, step.rate, strict=False):
+            if path.startswith("bodies/") and unit != MODAL:
+                row[with_unit(path, unit)] = x
+                if path.endswith("/angle"):
+                    row[f"{path.removesuffix('angle')}speed_rad_per_s"] = rate
+        return row
+
+    def history(self) -> History:
+        """History of the steps whose rows are kept."""
+        return replace(history_of(self.system, self.rows), stored_cycle=self.last_cycle)
+
+    def final_history(self) -> History:
+        """History of a run that has ended; of a search, its last cycle with a step at its start."""
+        history = self.history()
+        if self.cycles is None:
+            return history
+        first = self.first
+        return history.each(lambda values: values[first:]).with_start()

@@ -1,0 +1,250 @@
+"""Summary of a run: the figures that ``summary.json`` has of its joints, its cycle and its steps.
+
+Figures ``cycle_...`` of a joint are of the last complete cycle, which
+`fenics_ehd.multibody.cycle` decides. Figures without ``cycle_`` are of the cycle under way of a
+search for a periodic solution, or of all of a run once through. Each is an extreme, a mean over
+time or an integral of columns of the history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.base.columns import split_unit
+from fenics_ehd.film.film import steepest_thickening
+from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.notices import (
+    RINGING,
+    resting_films,
+    stepped_shapes,
+    unusual_peaks,
+    unusual_pressures,
+    unusual_totals,
+)
+from fenics_ehd.multibody.periodic import temperatures
+from fenics_ehd.multibody.quantities import CONTENT, averaged, oil_balance, wear
+from fenics_ehd.multibody.recorder import Columns, Recorder, columns_of
+from fenics_ehd.multibody.trust import balance_error, integral
+
+#: Cycle extremes: summary name, source column, prefix in the summary, and columns reported at the
+#: step of the extreme.
+EXTREMES = (
+    ("max_pressure", "max_pressure_Pa", "", ("max_pressure_angle_deg", "max_pressure_height_m")),
+    ("min_film", "min_film_thickness_m", "", ("min_film_angle_deg", "min_film_height_m")),
+    ("max_force", "force_N", "max_", ("force_angle_deg",)),
+    ("max_eccentricity", "eccentricity_ratio", "max_", ()),
+)
+
+#: Columns of which a summary has the extreme over the cycle under way, or the run, and its time.
+PEAKS = ("max_pressure_Pa", "min_film_thickness_m", "max_contact_pressure_Pa")
+
+#: Value and time [s] of an extreme by quantity; in a periodic run the time since the cycle began.
+Extremes = dict[str, tuple[float, float]]
+
+
+def extreme_step(column: str, values: np.ndarray) -> int:
+    """Step of the extreme of a column: of ``min_film_thickness_m`` the least, else the largest."""
+    return int(np.argmin(values) if column.startswith("min_") else np.argmax(values))
+
+
+def extremes_of(columns: Columns) -> dict[str, Extremes]:
+    """Extremes of `PEAKS` by joint, over columns by path."""
+    extremes: dict[str, Extremes] = {}
+    clock = columns.get("run/cycle_time_s", columns.get("time_s"))
+    for path, values in columns.items():
+        joint, _, column = path.removeprefix("joints/").partition("/")
+        if column in PEAKS:
+            assert clock is not None
+            step = extreme_step(column, values)
+            extreme = float(values[step]), float(clock[step])
+            extremes.setdefault(joint, {})[split_unit(column)[0]] = extreme
+    return extremes
+
+
+def cycle_figures(
+    cycle: Cycle, columns: Columns, joint: str, rates: Iterable[str]
+) -> dict[str, float]:
+    """Entries ``cycle_...`` of the summary on a joint: extremes, mean force, means of rates.
+
+    Parameters
+    ----------
+    cycle, columns
+        The last complete cycle, and columns by path.
+    joint, rates
+        Name of the joint, and its columns that are averaged. Their means are left out if they
+        are those of the entries ``mean_...``.
+    """
+    figures: dict[str, float] = {}
+    times = columns["time_s"]
+    rows = cycle.rows(times)
+    for name, column, prefix, others in EXTREMES:
+        values = columns[f"joints/{joint}/{column}"][rows]
+        row = rows.start + extreme_step(column, values)
+        for reported in (column, *others):
+            value = columns[f"joints/{joint}/{reported}"][row]
+            figures[f"cycle_{prefix}{reported}"] = float(value)
+        angle = columns["run/crank_angle_deg"][row]
+        figures[f"cycle_{name}_crank_angle_deg"] = float(angle)
+    under_way = rows.stop == len(times) and (cycle.periodic or not cycle.start)
+    for name in ("force_N", *(() if under_way else rates)):
+        values = columns[f"joints/{joint}/{name}"]
+        figures[f"cycle_mean_{name}"] = _mean_after(cycle.start, times, values, rows)
+    return figures
+
+
+def _mean_after(start: float, times: np.ndarray, values: np.ndarray, rows: slice) -> float:
+    """Mean of a column over time from a start [s], between two steps or not, to the last row."""
+    knots = np.append(start, times[rows])
+    values = np.append(np.interp(start, times, values), values[rows])
+    return float(integral(knots, values[:, None])[0] / (knots[-1] - knots[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class RunSummary:
+    """Figures of a run up to its last recorded step.
+
+    Attributes
+    ----------
+    recorder
+        The run, which does not step as long as its summary is used.
+    error_budget
+        Relative errors of figures by joint, see `fenics_ehd.analysis.error_budget`; empty if they
+        were not estimated.
+    """
+
+    recorder: Recorder
+    error_budget: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @cached_property
+    def first(self) -> int:
+        """Row of the first step of the cycle under way; 0 of a run once through."""
+        return self.recorder.first
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Columns of all rows by path."""
+        return columns_of(self.recorder.rows)
+
+    @cached_property
+    def extremes(self) -> dict[str, Extremes]:
+        """Extremes of every film over the cycle under way, or the run."""
+        return extremes_of({name: v[self.first :] for name, v in self.columns.items()})
+
+    @property
+    def former_extremes(self) -> dict[str, Extremes]:
+        """Extremes of every film over the cycle before; empty without one."""
+        if not self.first:
+            return {}
+        return extremes_of({name: v[: self.first] for name, v in self.columns.items()})
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """Largest pressure over the cycle under way, or the run, by joint [Pa]."""
+        return {name: extremes["max_pressure"][0] for name, extremes in self.extremes.items()}
+
+    @property
+    def energy_error(self) -> float:
+        """Largest defect over the largest energy exchanged, of the cycle under way, or the run."""
+        if not self.recorder.rows:
+            return 0.0
+        return balance_error({name: v[self.first :] for name, v in self.columns.items()})
+
+    def steepest_thickening(self, binding: FilmBinding) -> float:
+        """Largest factor of a film's viscosity within a cell, over the cycle under way or run."""
+        path = f"joints/{binding.name}/film/pressure"
+        pressures = (row[path] for row in self.recorder.rows[self.first :])
+        film = binding.film.film
+        return max((steepest_thickening(film, pressure) for pressure in pressures), default=1.0)
+
+    def entries(self) -> dict[str, Any]:
+        """Entries of ``summary.json`` on the run, its joints and its last complete cycle."""
+        recorder = self.recorder
+        joints: dict[str, dict[str, Any]] = {b.name: {} for b in recorder.system.films}
+        cycle = recorder.last_cycle
+        if cycle is not None:
+            for binding in recorder.system.films:
+                joints[binding.name] = self._joint(binding, cycle)
+        entries: dict[str, Any] = {"joints": joints}
+        if len(joints) == 1:
+            ((name, figures),) = joints.items()
+            entries = {"joint": name, **figures}
+        return {
+            **entries,
+            **({} if cycle is None else cycle.entries()),
+            "energy_balance_error": self.energy_error,
+            "simulated_time_s": recorder.time,
+            **recorder.counts,
+            "rejected_because": dict(recorder.rejected_because),
+            "notices": self.notices(),
+            **({} if recorder.cycles is None else recorder.cycles.figures()),
+        }
+
+    def _joint(self, binding: FilmBinding, cycle: Cycle) -> dict[str, Any]:
+        """Entries on a lubricated joint."""
+        name = binding.name
+        prefix = f"joints/{name}/"
+        columns = {
+            path.removeprefix(prefix): values
+            for path, values in self.columns.items()
+            if path.startswith(prefix)
+        }
+        figures: dict[str, Any] = {}
+        for column in filter(columns.__contains__, PEAKS):
+            quantity = split_unit(column)[0]
+            figures[column], figures[f"{quantity}_time_s"] = self.extremes[name][quantity]
+        figures["basis_error_estimate_m"] = self._basis_error(name)
+        rates = averaged(columns)
+        if rates:
+            figures |= self._means(binding, rates)
+        if name in self.recorder.slid:
+            figures |= wear(binding, self.recorder.slid[name])
+        if name in self.error_budget:
+            figures["error_budget"] = self.error_budget[name]
+        return figures | cycle_figures(cycle, self.columns, name, rates)
+
+    def _basis_error(self, name: str) -> float:
+        """Largest estimate of the basis error at a joint after its start has rung out [m].
+
+        0 if no step is later, nan without an estimate.
+        """
+        if name not in self.recorder.estimates:
+            return float("nan")
+        estimate = self.recorder.estimates[name]
+        errors = self.columns[f"joints/{name}/basis_error_estimate_m"][self.first :]
+        counted = errors[self.columns["time_s"][self.first :] > estimate.start]
+        return float(np.max(counted, initial=0.0 if estimate.known else float("nan")))
+
+    def _means(self, binding: FilmBinding, rates: Columns) -> dict[str, float]:
+        """Means of a joint's rates over the cycle under way, or the run, and what they imply."""
+        begin = max(self.first - 1, 0)
+        times = self.columns["time_s"]
+        values = np.column_stack([*rates.values()])
+        integrals = integral(times, values, begin)
+        length = times[-1] - times[begin]
+        averages = (integrals / length if length else values[-1]).tolist()
+        means = dict(zip(rates, averages, strict=True))
+        figures = {f"mean_{name}": value for name, value in means.items()}
+        if CONTENT in rates:
+            totals = dict(zip(rates, integrals.tolist(), strict=True))
+            content = rates[CONTENT]
+            figures |= oil_balance(float(content[begin]), float(content[-1]), totals)
+        return figures if binding.joint.heat is None else figures | temperatures(binding, means)
+
+    def notices(self) -> list[str]:
+        """One line for every value of the mechanism or the run that is hardly meant."""
+        system = self.recorder.system
+        lines = unusual_pressures(system, self.peaks)
+        may_ring = self.recorder.cycles is None and system.least_damping < RINGING
+        resting = resting_films(system, self.peaks)
+        for name in self.peaks:
+            if name not in resting:
+                pressures = self.columns[f"joints/{name}/max_pressure_Pa"][self.first :]
+                lines += unusual_peaks(name, pressures, may_ring=may_ring)
+        mechanism = system.mechanism
+        return [*lines, *unusual_totals(mechanism.bodies), *stepped_shapes(mechanism.joints)]

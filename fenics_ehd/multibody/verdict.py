@@ -1,0 +1,125 @@
+"""Verdict on a run: complete, or the reason for rejecting its figures.
+
+Figures are rejected if an error that is known exceeds a limit, if a film is too thin for its mesh,
+or if the energy balance is off by more than the steps are known to be. Errors of a film's mesh are
+judged by the spacing of its nodes if the error budget does not have them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.newton import unresolved
+from fenics_ehd.multibody.notices import resting_films
+from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.trust import COMPONENTS, ENERGY_LIMIT, KEYS, NOT_ESTIMATED, QUANTITIES
+
+#: Verdict on a run whose figures are accepted.
+COMPLETE = "complete"
+
+
+def verdict(summary: RunSummary, limit: float = np.inf) -> str:
+    """`COMPLETE`, or the reason for rejecting the figures of a run.
+
+    Parameters
+    ----------
+    summary
+        Of a run that has ended, with its error budget if there is one.
+    limit
+        Largest relative error of a figure.
+    """
+    films = summary.recorder.system.films
+    if films and len(resting_films(summary.recorder.system, summary.peaks)) == len(films):
+        return COMPLETE  # relative errors of rounding mean nothing
+    reason = exceeding_limit(summary.error_budget, limit)
+    if not reason and reported_error(summary.error_budget, "film_mesh") is None:
+        reason = _unresolved_film(summary)
+    return reason or _energy_defect(summary) or COMPLETE
+
+
+def _unresolved_film(summary: RunSummary) -> str:
+    """Reason for rejecting the first film that its mesh does not resolve, else empty."""
+    for binding in summary.recorder.system.films:
+        thickness = summary.extremes[binding.name]["min_film_thickness"][0]
+        reason = too_coarse(binding, thickness)
+        reason = reason or unresolved(binding, summary.steepest_thickening(binding))
+        if reason:
+            return reason
+    return ""
+
+
+def _energy_defect(summary: RunSummary) -> str:
+    """Reason for rejecting a run whose energy balance error exceeds that of its steps, else empty.
+
+    An error of the steps that is known takes the place of `ENERGY_LIMIT` if it is larger.
+    """
+    steps = reported_error(summary.error_budget, "step_size") or 0.0
+    limit = max(steps, ENERGY_LIMIT)
+    error = summary.energy_error
+    if error <= limit:
+        return ""
+    return (
+        f"untrustworthy: energy balance error {100 * error:.2g} % of the energy exchanged, "
+        f"above {100 * limit:.2g} %: lower time.tolerance or time.largest_step"
+    )
+
+
+def reported_error(error_budget: Mapping[str, Any], component: str) -> float | None:
+    """Largest error over the cycle by one component, of all joints; None if one is not known."""
+    errors = [
+        own["largest_over_cycle"][quantity][component]
+        for own in error_budget.values()
+        for quantity in QUANTITIES
+    ]
+    if not errors or NOT_ESTIMATED in errors:
+        return None
+    return max((error for error in errors if not isinstance(error, str)), default=0.0)
+
+
+def exceeding_limit(error_budget: Mapping[str, Any], limit: float) -> str:
+    """Reason for rejecting figures, one of whose errors exceeds a limit; empty without a reason."""
+    errors = {
+        (joint, quantity): own[quantity]["known"]
+        for joint, own in error_budget.items()
+        for quantity in QUANTITIES
+        if not isinstance(own[quantity]["known"], str)
+    }
+    if not errors or max(errors.values()) <= limit:
+        return ""
+    joint, quantity = max(errors, key=errors.__getitem__)
+    own = error_budget[joint][quantity]
+    worst = max((key for key in COMPONENTS if not isinstance(own[key], str)), key=own.__getitem__)
+    return (
+        f"untrustworthy: {quantity} of joints.{joint} is off by {100 * own['known']:.3g} %, above "
+        f"output.error_limit = {100 * limit:g} %, most of it by the {worst.replace('_', ' ')}: "
+        f"see {KEYS[worst]}"
+    )
+
+
+#: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
+#: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
+#: of an orbit by less; at 0.8 it is 15 %.
+NODE_SPACING = 0.5
+
+
+def too_coarse(binding: FilmBinding, thickness: float) -> str:
+    """Reason for rejecting a film that is too thin for its mesh; empty for an elastic bore."""
+    if binding.film.bore is not None:
+        return ""
+    angles = np.unique(binding.film.film.parameters.grid.node_positions[:, 0].round(9))
+    spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
+    # The film is thin if the gap is below twice its least: h = c (1 - eps cos phi).
+    length = float(binding.film.lengths(np.array([thickness]))[0])
+    bend = binding.film.clearance + binding.film.shape.largest_second_derivative
+    thin = np.degrees(np.sqrt(2 * length / bend))
+    if spacing <= NODE_SPACING * thin:
+        return ""
+    return (
+        f"untrustworthy: joints.{binding.name}.cells put nodes {spacing:.3g} degrees apart, above "
+        f"half of the {thin:.3g} degrees over which a film of {thickness * 1e6:.3g} um is thin: "
+        "use more cells around"
+    )
