@@ -1,13 +1,13 @@
-"""Runs that are to meet an accuracy: what they are off, and what they cost beside the cheapest.
+"""Runs to an accuracy: their true errors, and their time over that of the cheapest run.
 
     python benchmarks/accuracy.py [--only four-bar ...] [--accuracy 0.03 0.01] [--cache FOLDER]
 
-For each scene and accuracy a row of what `output.accuracy` comes to: the largest estimate of the
+For each scene and accuracy a row with the result of `output.accuracy`: the largest estimate of the
 run chosen; its largest true error, against the reference of `benchmarks/error_budget.py`, which has
 three times the scene's own cells either way, M4 and short steps with a thirtieth of its tolerance;
 processor time of the runs before it with their budgets, and of its own integration.
-Beside it the cheapest of a grid, each from the start, that meets the accuracy truly
-and may be trusted, and the time over its time.
+Then the cheapest run of a grid, each from the start, whose true error meets the accuracy
+and which is trustworthy, and the time over its time.
 The grid varies one setting at a time around the choice: tolerances times 1/10, 1/4, 4, 10, cells
 times 0.7, 0.85, 1.2, 1.5.
 """

@@ -1,21 +1,21 @@
-"""Error budgets beside true errors: one component at a time, and in total.
+"""Error budgets compared with true errors: one component at a time, and in total.
 
     python benchmarks/error_budget.py [--only four-bar ...] [--cache FOLDER]
 
 Each row is a shipped scene, or one with some settings changed so that its references are quick. The
 reference of a component differs from the run in that alone: a thirtieth of the tolerance; three
 times as many cells of every film either way, at that tolerance in both; M4 in place of the method.
-Of the film the reference of twice as many cells stands beside it: what that leaves tells how far
-the reference itself is off. Steps are limited by a quarter of the largest of the run, too.
+For the film there is a second reference with twice as many cells: its difference is the error of
+the first one. Steps are limited by a quarter of the largest of the run, too.
 Extremes of runs and references are those of their summaries, between nodes and steps.
 
-Scenes of many kinds (`--fresh`) are judged in total and by their steps, beside one reference with a
-tenth of the tolerance at most, twice as many cells, and M4. No constant was chosen on them but the
-tolerance from which on steps are halved, on scenes like the first eight.
+Scenes of many kinds (`--fresh`) are judged in total and by their steps, against one reference with
+a tenth of the tolerance at most, twice as many cells, and M4. No constant was chosen on them but
+the tolerance from which on steps are halved, on scenes like the first eight.
 
-Shipped scenes as they are, but for some that are quick, are judged in total, beside one reference
-with a tenth of the tolerance and one and a half times as many cells; `reference` is then what that
-says of itself, its own error budget.
+Shipped scenes as they are, but for some that are quick, are judged in total, against one reference
+with a tenth of the tolerance and one and a half times as many cells; `reference` is then the error
+budget of the reference.
 
 References are kept in a folder of JSON files and not run again.
 """
@@ -140,7 +140,7 @@ def rough(*heights: float) -> dict[str, float]:
     return dict(zip(("journal_roughness", "bore_roughness"), heights, strict=True))
 
 
-#: Scenes of many kinds, judged beside one reference.
+#: Scenes of many kinds, judged against one reference.
 FRESH: dict[str, tuple[str, Mapping[str, Any]]] = {
     "four-bar, 0.1": (
         "four-bar",
@@ -342,7 +342,7 @@ class References:
     def with_budget(
         self, scene: ehd.Scene
     ) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
-        """The same, and what the reference says of its own totals."""
+        """The same, and the totals in the error budget of the reference."""
 
         def solve() -> list[dict[str, list[float]]]:
             found = self.done(scene)
@@ -448,7 +448,7 @@ def judge(name: str, references: References) -> list[dict[str, Any]]:
 def against_one(
     scene: ehd.Scene, run: Run, found: Done, references: References
 ) -> tuple[Errors, Errors]:
-    """Totals beside one reference, and what that says of its own."""
+    """Totals against one reference, and the error budget of the reference."""
     values = strict(scene, LESS_STRICT) | finer(scene, run, LESS_FINE)
     smooth, own = references.with_budget(changed(scene, values))
     return {"total": minus(found.extremes, smooth)}, own
@@ -457,7 +457,7 @@ def against_one(
 def against_two(
     scene: ehd.Scene, run: Run, found: Done, references: References
 ) -> tuple[dict[str, Errors], Errors]:
-    """Totals beside one reference, and what that says of its own; those of the steps."""
+    """Totals against one reference, its error budget, and the errors of the steps."""
     time = scene.time
     short = {
         "time.tolerance": min(time.tolerance / LESS_STRICT, FRESH_TOLERANCE),

@@ -4,7 +4,7 @@
 
 Without names all of them, the shipped scenes too. For every one the largest deviation in held
 steps, relative to the largest value of its column, and of extremes, steps and iterations of a run
-in its own steps. `--make` writes the files anew: a decision, to be told in the commit.
+in its own steps. `--make` writes the files anew: a decision, for which the commit gives the reason.
 """
 
 from __future__ import annotations

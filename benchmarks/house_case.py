@@ -36,8 +36,8 @@ def run_by_modules(path: str) -> dict[str, float]:
             if periodic
             else simulation.simulate(built.mechanism, period=built.period, **options)
         )
-    told = found.summary() if callable(found.summary) else found.summary
-    return {"seconds": process_time() - began, **told}
+    summary = found.summary() if callable(found.summary) else found.summary
+    return {"seconds": process_time() - began, **summary}
 
 
 def run_by_names(path: str) -> dict[str, float]:

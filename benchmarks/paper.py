@@ -5,7 +5,7 @@
     python benchmarks/paper.py CRANK ROTOR
 
 The first two make studies of the scenes with the paper's numbers of modes; a study that was stopped
-goes on. The third one reads studies that are there, those of ``fenics-ehd study`` as well.
+continues. The third one reads studies that are there, those of ``fenics-ehd study`` as well.
 
 Krinner and Rixen, Interface reduction methods for mechanical systems with elastohydrodynamic
 lubricated revolute joints: figures 5 to 8, 10 and 11, and the statements of sections 4.2, 5.2 and 6
@@ -39,13 +39,13 @@ STATEMENTS = {
 #: Typical safe film thickness of engine bearings, section 4.2 [um].
 SAFE_FILM_THICKNESS = 2.5
 
-#: Most curves in one panel beside the reference.
+#: Most curves in one panel with the reference.
 MOST = 4
 
 #: Overall modes of the errors over time of the slider-crank: M3 with 31 residual modes.
 M3_SIZE = 39
 
-HEADS = ("where", "what it says", "we call it true if", "measured", "verdict")
+HEADS = ("where", "statement", "we call it true if", "measured", "verdict")
 
 
 def read_paper(directory: Path) -> JointData:
@@ -125,7 +125,7 @@ def statement_table(joint: JointData) -> list[str]:
     for statement in STATEMENTS[joint.study.info["scene"]]:
         finding = statement.judge(joint)
         rows.append(
-            (statement.place, statement.says, statement.rule, finding.measured, finding.verdict)
+            (statement.place, statement.text, statement.rule, finding.measured, finding.verdict)
         )
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
 
@@ -148,7 +148,7 @@ def write_paper(directory: Path) -> list[str]:
 
 
 def progress(study: StudyData) -> list[str]:
-    """A line that says what is missing, if anything is."""
+    """A line that names what is missing, if anything is."""
     missing = {row["run"] for row in study.rows if row["status"] == NOT_RUN}
     quick = ["Of a quick study.", ""] if study.info.get("quick") else []
     return quick + ([f"{len(missing)} runs are still to come.", ""] if missing else [])

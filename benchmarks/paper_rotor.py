@@ -15,6 +15,7 @@ from paper_statement import (
     at_size,
     clearly,
     compared,
+    description,
     ended,
     m1_worst,
     m3_best,
@@ -22,7 +23,6 @@ from paper_statement import (
     pressure_errors,
     reference_history,
     smaller,
-    told,
     too_stiff,
     verdict,
 )
@@ -105,7 +105,7 @@ def shapes_fail(joint: JointData) -> Finding:
             continue
         reason = ":".join(shape["status"].split(":")[:2])
         broken = f"{family(shape)}, {size:.0f} residual modes: {reason}"
-        words.append(f"{told(shape) if shape.complete else broken}; {told(unit)}")
+        words.append(f"{description(shape) if shape.complete else broken}; {description(unit)}")
         worse += [not shape.complete or smaller(unit, shape, quantity) for quantity in CURVES]
     need(words, "M3 pc2, and M3 pc1 with as many residual modes")
     return Finding("; ".join(words), verdict(worse))
@@ -130,7 +130,7 @@ STATEMENTS = (
     Statement("5.2, fig. 11", "with 50 modes M1 and M2 are still too stiff",
               "mean error positive where the reference is above 75 % of its peak",
               still_stiff),
-    Statement("5.2, fig. 11", "with 50 modes the error of M3 is small beside theirs",
+    Statement("5.2, fig. 11", "with 50 modes the error of M3 is small compared with M1 and M2",
               "at most half of the better one's, both curves", small_for_m3),
     Statement("6", "pressures without symmetry need the general choice, unit pressures",
               "with equally many residual modes, the best selection of each, both curves worse "

@@ -17,6 +17,7 @@ from paper_statement import (
     Statement,
     broke_down,
     clearly,
+    description,
     ended,
     every,
     listed,
@@ -30,7 +31,6 @@ from paper_statement import (
     paper_m3,
     reference_history,
     runs_of,
-    told,
     too_stiff,
     verdict,
 )
@@ -54,7 +54,7 @@ M2_SIZE = 129
 #: n_r of the paper's M3, and what the rule (31)-(32) is tried with.
 FEW: dict[str, Any] = {"method": "m3", "pressure_set": "pc2", "residual_modes": 31}
 
-#: Residual modes of the paper's reference, and those that M1 and M2 with 127 modes stand beside.
+#: Residual modes of the paper's reference; M1 and M2 with 127 modes are compared with the second.
 RICH = (60, 61)
 
 #: (31)-(32) as printed.
@@ -70,7 +70,7 @@ def rich_reference(joint: JointData) -> Finding:
     runs = [row for number in RICH for row in ended(joint, **unit, residual_modes=number)]
     need(runs, "M3 pc1 with 60 residual modes")
     best = min(row.worst_error for row in runs)
-    return Finding("; ".join(map(told, runs)), HOLDS if best <= WELL else FAILS)
+    return Finding("; ".join(map(description, runs)), HOLDS if best <= WELL else FAILS)
 
 
 def m1_stiff(joint: JointData) -> Finding:
@@ -88,7 +88,7 @@ def enough_with_31(joint: JointData) -> Finding:
     """M3 with pressure shapes and 31 residual modes, the best of its selections."""
     runs = need(ended(joint, **FEW), "M3 pc2 with 31 residual modes")
     best = min(row.worst_error for row in runs)
-    return Finding("; ".join(map(told, runs)), HOLDS if best <= WELL else FAILS)
+    return Finding("; ".join(map(description, runs)), HOLDS if best <= WELL else FAILS)
 
 
 def literal_selection(joint: JointData) -> Finding:
@@ -99,13 +99,13 @@ def literal_selection(joint: JointData) -> Finding:
         need(others, "M3 pc2 with 31 residual modes, other selections"),
         key=lambda row: row.worst_error,
     )
-    rest = "; ".join(map(told, others))
+    rest = "; ".join(map(description, others))
     planned = joint.planned("methods", **FEW, selection=LITERAL)
     literal = need(planned, "M3 pc2 with 31 residual modes, smallest eigenvalues")[0]
     if broke_down(literal):
         return Finding(f"{family(literal)}: {literal['status']}; {rest}", FAILS)
     good = literal.worst_error <= max(WELL, best.worst_error)
-    return Finding(f"{told(literal)}; {rest}", HOLDS if good else FAILS)
+    return Finding(f"{description(literal)}; {rest}", HOLDS if good else FAILS)
 
 
 def quarter_of_m2(joint: JointData) -> Finding:
@@ -134,7 +134,7 @@ def one_shape_is_not_enough(joint: JointData) -> Finding:
     size = max(row["coordinates"] for row in alone)
     within = [row for row in ended(joint, pressure_set="pc2") if row["coordinates"] <= size]
     both = min(need(within, "M3 pc2 with as many modes"), key=lambda row: row.worst_error)
-    words = "; ".join([*map(told, alone), f"both: {told(both)}"])
+    words = "; ".join([*map(description, alone), f"both: {description(both)}"])
     return Finding(
         words, verdict(row.worst_error > max(WELL, 2 * both.worst_error) for row in alone)
     )
@@ -198,7 +198,7 @@ def independent_numbers(joint: JointData) -> Finding:
         for body in group[1:]
     )
     words = "; ".join(
-        f"{n} vibration modes beside {', '.join(map(str, sorted(set(map(_static, group)))))} "
+        f"{n} vibration modes with {', '.join(map(str, sorted(set(map(_static, group)))))} "
         "static ones"
         for n, group in kept.items()
     )
@@ -341,7 +341,7 @@ STATEMENTS = (
     Statement(
         "4.2",
         "M3 takes less time than M1 and M2 for the same accuracy",
-        "for each run of theirs a run of M3 that is no worse and faster, by 30 % at least",
+        "for each of their runs a run of M3 that is no worse and faster, by 30 % at least",
         m3_fastest,
     ),
     Statement("6", "M2 follows the interface better than M1", _SMALLER, m2_ahead_of_m1),

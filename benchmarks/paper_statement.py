@@ -1,6 +1,6 @@
-"""A statement of the paper, the rule by which it holds, what a study's runs say of it.
+"""A statement of the paper, the rule by which it holds, and the verdict of a study's runs.
 
-Nothing is said before all planned runs that a rule speaks of have ended. A run whose steps or film
+There is no verdict before all planned runs of a rule have ended. A run whose steps or film
 broke down is a result: it is no better than the others.
 """
 
@@ -57,7 +57,7 @@ HIGH_LOAD = 0.75
 #: Numbers of coordinates this close count as equal.
 EQUAL_COORDINATES = 0.1
 
-#: Coordinates that a basis may have beside the modes asked for.
+#: Coordinates that a basis may have in addition to the modes asked for.
 RIGID_MOTION = 6
 
 #: Missing runs that are named.
@@ -84,8 +84,8 @@ class Statement:
     ----------
     place
         Section or figure of the paper.
-    says
-        What it says, in our words.
+    text
+        Statement in our words.
     rule
         When we call it true.
     check
@@ -93,7 +93,7 @@ class Statement:
     """
 
     place: str
-    says: str
+    text: str
     rule: str
     check: Callable[[JointData], Finding]
 
@@ -106,7 +106,7 @@ class Statement:
 
 
 def verdict(truths: Iterable[bool | None]) -> str:
-    """Whether all, some or none of several cases are as stated; None: that cannot be told."""
+    """Whether all, some or none of several cases are as stated; None: not decided."""
     values = list(truths)
     if all(values):
         return HOLDS
@@ -131,7 +131,7 @@ def errors(row: StudyRow) -> str:
     return " / ".join(bounded(row, quantity) for quantity in CURVES)
 
 
-def told(row: StudyRow) -> str:
+def description(row: StudyRow) -> str:
     """A run with its size and errors."""
     return f"{family(row)}, {row['coordinates']:.0f}: {errors(row)}"
 
@@ -172,7 +172,7 @@ def ended(joint: JointData, **wanted: Any) -> list[StudyRow]:
     Raises
     ------
     MissingRunsError
-        One of them has not ended, or failed for a reason that says nothing about its model.
+        One of them has not ended, or failed for a reason that does not concern its model.
     """
     planned = joint.planned("methods", **wanted)
     _refuse([row for row in planned if not (row.measured or broke_down(row))])

@@ -78,12 +78,12 @@ def compare(sizes: list[int], repetitions: int) -> None:
                     found[program, ranks].append(run_case(program, method, size, ranks, []))
             reference, serial, parallel = (found[v] for v in variants)
             seconds = [median(r, "seconds") for r in (reference, serial, parallel)]
-            ours, theirs = (median(r, "flexibility") for r in (serial, reference))
+            value, expected = (median(r, "flexibility") for r in (serial, reference))
             print(
                 f"{int(median(serial, 'size')):7d}  {method:7s}  {seconds[0]:9.2f}  "
                 f"{seconds[1]:10.2f}  {seconds[2]:11.2f}  {seconds[0] / seconds[1]:7.1f}  "
                 f"{seconds[1] / seconds[2]:3.1f}  {memory(serial) / 1e6:11.0f}  "
-                f"{abs(ours / theirs - 1):6.0e}",
+                f"{abs(value / expected - 1):6.0e}",
                 flush=True,
             )
 

@@ -11,7 +11,7 @@
 #
 # reduces the connecting rod, writes `rod.npz` in the keys that Exudyn's
 # `ObjectFFRFreducedOrderInterface.LoadFromFile` reads, and prints the frequencies of the free rod,
-# Exudyn's beside those of the reduction.
+# by Exudyn and by the reduction.
 
 
 from pathlib import Path
@@ -145,5 +145,5 @@ def main() -> tuple[np.ndarray, np.ndarray]:
 
 
 if __name__ == "__main__":
-    for theirs, ours in zip(*main(), strict=True):
-        print(f"{theirs:14.3f} Hz  {ours:14.3f} Hz")
+    for by_exudyn, by_reduction in zip(*main(), strict=True):
+        print(f"{by_exudyn:14.3f} Hz  {by_reduction:14.3f} Hz")

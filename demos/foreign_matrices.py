@@ -105,7 +105,7 @@ def main() -> tuple[float, float]:
     return float(body.frequencies[0]), expected
 
 
-# From here on the body is one like any other: `body.bore_basis` says how the bore moves, and
+# From here on the body is one like any other: `body.bore_basis` is the motion of the bore, and
 # `fenics-ehd run slider-crank --body FILE` takes a rod with a point called `pin`.
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ def mechanism(load: str | Path) -> tuple[ehd.Mechanism, float]:
 # What an engine bearing does, cycle after cycle, is the solution with `e(T) = e(0)`. Cycle after
 # cycle is integrated until no film changes from one to the next: a journal without mass hardly
 # remembers one stroke, so that two or three are enough. The steps of two cycles are not the same:
-# their films differ by about the tolerance, and what repeats itself has to be told apart from that.
+# their films differ by about the tolerance, and a cycle repeats if it differs by no more.
 
 
 def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> ehd.History:

@@ -22,7 +22,7 @@ from fenics_ehd.analysis.bearing import BearingResult
 # ## Operating point
 #
 # The defaults are the big end of the paper's Table 1: radius 22.5 mm, clearance 17 um, width 22 mm,
-# oil of 0.01 Pa s, 500 rad/s. Under 5 kN the shaft sinks into the bore, beside the load line: the
+# oil of 0.01 Pa s, 500 rad/s. Under 5 kN the shaft sinks into the bore, off the load line: the
 # *attitude* is the angle from the load to the line of centres, in direction of rotation.
 
 
@@ -55,7 +55,7 @@ def coefficients(found: BearingResult) -> None:
         (xx, xy), (yx, yy) = 1e-6 * matrix
         print(f"  {name} = [{xx:8.1f} {xy:8.1f}; {yx:8.1f} {yy:8.1f}] {unit}")
     if c.critical_mass is None:
-        print("  no whirl, whatever the mass")
+        print("  no whirl at any mass")
     else:
         print(f"  whirl above {c.critical_mass:.0f} kg, at {c.whirl_ratio:.3f} of the speed")
 

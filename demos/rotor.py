@@ -47,7 +47,7 @@ def shaft() -> ehd.ShaftBody:
 # ## The housing
 #
 # A ring on a web and a foot, held at the foot: no rigid modes, the same code as for a rod. M4 keeps
-# ten modes; whatever else the bore can do answers the pressure at once.
+# ten modes; the remaining flexibility of the bore follows the pressure at once.
 
 
 def housing() -> ehd.ReducedBody:

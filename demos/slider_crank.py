@@ -23,8 +23,8 @@ STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 # Gmsh meshes the rod (600 hexahedra with 20 nodes), dolfinx assembles K and M, and the
 # load-dependent method M3 keeps 6 vibration modes, 2 attachment modes at the piston's pin and 31
 # residual modes that follow the pressures of short and long bearings. The body that comes back
-# holds no array of the size of the part any more; its inventory says what was kept, and where in
-# frequency.
+# holds no array of the size of the part any more; its inventory lists the modes kept, and their
+# frequencies.
 
 
 def reduce() -> ehd.ReducedBody:
@@ -74,8 +74,8 @@ def mechanism(rod: ehd.ReducedBody) -> ehd.Mechanism:
 # middle of the bore; the film builds up within the first tenth of a millisecond, which takes steps
 # of 10 ns, later they are a hundred thousand times longer.
 #
-# Can it be believed? The energy that drive, oil and structure exchange must add up. (The command
-# line says more: how much of the gap the reduction may miss, and a verdict.)
+# Is the run trustworthy? The energy that drive, oil and structure exchange must add up. (The
+# command line prints more: the error of the gap by the reduction, and a verdict.)
 
 
 def main(revolutions: float = 1.0) -> ehd.History:

@@ -1,10 +1,10 @@
 # # The error of each method against its time
 #
 # Which reduction method, and how many modes? A study runs one machine with each of them, measures
-# the curves of peak pressure and thinnest film against those of the full interface, and puts run
-# time beside the error. `fenics-ehd study slider-crank-paper` is the large one; this is the
-# smallest that still says something: four methods over the first degrees of a revolution. Run it
-# with
+# the curves of peak pressure and thinnest film against those of the full interface, and compares
+# run time and error. `fenics-ehd study slider-crank-paper` is the large one; this is the
+# smallest that still shows a difference: four methods over the first degrees of a revolution. Run
+# it with
 #
 #     python demos/study.py [FOLDER]
 #
@@ -79,7 +79,7 @@ def run(folder: Path, workers: int = 1) -> list[dict[str, Any]]:
 
 
 def main(folder: str | Path = "results/demo-study") -> dict[str, dict[str, Any]]:
-    """Run, and print errors beside times."""
+    """Run, and print errors and times."""
     rows = {row["run"]: row for row in run(Path(folder)) if row["group"] == "methods"}
     print(f"{'':28}{'modes':>6}{'pressure':>10}{'film':>9}{'run':>8}")
     for name, row in rows.items():

@@ -71,7 +71,7 @@ def scene_settings(name: str) -> list[str]:
 
 def _settings(cls: type, path: str = "", where: str = "") -> list[tuple[str, str, str]]:
     """Key, default and meaning, sections after the keys of their parent."""
-    own, nested = [], []
+    keys, nested = [], []
     for attribute in declared(cls):
         name, default = f"{path}{attribute.name}", attribute.default
         section = attribute.metadata.get("section")
@@ -81,10 +81,10 @@ def _settings(cls: type, path: str = "", where: str = "") -> list[tuple[str, str
         else:
             if isinstance(default, attrs.Factory):
                 default = default.factory()
-            told = f"must be given{where}" if default is attrs.NOTHING else f"`{_text(default)}`"
+            stated = f"must be given{where}" if default is attrs.NOTHING else f"`{_text(default)}`"
             meaning = attribute.metadata["help"] + _needed(attribute)
-            own.append((f"`{name}`", told, meaning))
-    return own + nested
+            keys.append((f"`{name}`", stated, meaning))
+    return keys + nested
 
 
 def _needed(attribute: attrs.Attribute) -> str:

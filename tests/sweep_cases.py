@@ -1,15 +1,16 @@
 """Short scenes to sweep, and sweeps in this process or another one."""
 
 import csv
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 
 import scene_cases
 from scene_cases import LOAD, tables_of, toml
 
 from fenics_ehd.scenes.scene import as_stored, scene_text
-from fenics_ehd.study.cases import Case, with_values
+from fenics_ehd.study.cases import with_values
 from fenics_ehd.study.plan import FILM, values_in
 from fenics_ehd.study.sweep import SweepFolder, run_sweep
+from fenics_ehd.study.worker import CaseTask
 
 
 def scene_as(name, values):
@@ -31,7 +32,7 @@ SOME_FAIL = ("clearance=14e-6,17e-6,3e-3", "smallest_film=0.01,0.9999")
 MANY = "clearance=10e-6:30e-6:8"
 
 
-class Inline:
+class Inline(Executor):
     """A pool that does everything in this process, and remembers what it was given."""
 
     width = 1
@@ -47,7 +48,7 @@ class Inline:
 
     @property
     def cases(self):
-        return [task.name for task in self.tasks if isinstance(task, Case)]
+        return [task.case.name for task in self.tasks if isinstance(task, CaseTask)]
 
 
 def write_scene(directory, text=SLIDER_CRANK):

@@ -1,4 +1,4 @@
-"""What a report says of the paper's statements, on studies whose answer is known."""
+"""Verdicts on the paper's statements, for studies whose result is known."""
 
 from functools import partial
 
@@ -30,7 +30,7 @@ LONG, SHORT = ({"pressure_set": f"pc2-{name}"} for name in ("long", "short"))
 
 
 @pytest.mark.parametrize("scene", paper.STATEMENTS)
-def test_a_study_without_runs_says_not_run_of_every_statement(scene, tmp_path):
+def test_a_study_without_runs_has_the_verdict_not_run_for_every_statement(scene, tmp_path):
     empty = bearing(scene=scene, directory=tmp_path)
     findings = [statement.judge(empty) for statement in paper.STATEMENTS[scene]]
     assert {finding.verdict for finding in findings} == {NOT_RUN}
@@ -117,7 +117,7 @@ def test_no_verdict_before_the_runs_that_it_needs(check, there, missing, status,
         check(waiting)
 
 
-def test_a_selection_that_could_not_run_is_told_and_fails(tmp_path):
+def test_a_selection_that_could_not_run_is_reported_and_fails(tmp_path):
     failed = without_end(m3(31, **LITERAL), "failed: StepSizeError: 1e-13 s")
     finding = crank.literal_selection(bearing(m3(31), failed, directory=tmp_path))
     assert finding.verdict == FAILS
@@ -158,8 +158,8 @@ def test_flank_behind_the_peak_gets_flatter(tmp_path):
     # exp(-(angle / width)^2) is one half at width sqrt(ln 2); the profile's width is 0.4 rad at
     # 6 ms and 0.6 at 8 ms.
     width = np.degrees(np.sqrt(np.log(2)) * np.array([0.4, 0.6]))
-    told = [float(word) for word in finding.measured.replace(",", "").split() if "." in word]
-    np.testing.assert_allclose(told, width, atol=1.0)
+    stated = [float(word) for word in finding.measured.replace(",", "").split() if "." in word]
+    np.testing.assert_allclose(stated, width, atol=1.0)
     assert finding.verdict == HOLDS
 
 
@@ -176,7 +176,7 @@ def test_vibration_modes_do_not_depend_on_the_residual_ones(tmp_path):
     write_bodies(bearing(*rows, directory=tmp_path).study, *(row["run"] for row in rows))
     finding = crank.independent_numbers(bearing(*rows, directory=tmp_path))
     assert finding.verdict == HOLDS
-    assert "6 vibration modes beside 10, 16 static ones" in finding.measured
+    assert "6 vibration modes with 10, 16 static ones" in finding.measured
     # Bodies of an earlier study, which no row names, are left out.
     with pytest.raises(MissingRunsError, match="different numbers"):
         crank.independent_numbers(bearing(m3(6), directory=tmp_path))

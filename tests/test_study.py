@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +20,6 @@ from fenics_ehd.base.files import claim
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.library import shipped_names
 from fenics_ehd.scenes.scene import scene_text
-from fenics_ehd.study.cases import Case
 from fenics_ehd.study.compare import (
     COLUMNS,
     ERROR_COLUMNS,
@@ -31,6 +31,7 @@ from fenics_ehd.study.compare import (
 )
 from fenics_ehd.study.plan import REFERENCE, film, full, m3, m4, make_study, rigid, steps
 from fenics_ehd.study.sweep import make_sweep
+from fenics_ehd.study.worker import CaseTask
 
 
 @pytest.fixture(scope="module")
@@ -247,7 +248,7 @@ def test_only_what_changed_or_is_missing_runs_again(studied, again):
     assert set(pool.cases) == {"rigid", name}
     assert len(list(again.glob("bodies/*.h5"))) == 2
     # The body that failed is tried again, and no other that is not needed.
-    tried = {body.name for task in pool.tasks if not isinstance(task, Case) for body in task}
+    tried = {body.name for task in pool.tasks if not isinstance(task, CaseTask) for body in task}
     needed = [study.cases[case].bodies for case in (TOO_MANY.name, name, "rigid")]
     assert tried == {body.name for bodies in needed for body in bodies.values()}
     changed = {"rigid", name}
@@ -326,18 +327,29 @@ def test_damaged_runs_and_bodies_are_made_again(studied, again):
 class Damaging(Inline):
     """A pool on a machine that loses the steps of the reference."""
 
+    def __init__(self, scratch):
+        super().__init__()
+        self.scratch = scratch
+
     def submit(self, function, task):
         future = super().submit(function, task)
-        if isinstance(task, Case) and task.name == REFERENCE:
-            cut_history(function.keywords["runs"] / task.name)
-        return future
+        if not isinstance(task, CaseTask) or task.case.name != REFERENCE:
+            return future
+        result = future.result()
+        for name, content in result.files.items():
+            (self.scratch / name).write_bytes(content)
+        cut_history(self.scratch)
+        files = {name: (self.scratch / name).read_bytes() for name in result.files}
+        damaged = Future()
+        damaged.set_result(replace(result, files=files))
+        return damaged
 
 
-def test_a_damaged_reference_is_the_one_that_failed(again):
+def test_a_damaged_reference_is_the_one_that_failed(again, tmp_path_factory):
     study = tiny_study()
     shutil.rmtree(again / "runs" / REFERENCE)
     with StudyFolder(again, study) as folder:
-        rows = run_study(folder, Damaging())
+        rows = run_study(folder, Damaging(tmp_path_factory.mktemp("damaged")))
     failed = {row["run"] for row in rows if row["status"] != "complete"}
     assert failed == {REFERENCE, TOO_MANY.name}
     assert "fewer than two steps after 0.0001 s" in rows[0]["status"]

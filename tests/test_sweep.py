@@ -25,9 +25,9 @@ from sweep_cases import (
 
 import fenics_ehd as ehd
 from fenics_ehd.scenes.scene import scene_text
-from fenics_ehd.study.cases import Case
-from fenics_ehd.study.pool import PROCESSOR_SECONDS, OtherFolderError, Outcome
+from fenics_ehd.study.pool import OtherFolderError
 from fenics_ehd.study.sweep import FIGURES, JOINT_FIGURES, SweepFolder, make_sweep, run_sweep
+from fenics_ehd.study.worker import PROCESSOR_SECONDS, CaseResult, CaseTask, Outcome
 
 THICKER = SLIDER_CRANK.replace("viscosity = 0.01", "viscosity = 0.02")
 
@@ -129,7 +129,7 @@ def test_bodies_of_one_part_are_reduced_together_and_once(tmp_path):
     sweep = make_sweep(write_scene(tmp_path, text), ["method=rigid,m3", "residual_modes=16,31"])
     pool, rows = sweep_inline(sweep, tmp_path / "swept")
     assert [row["status"] for row in rows] == ["complete"] * 4
-    (bodies,) = (task for task in pool.tasks if not isinstance(task, Case))
+    (bodies,) = (task for task in pool.tasks if not isinstance(task, CaseTask))
     found = [body.settings.reduction for body in bodies]
     # What M3 keeps of 31 modes serves 16; the rigid part needs neither.
     assert [(r.method, r.residual_modes) for r in found] == [("m3", 31), ("m3", 16), ("rigid", 31)]
@@ -193,8 +193,9 @@ def test_only_what_is_missing_runs_again(scene, again):
 def test_complete_sweep_runs_nothing(scene, again, capfd):
     plan = make_sweep(scene, ["clearance=14e-6,17e-6"])
     with SweepFolder(again / "full", plan) as folder:
-        for name in folder.cases:
-            folder.add(name, Outcome("complete", {"steps": 7, "energy_balance_error": math.nan}))
+        for case in folder.cases.values():
+            outcome = Outcome("complete", {"steps": 7, "energy_balance_error": math.nan})
+            folder.add(case, CaseResult(outcome))
     status, output, _ = exit_of(
         capfd, "sweep", scene, "--set", "clearance=14e-6,17e-6", "-o", again / "full", "--resume"
     )

@@ -115,6 +115,44 @@ def begin_worker() -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
+#: Functions of OpenBLAS that set and return its number of threads: Debian's and those of wheels,
+#: which have a prefix and, with indices of 64 bits, a suffix.
+THREAD_FUNCTIONS = tuple(
+    (f"{prefix}openblas_set_num_threads{suffix}", f"{prefix}openblas_get_num_threads{suffix}")
+    for prefix in ("", "scipy_")
+    for suffix in ("", "64_")
+)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Have every OpenBLAS in this process use one thread, as results of several differ."""
+    former = [(write, read()) for write, read in _thread_functions()]
+    try:
+        for write, _ in former:
+            write(1)
+        yield
+    finally:
+        for write, threads in former:
+            write(threads)
+
+
+def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
+    """Functions that set and return the number of threads, of every OpenBLAS that is loaded."""
+    try:
+        lines = Path("/proc/self/maps").read_text().splitlines()
+    except OSError:
+        return []
+    paths = {line.partition("/")[2] for line in lines if "blas" in line.rpartition("/")[2]}
+    libraries = [ctypes.CDLL(f"/{path}") for path in sorted(paths)]
+    return [
+        (getattr(library, write), getattr(library, read))
+        for library in libraries
+        for write, read in THREAD_FUNCTIONS
+        if hasattr(library, write)
+    ]
+
+
 def _end_with_parent() -> None:
     """End this process when its parent ends: it would wait for tasks for ever."""
     parent = multiprocessing.parent_process()

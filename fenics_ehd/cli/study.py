@@ -112,8 +112,9 @@ def study(
     from fenics_ehd.scenes.scene import as_stored, input_files
     from fenics_ehd.study.compare import MADE, StudyFolder, run_study
     from fenics_ehd.study.plan import REFERENCE, make_study
-    from fenics_ehd.study.pool import COMPLETE, FailedCasesError, open_pool
+    from fenics_ehd.study.pool import FailedCasesError, open_pool
     from fenics_ehd.study.report.write import write_report
+    from fenics_ehd.study.worker import COMPLETE
 
     target = Path(directory or Path("results") / f"{Path(scene).stem}-study")
     require_made_by(target, StudyFolder.command)
@@ -176,8 +177,9 @@ def sweep(
     """
     from fenics_ehd.base.columns import joint_prefix
     from fenics_ehd.scenes.scene import as_stored, input_files
-    from fenics_ehd.study.pool import COMPLETE, FailedCasesError, open_pool
+    from fenics_ehd.study.pool import FailedCasesError, open_pool
     from fenics_ehd.study.sweep import OWN, SweepFolder, make_sweep, run_sweep
+    from fenics_ehd.study.worker import COMPLETE
 
     if resume and overwrite:
         raise SettingsError("--resume and --overwrite exclude each other")

@@ -43,6 +43,7 @@ import numpy as np
 from fenics_ehd.base.arguments import require_callable, require_class
 from fenics_ehd.base.columns import with_unit
 from fenics_ehd.base.extremes import FilmRows
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED, AsperityContact
@@ -56,6 +57,7 @@ from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, fil
 EQUAL = 1e-9
 
 
+@renamed_attributes(place="binding")
 @dataclass(frozen=True, eq=False)
 class JointStep:
     """A lubricated joint at the end of a step.

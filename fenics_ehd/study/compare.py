@@ -18,6 +18,7 @@ import os
 import platform
 import re
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -40,7 +41,7 @@ from fenics_ehd.scenes.run import stored_bodies
 from fenics_ehd.scenes.scene import Scene, changed
 from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
-from fenics_ehd.study.pool import ProcessPool, RunsFolder, run_cases
+from fenics_ehd.study.pool import RunsFolder, run_cases
 
 #: Differences of the curves of peak pressure and minimum film thickness of two runs: the largest,
 #: over the largest peak, or relative; and the root mean square over time, over that of the curve.
@@ -452,7 +453,9 @@ def machine() -> dict[str, object]:
     }
 
 
-def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
+def run_study(
+    folder: StudyFolder, pool: Executor, *, executor: Executor | None = None
+) -> list[dict[str, Any]]:
     """Run what is missing and write ``study.json``, ``reference.json`` and ``table.csv``.
 
     A run that fails is a row with its reason and ends nothing; so does one whose files cannot be
@@ -463,8 +466,8 @@ def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
     ----------
     folder
         Of the study.
-    pool
-        Workers.
+    pool, executor
+        Workers, see `run_cases`.
 
     Returns
     -------
@@ -476,11 +479,16 @@ def run_study(folder: StudyFolder, pool: ProcessPool) -> list[dict[str, Any]]:
     calls = read_json(path)["calls"] if path.exists() else []
     if missing:
         date = datetime.now(UTC).strftime("%Y-%m-%d")
-        own = {"date": date, "version": __version__, "workers": pool.width, "runs": len(missing)}
+        own = {
+            "date": date,
+            "version": __version__,
+            "workers": getattr(executor or pool, "width", None),
+            "runs": len(missing),
+        }
         calls.append(own)
     folder.write(STUDY, describe_study(folder.study) | {"calls": calls})
     folder.write_tables()
     # Those with the shortest steps take longest.
     missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))
-    run_cases(folder, missing, pool)
+    run_cases(folder, missing, pool, executor=executor)
     return folder.rows()

@@ -1,35 +1,32 @@
-"""Many runs: their folder, a pool of processes, bodies made once, then the runs.
+"""Many runs: their folder, workers, bodies made once, then the runs.
 
-Errors come back from a process as text in one line: they may not survive the way themselves, and a
-film that failed carries its arrays. A process that dies costs its own task only.
-
-What a body took is in its provenance: of a part's first body mesh and matrices are included, a
-later one adds little where it finds factors, modes and responses of those before it.
+Cases go to any `concurrent.futures.Executor`; processes of this machine are the default, and
+reductions always take those. A process that dies costs its own task only.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
+    Executor,
     Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import AbstractContextManager, ExitStack, suppress
-from dataclasses import dataclass, field, replace
+from contextlib import ExitStack
 from functools import partial
 from itertools import chain
-from math import inf
 from pathlib import Path
-from time import perf_counter, process_time, sleep
+from time import sleep
 from typing import Any, ClassVar, TypeVar
 
 from mpi4py import MPI
@@ -41,7 +38,6 @@ from fenics_ehd.base.files import (
     claim,
     clear,
     locked,
-    made_by,
     new_part,
     read_json,
     require_writable,
@@ -49,18 +45,20 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.processes import begin_worker, interrupt_between_steps
-from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
-from fenics_ehd.multibody.mechanism import Mechanism
-from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
-from fenics_ehd.reduction.reductor import Reductor
-from fenics_ehd.reduction.structure import Structure
-from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
-from fenics_ehd.scenes.build import build
+from fenics_ehd.reduction.body import load_body
+from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.needed_bodies import NeededBody
-from fenics_ehd.scenes.part import elastic_part
-from fenics_ehd.scenes.run import run_scene
-from fenics_ehd.scenes.scene import flexible
 from fenics_ehd.study.cases import Case
+from fenics_ehd.study.worker import (
+    CaseResult,
+    CaseTask,
+    Outcome,
+    StoredBody,
+    body_path,
+    failed,
+    reduce_part,
+    run_case,
+)
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -73,39 +71,17 @@ class WorkerDiedError(EhdError):
     """The process of a worker ended in the middle of its work."""
 
 
-#: Status of a run whose figures can be trusted.
-COMPLETE = "complete"
-
-
 class FailedCasesError(EhdError):
     """Some cases failed; the rows of all others are complete."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """``"complete"`` or what went wrong, and the figures of a run that came to its end."""
-
-    status: str
-    figures: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def complete(self) -> bool:
-        """True where its figures can be trusted."""
-        return self.status == COMPLETE
-
-
-def failed(error: BaseException) -> Outcome:
-    """Outcome of an error: its name and message."""
-    return Outcome("failed: " + " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split()))
-
-
 def open_pool(workers: int | None) -> ProcessPool:
-    """Processes, as many as cores where no number is given; a context.
+    """Processes of this machine, one for each core if no number is given; a context.
 
     Raises
     ------
     SettingsError
-        Several ranks were started.
+        The program runs on several ranks.
     """
     if MPI.COMM_WORLD.size > 1:
         raise SettingsError(
@@ -115,37 +91,62 @@ def open_pool(workers: int | None) -> ProcessPool:
 
 
 def outcomes(
-    pool: ProcessPool,
+    executor: Executor,
     function: Callable[[T], R],
     tasks: Iterable[T],
     check: Callable[[], None],
 ) -> Iterator[tuple[T, R | Outcome]]:
-    """Results of tasks as they end; of one whose process died, for want of memory say, why.
+    """Results of tasks in the order in which they end; an error gives a failed `Outcome`.
 
     Parameters
     ----------
-    pool
-        The workers.
+    executor
+        Carries the tasks.
     function
-        Called with every task.
+        Called with every task; a function of a module, which can be pickled.
     tasks
-        What to do.
+        Arguments of the function.
     check
         Called a few times a second; may raise `KeyboardInterrupt`.
     """
-    waiting = {pool.submit(function, task): task for task in tasks}
-    while waiting:
-        ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
-        check()
-        for future in ended:
-            yield waiting.pop(future), future.result()
+    waiting: dict[Future[R], T] = {}
+    try:
+        for task in tasks:
+            try:
+                waiting[executor.submit(function, task)] = task
+            except Exception as error:  # an executor that is broken or was shut down
+                yield task, failed(error)
+        while waiting:
+            ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
+            check()
+            for future in ended:
+                result = _result(future)
+                yield waiting.pop(future), result
+    finally:
+        for future in waiting:
+            future.cancel()
 
 
-class ProcessPool(AbstractContextManager["ProcessPool"]):
-    """Processes of this machine, for each a thread that waits for it, and an executor of its own.
+def _result(future: Future[R]) -> R | Outcome:
+    """Result of a task that ended, or its error as an outcome."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return failed(WorkerDiedError("its process ended, for want of memory perhaps"))
+    except Exception as error:
+        return failed(error)
 
-    An executor takes all of its processes with it when one dies. They are spawned: MPI and PETSc
-    do not survive a fork. They end with this process, even if it is killed.
+
+class ProcessPool(Executor):
+    """Processes of this machine: each has a thread that waits for it and an executor of its own.
+
+    An executor loses all of its processes when one dies, so each has one only. Processes are
+    spawned: MPI and PETSc do not survive a fork. They end with this process, even if it is killed.
+
+    Attributes
+    ----------
+    width
+        Number of processes.
     """
 
     def __init__(self, width: int):
@@ -155,35 +156,37 @@ class ProcessPool(AbstractContextManager["ProcessPool"]):
         self._futures: list[Future[Any]] = []
         self._others = set(multiprocessing.active_children())
 
-    def submit(self, function: Callable[[T], R], task: T) -> Future[R | Outcome]:
-        """Have a task done by the next process that is free."""
-        future = self._threads.submit(self._answer, function, task)
+    def submit(self, function: Callable[..., R], /, *arguments: Any, **keywords: Any) -> Future[R]:
+        """Have a function called in the next process that is free."""
+        future = self._threads.submit(partial(self._call, function, *arguments, **keywords))
         self._futures.append(future)
         return future
 
-    def _answer(self, function: Callable[[T], R], task: T) -> R | Outcome:
-        """Answer of this thread's process, or that it died."""
+    def _call(self, function: Callable[..., R], *arguments: Any, **keywords: Any) -> R:
+        """Result of a call in this thread's process."""
         thread = threading.get_ident()
         try:
-            future = self._executors[thread].submit(function, task)
+            future = self._executors[thread].submit(function, *arguments, **keywords)
         except (KeyError, BrokenExecutor):
             self._executors[thread] = ProcessPoolExecutor(
                 1, multiprocessing.get_context("spawn"), initializer=begin_worker
             )
-            future = self._executors[thread].submit(function, task)
-        if isinstance(future.exception(), BrokenExecutor):
-            return failed(WorkerDiedError("its process ended, for want of memory perhaps"))
+            future = self._executors[thread].submit(function, *arguments, **keywords)
         return future.result()
 
-    def __exit__(self, *_: object) -> None:
-        self._threads.shutdown(wait=False, cancel_futures=True)
-        while not all(future.done() for future in self._futures):
-            # PETSc answers a mere termination with a page of advice.
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes, after their tasks or, if these are cancelled, at once."""
+        self._threads.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
+        while cancel_futures and not all(future.done() for future in self._futures):
+            # PETSc prints a page of advice when it is merely terminated.
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
             sleep(POLL)
         for executor in self._executors.values():
             executor.shutdown()
+
+    def __exit__(self, *_: object) -> None:
+        self.shutdown(cancel_futures=True)
 
 
 def _block_interrupts() -> None:
@@ -194,30 +197,20 @@ def _block_interrupts() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
 
 
-#: Entries of a body's provenance: what it took, by the clock and of the processor.
-SECONDS = "reduction_time_s"
-PROCESSOR_SECONDS = "reduction_processor_time_s"
-
-
-def body_path(directory: Path, body: NeededBody) -> Path:
-    """File of a reduced body in the folder of all of them."""
-    return directory / f"{body.name}.h5"
-
-
 def reduce_missing(
-    cases: Iterable[Case], directory: Path, pool: ProcessPool, check: Callable[[], None]
+    cases: Iterable[Case], directory: Path, pool: Executor, check: Callable[[], None]
 ) -> Mapping[str, Outcome]:
-    """Reduce what cases need and is not there, or cannot be read; those that failed, by name."""
+    """Reduce the bodies whose files are missing or damaged; outcomes of failures, by name."""
     needed = {body.name: body for case in cases for body in case.bodies.values()}
     parts: dict[str, list[NeededBody]] = {}
     for body in needed.values():
-        if not _there(body_path(directory, body)):
+        if not _is_usable(body_path(directory, body)):
             parts.setdefault(body.part, []).append(body)
     reduce = partial(reduce_part, directory=directory)
     failures: dict[str, Outcome] = {}
     for bodies, answer in outcomes(pool, reduce, map(in_turn, parts.values()), check):
         if isinstance(answer, Outcome):
-            lost = (body for body in bodies if not _there(body_path(directory, body)))
+            lost = (body for body in bodies if not _is_usable(body_path(directory, body)))
             failures |= {body.name: answer for body in lost}
         else:
             failures |= answer
@@ -225,7 +218,7 @@ def reduce_missing(
 
 
 def in_turn(bodies: Iterable[NeededBody]) -> Sequence[NeededBody]:
-    """Reductions that share most beside each other, the largest first: see `Reductor`."""
+    """Bodies in an order in which reductions that share most are neighbours, see `Reductor`."""
 
     def order(body: NeededBody) -> Any:
         r = body.settings.reduction
@@ -234,59 +227,12 @@ def in_turn(bodies: Iterable[NeededBody]) -> Sequence[NeededBody]:
     return sorted(bodies, key=order)
 
 
-def _there(path: Path) -> bool:
+def _is_usable(path: Path) -> bool:
     try:
         load_body(path)
     except BodyFileError:
         return False
     return True
-
-
-def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outcome]:
-    """Reduce bodies of one part on this process alone and save them; those that failed."""
-    clocks = perf_counter(), process_time()
-    first = bodies[0]
-    try:
-        part = elastic_part(first.settings, first.key, first.film_element, MPI.COMM_SELF)
-        assert isinstance(part.source, Structure)
-        reductor = Reductor(part.source, solver=first.settings.reduction.solver)
-    except Exception as error:
-        return {body.name: failed(error) for body in bodies}
-    failures = {}
-    directory.mkdir(parents=True, exist_ok=True)
-    for body in bodies:
-        try:
-            made = replace(part, settings=body.settings).reduce(reductor=reductor)
-            seconds = perf_counter() - clocks[0], process_time() - clocks[1]
-            taken = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, seconds), strict=True))
-            kept = replace(made.body, provenance={**made.body.provenance, **taken})
-            save_body(kept, body_path(directory, body))
-        except Exception as error:
-            failures[body.name] = failed(error)
-        clocks = perf_counter(), process_time()
-    return failures
-
-
-def part_figures(bodies: Collection[ReducedBody]) -> dict[str, float]:
-    """Figures of the bodies of a run, all together.
-
-    Returns
-    -------
-    dict
-        ``coordinates``, ``highest_frequency_Hz``, ``offline_s`` (processor time that they added),
-        ``pressure_columns`` and ``dropped_columns`` of what depends on the others.
-    """
-    return {
-        "coordinates": sum(body.modes for body in bodies),
-        "highest_frequency_Hz": max(
-            (float(body.frequencies.max(initial=0.0)) for body in bodies), default=0.0
-        ),
-        "offline_s": sum(float(body.provenance[PROCESSOR_SECONDS]) for body in bodies),
-        "pressure_columns": sum(
-            len(bore.pressure_coordinates) for body in bodies for bore in body.bores.values()
-        ),
-        "dropped_columns": sum(int(body.accuracy.get("static_dropped", 0)) for body in bodies),
-    }
 
 
 class OtherFolderError(InputError):
@@ -310,32 +256,32 @@ class RunsFolder(ExitStack):
     Parameters
     ----------
     directory
-        Created when missing.
+        Created if it is missing.
     cases
-        Runs of the folder.
+        Cases of the folder.
     made
-        What is kept there beside reduced bodies, which are named by what they are and stay. The
-        first of it is a JSON file that says what the runs are of.
+        Names of files and folders there, without reduced bodies, whose names are checksums and
+        which are kept. The first is a JSON file that describes the study or sweep.
     about
-        Its entries that must be these where it is there.
+        Entries that this JSON file must have if it exists.
     overwrite
-        Begin anew, whatever was made there.
+        Remove what a former study or sweep made there.
 
     Attributes
     ----------
     command
-        That makes such folders.
+        Name of the command that makes such folders.
     cases, outcomes
-        Runs by name, and what came of those that ended.
+        Cases by name, and outcomes of the runs that ended.
 
     Raises
     ------
     OtherFolderError
-        It is that of something else.
+        The folder is of another study or sweep.
     InputError
-        It cannot be written to, or holds files of others under these names.
+        The folder cannot be written to, or has foreign files under these names.
     InUseError
-        Another process works in it.
+        Another process uses the folder.
     """
 
     command: ClassVar[str]
@@ -368,16 +314,16 @@ class RunsFolder(ExitStack):
         """Write tables of the runs that ended."""
 
     def _require_same(self, path: Path, about: Mapping[str, Any]) -> None:
-        """Refuse what was made of something else."""
+        """Refuse a JSON file of another study or sweep."""
         if not path.exists():
             return
         try:
-            theirs = dict(read_json(path))
+            stored = dict(read_json(path))
         except (OSError, ValueError, TypeError):
             raise OtherFolderError(path, "it is unreadable") from None
-        for key, ours in about.items():
-            if theirs.get(key) != ours:
-                raise OtherFolderError(path, f"{key} = {theirs.get(key)} there, {ours} here")
+        for key, value in about.items():
+            if stored.get(key) != value:
+                raise OtherFolderError(path, f"{key} = {stored.get(key)} there, {value} here")
 
     @property
     def bodies(self) -> Path:
@@ -389,19 +335,19 @@ class RunsFolder(ExitStack):
         return self.path / "runs" / name
 
     def write(self, name: str, values: Mapping[str, Any]) -> None:
-        """Write a JSON file, whole or not at all."""
+        """Write a JSON file; it is complete or absent."""
         write_whole(self.path / name, to_json(values) + "\n")
 
     def read(self, name: str) -> None:
-        """Read the files of a complete run, as far as something is made of them."""
+        """Read the files of a complete run that the tables need."""
 
     def stored(self, name: str) -> Outcome | None:
-        """Outcome of a run; None: it did not run, with other settings or version, or is damaged."""
+        """Outcome of a former run; None if there is none of these settings and this version."""
         try:
-            found = read_json(self.run(name) / OUTCOME)
-            if found["identity"] != self.cases[name].identity:
+            record = read_json(self.run(name) / OUTCOME)
+            if record["identity"] != self.cases[name].identity:
                 return None
-            outcome = Outcome(found["status"], found["figures"])
+            outcome = Outcome(record["status"], record["figures"])
             if outcome.complete:
                 self.read(name)
         except (*DAMAGE, OSError, TypeError):
@@ -409,45 +355,79 @@ class RunsFolder(ExitStack):
         return outcome
 
     def take_stock(self) -> list[Case]:
-        """Account for what is there; cases that are not complete."""
-        found = {name: self.stored(name) for name in self.cases}
-        self.outcomes = {name: outcome for name, outcome in found.items() if outcome is not None}
+        """Read the outcomes of former runs; cases that are not complete."""
+        stored = {name: self.stored(name) for name in self.cases}
+        self.outcomes = {name: outcome for name, outcome in stored.items() if outcome is not None}
         complete = {name for name, outcome in self.outcomes.items() if outcome.complete}
         return [case for name, case in self.cases.items() if name not in complete]
 
-    def add(self, name: str, outcome: Outcome) -> None:
-        """Account for a run that ended, on the disk too; with unusable files it has failed."""
+    def tasks(self, cases: Iterable[Case], keep: bool, *, travel: bool) -> Iterator[CaseTask]:
+        """Tasks of cases; bodies as bytes, each read once, if cases travel to other machines."""
+        contents: dict[Path, bytes] = {}
+        for case in cases:
+            bodies = {}
+            for name, body in case.bodies.items():
+                path = body_path(self.bodies, body)
+                if travel and path not in contents:
+                    contents[path] = path.read_bytes()
+                bodies[name] = StoredBody(path, contents.get(path))
+            yield CaseTask(case, bodies, self.command, keep)
+
+    def add(self, case: Case, result: CaseResult) -> None:
+        """Record a run that ended, on the disk too; a run with unusable files has failed."""
+        outcome = result.outcome
         try:
+            self._write_run(case, result.files)
             if outcome.complete:
-                self.read(name)
-        except DAMAGE as error:
+                self.read(case.name)
+        except (*DAMAGE, OSError) as error:
             outcome = failed(error)
-        claim(self.run(name), [OUTCOME])
+        claim(self.run(case.name), [OUTCOME])
         contents = {
-            "identity": self.cases[name].identity,
+            "identity": case.identity,
             "status": outcome.status,
             "figures": outcome.figures,
         }
-        self.write(f"runs/{name}/{OUTCOME}", contents)
-        self.outcomes[name] = outcome
+        self.write(f"runs/{case.name}/{OUTCOME}", contents)
+        self.outcomes[case.name] = outcome
         self.write_tables()
+
+    def _write_run(self, case: Case, files: Mapping[str, bytes]) -> None:
+        """Replace the files of a run, its bodies among them; the summary comes last."""
+        directory = self.run(case.name)
+        clear(directory)
+        if not files:
+            return
+        bodies = {BODY_FILE.format(name): body for name, body in case.bodies.items()}
+        claim(directory, [*files, *bodies], self.command)
+        for name, body in bodies.items():
+            _share(body_path(self.bodies, body), directory / name)
+        for name, content in files.items():
+            write_whole(directory / name, content)
 
 
 def run_cases(
-    folder: RunsFolder, cases: Sequence[Case], pool: ProcessPool, *, keep: bool = True
+    folder: RunsFolder,
+    cases: Sequence[Case],
+    pool: Executor,
+    *,
+    executor: Executor | None = None,
+    keep: bool = True,
 ) -> None:
     """Run cases as ``fenics-ehd run`` does, those whose body fails first; Ctrl-C between two.
 
     Parameters
     ----------
     folder
-        Of all cases, which accounts for each that ended.
+        Of all cases; it accounts for each that ended.
     cases
         In the order in which they begin.
     pool
-        Workers.
+        Processes of this machine, for reductions, and for cases without an executor.
+    executor
+        Carries the cases; bodies travel as bytes.
     keep
-        Whether results of each stay in its folder.
+        Whether the files of each run are kept in its folder.
     """
     with (
         tqdm(
@@ -466,71 +446,24 @@ def run_cases(
             for body in case.bodies.values()
             if body.name in failures
         }
-        ready = [case for case in cases if case not in lost]
-        run = partial(run_case, bodies=folder.bodies, runs=folder.path / "runs", keep=keep)
+        ready = (case for case in cases if case not in lost)
+        tasks = folder.tasks(ready, keep, travel=executor is not None)
+        results = outcomes(executor or pool, run_case, tasks, check)
+        ended = ((task.case, result) for task, result in results)
         incomplete = 0
-        for case, outcome in chain(lost.items(), outcomes(pool, run, ready, check)):
-            folder.add(case.name, outcome)
-            incomplete += not outcome.complete
+        for case, result in chain(lost.items(), ended):
+            folder.add(case, result if isinstance(result, CaseResult) else CaseResult(result))
+            incomplete += not folder.outcomes[case.name].complete
             bar.set_postfix_str(f"{incomplete} failed", refresh=False)
             bar.update()
 
 
-def run_case(case: Case, bodies: Path, runs: Path, keep: bool) -> Outcome:
-    """Run a case anew into its folder; what ends it early is its status.
-
-    Parameters
-    ----------
-    case
-        What is run.
-    bodies, runs
-        Folders of all reduced bodies and of all runs.
-    keep
-        Whether the results stay.
-
-    Returns
-    -------
-    Outcome
-        Its figures are those of its summary, of its bodies, and the cells of its films by joint.
-    """
-    directory = runs / case.name
-    clear(directory)
-    try:
-        summary = _run(case, bodies, directory)
-    except Exception as error:
-        return failed(error)
-    finally:
-        if not keep:
-            clear(directory)
-    return Outcome(str(summary["status"]), summary)
-
-
-def _run(case: Case, bodies: Path, directory: Path) -> dict[str, Any]:
-    files = {name: body_path(bodies, body) for name, body in case.bodies.items()}
-    loaded = {name: load_body(path) for name, path in files.items()}
-    built = build(case.scene, bodies=loaded)
-    seconds = sum(float(body.provenance[SECONDS]) for body in loaded.values())
-    with RunFolder(directory, flexible(case.scene), command=made_by(directory.parent)) as folder:
-        try:
-            own = replace(built, seconds=seconds)
-            summary = run_scene(case.scene, own, folder.path, interval=inf, alone=False)
-        finally:
-            for name, path in files.items():
-                _share(path, folder.path / BODY_FILE.format(name))
-    return summary | part_figures(loaded.values()) | {"film_cells": _film_cells(built.mechanism)}
-
-
-def _film_cells(mechanism: Mechanism) -> dict[str, str]:
-    """Cells around and along of the film in every lubricated joint, ``"20x5"``."""
-    films = {n: j.film for n, j in mechanism.joints.items() if isinstance(j, LubricatedJoint)}
-    grids = {name: film.parameters.grid for name, film in films.items()}
-    return {n: f"{len(grid.angles) - 1}x{len(grid.heights) - 1}" for n, grid in grids.items()}
-
-
 def _share(file: Path, copy: Path) -> None:
-    """Have a copy share the file's place on the disk: many runs have a body in common."""
-    with suppress(OSError):  # a file system without links: the copy stays
-        link = new_part(copy)
-        link.unlink()
+    """Put a link to a body's file into a run's folder: many runs have a body in common."""
+    link = new_part(copy)
+    link.unlink()
+    try:
         os.link(file, link)
-        link.replace(copy)
+    except OSError:  # a file system without links
+        shutil.copyfile(file, link)
+    link.replace(copy)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from fenics_ehd.study.cases import (
     scene_values,
     write_table,
 )
-from fenics_ehd.study.pool import ProcessPool, RunsFolder, run_cases
+from fenics_ehd.study.pool import RunsFolder, run_cases
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,18 +215,22 @@ class SweepFolder(RunsFolder):
 
 
 def run_sweep(
-    folder: SweepFolder, pool: ProcessPool, *, keep: bool = False
+    folder: SweepFolder,
+    pool: Executor,
+    *,
+    executor: Executor | None = None,
+    keep: bool = False,
 ) -> list[dict[str, Any]]:
     """Run every case that is not complete, and add its row.
 
     Parameters
     ----------
     folder
-        Of the sweep.
-    pool
-        Workers.
+        Folder of the sweep.
+    pool, executor
+        Workers, see `run_cases`.
     keep
-        Keep the results of every case in ``runs/0001`` and so on.
+        Whether the results of every case are kept, in ``runs/0001`` and so on.
 
     Returns
     -------
@@ -234,5 +239,5 @@ def run_sweep(
     """
     missing = folder.take_stock()
     folder.write_tables()
-    run_cases(folder, missing, pool, keep=keep)
+    run_cases(folder, missing, pool, executor=executor, keep=keep)
     return folder.rows()

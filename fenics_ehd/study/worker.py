@@ -1,0 +1,267 @@
+"""What a worker does for a study or sweep: reduce the bodies of one part, or run one case.
+
+A case is a function of values that returns values, so that any `concurrent.futures.Executor` can
+carry it. Bodies come as files of this machine or as their bytes; files of the run return as bytes,
+and the caller writes them. A case runs on this process alone (``MPI.COMM_SELF``), on one thread of
+the BLAS, and no two cases run at a time in a process. Files that a scene names, tables for example,
+are read where the case runs.
+
+Errors return as text in one line: exceptions may not survive pickling, and the error of a film
+carries its arrays.
+
+The time of a reduction is in the body's provenance. The first body of a part includes mesh and
+matrices; a later one takes little if factors, modes and responses of former ones serve it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter, process_time
+from typing import Any
+
+from mpi4py import MPI
+
+from fenics_ehd.base.files import SUMMARY, listed
+from fenics_ehd.base.processes import one_blas_thread
+from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
+from fenics_ehd.reduction.reductor import Reductor
+from fenics_ehd.reduction.structure import Structure
+from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.needed_bodies import NeededBody
+from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.run import run_scene
+from fenics_ehd.scenes.scene import flexible
+from fenics_ehd.study.cases import Case
+
+#: Status of a run whose figures can be trusted.
+COMPLETE = "complete"
+
+#: Entries of a body's provenance: wall time and processor time of its reduction [s].
+SECONDS = "reduction_time_s"
+PROCESSOR_SECONDS = "reduction_processor_time_s"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of a run.
+
+    Attributes
+    ----------
+    status
+        ``"complete"``, or the reason for which the run has failed.
+    figures
+        Figures of a run that reached its end, by name.
+    """
+
+    status: str
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def complete(self) -> bool:
+        """True if the figures can be trusted."""
+        return self.status == COMPLETE
+
+
+def failed(error: BaseException) -> Outcome:
+    """Outcome of an error: its name and message."""
+    return Outcome("failed: " + " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split()))
+
+
+def body_path(directory: Path, body: NeededBody) -> Path:
+    """File of a reduced body in the folder of all of them."""
+    return directory / f"{body.name}.h5"
+
+
+def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outcome]:
+    """Reduce bodies of one part on this process alone and save them.
+
+    Parameters
+    ----------
+    bodies
+        Bodies of the same part, in the order of their reductions.
+    directory
+        Folder of all bodies; each is saved as soon as it is reduced.
+
+    Returns
+    -------
+    dict
+        Outcomes of the bodies that failed, by name.
+    """
+    wall_start = perf_counter()
+    processor_start = process_time()
+    first = bodies[0]
+    try:
+        part = elastic_part(first.settings, first.key, first.film_element, MPI.COMM_SELF)
+        assert isinstance(part.source, Structure)
+        reductor = Reductor(part.source, solver=first.settings.reduction.solver)
+    except Exception as error:
+        return {body.name: failed(error) for body in bodies}
+    failures = {}
+    directory.mkdir(parents=True, exist_ok=True)
+    for body in bodies:
+        try:
+            reduced = replace(part, settings=body.settings).reduce(reductor=reductor).body
+            seconds = {
+                SECONDS: repr(perf_counter() - wall_start),
+                PROCESSOR_SECONDS: repr(process_time() - processor_start),
+            }
+            timed = replace(reduced, provenance={**reduced.provenance, **seconds})
+            save_body(timed, body_path(directory, body))
+        except Exception as error:
+            failures[body.name] = failed(error)
+        wall_start = perf_counter()
+        processor_start = process_time()
+    return failures
+
+
+@dataclass(frozen=True)
+class StoredBody:
+    """File of a reduced body, on a disk that the worker reads or as its bytes.
+
+    Attributes
+    ----------
+    path
+        File on the caller's machine.
+    content
+        Bytes of that file; None if the worker reads the same disk.
+    """
+
+    path: Path
+    content: bytes | None = None
+
+    def load(self, directory: Path) -> ReducedBody:
+        """Load the body; bytes are first written to a file in the folder.
+
+        Raises
+        ------
+        BodyFileError
+            See `load_body`.
+        """
+        if self.content is None:
+            return load_body(self.path)
+        copy = directory / self.path.name
+        copy.write_bytes(self.content)
+        return load_body(copy)
+
+
+@dataclass(frozen=True)
+class CaseTask:
+    """A case with all that its run needs.
+
+    Attributes
+    ----------
+    case
+        The case.
+    bodies
+        Its reduced bodies, by their names in the scene.
+    command
+        Command that makes the run's folder.
+    keep
+        Whether the files of the run are returned.
+    """
+
+    case: Case
+    bodies: Mapping[str, StoredBody]
+    command: str
+    keep: bool
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """Result of a case.
+
+    Attributes
+    ----------
+    outcome
+        Its figures are those of the summary, of the bodies, and ``film_cells`` by joint.
+    files
+        Files of the run by name, all but its bodies, the summary last; empty if none are kept.
+    """
+
+    outcome: Outcome
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+
+#: One case at a time in a process: PETSc, the form cache and the working folder are its own.
+_ALONE = threading.Lock()
+
+
+def run_case(task: CaseTask) -> CaseResult:
+    """Run a case as ``fenics-ehd run`` does; an error that ends it is its status."""
+    with (
+        _ALONE,
+        one_blas_thread(),
+        TemporaryDirectory(prefix="fenics-ehd-", ignore_cleanup_errors=True) as scratch,
+    ):
+        directory = Path(scratch, task.case.name)
+        try:
+            summary = _summary(task, directory)
+            outcome = Outcome(str(summary["status"]), summary)
+        except Exception as error:
+            outcome = failed(error)
+            outcome = Outcome(outcome.status.replace(f"{directory}/", ""), outcome.figures)
+        return CaseResult(outcome, _files(directory) if task.keep else {})
+
+
+def _summary(task: CaseTask, directory: Path) -> dict[str, Any]:
+    """Summary of the run, and figures of its bodies and films."""
+    scene = task.case.scene
+    bodies = {name: body.load(directory.parent) for name, body in task.bodies.items()}
+    built = build(scene, bodies=bodies)
+    seconds = sum(float(body.provenance[SECONDS]) for body in bodies.values())
+    timed = replace(built, seconds=seconds)
+    with RunFolder(directory, flexible(scene), command=task.command) as folder:
+        summary = run_scene(scene, timed, folder.path, interval=inf, alone=False)
+    return summary | part_figures(bodies.values()) | {"film_cells": _film_cells(built.mechanism)}
+
+
+def _files(directory: Path) -> dict[str, bytes]:
+    """Contents of the files in a run's folder by name, without bodies, the summary last."""
+    bodies = BODY_FILE.partition("{")[0]
+    names = [
+        name
+        for name in listed(directory)
+        if not name.startswith(bodies) and (directory / name).is_file()
+    ]
+    names.sort(key=lambda name: name == SUMMARY)
+    return {name: (directory / name).read_bytes() for name in names}
+
+
+def part_figures(bodies: Collection[ReducedBody]) -> dict[str, float]:
+    """Figures of the bodies of a run, all together.
+
+    Returns
+    -------
+    dict
+        ``coordinates``, ``highest_frequency_Hz``, ``offline_s`` (processor time that they added),
+        ``pressure_columns`` and ``dropped_columns`` (columns that depend on the others).
+    """
+    return {
+        "coordinates": sum(body.modes for body in bodies),
+        "highest_frequency_Hz": max(
+            (float(body.frequencies.max(initial=0.0)) for body in bodies), default=0.0
+        ),
+        "offline_s": sum(float(body.provenance[PROCESSOR_SECONDS]) for body in bodies),
+        "pressure_columns": sum(
+            len(bore.pressure_coordinates) for body in bodies for bore in body.bores.values()
+        ),
+        "dropped_columns": sum(int(body.accuracy.get("static_dropped", 0)) for body in bodies),
+    }
+
+
+def _film_cells(mechanism: Mechanism) -> dict[str, str]:
+    """Cells around and along of the film in every lubricated joint, ``"20x5"``."""
+    grids = {
+        name: joint.film.parameters.grid
+        for name, joint in mechanism.joints.items()
+        if isinstance(joint, LubricatedJoint)
+    }
+    return {name: f"{len(grid.angles) - 1}x{len(grid.heights) - 1}" for name, grid in grids.items()}
