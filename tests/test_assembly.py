@@ -43,7 +43,9 @@ class Prism:
         turn = np.cumsum(np.append(0.0, 2 * np.arcsin(self.sides / (2 * radius))))
         self.polygon = radius * np.column_stack([np.cos(turn), np.sin(turn)])
         around, along = grid.cells
-        corners = self.place(np.repeat(grid.angles[:-1], along + 1), np.tile(grid.heights, around))
+        corners = self.binding(
+            np.repeat(grid.angles[:-1], along + 1), np.tile(grid.heights, around)
+        )
         i, j = (x.ravel() for x in np.meshgrid(range(around), range(along), indexing="ij"))
         number = [((i + a) % around) * (along + 1) + j + b for b in (0, 1) for a in (0, 1)]
         self.cells = np.column_stack(number)

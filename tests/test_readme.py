@@ -36,14 +36,14 @@ SLOW = {
     },
     "docs/pictures.md": {"Pictures", "Two runs"},
     "docs/results.md": {"Results of a run", "In ParaView"},
-    "docs/tutorial-motorcycle.md": {"What is known, written down", "The answer", "What if"},
+    "docs/tutorial-motorcycle.md": {"Known data, as a scene", "Results", "Variations"},
     "docs/own-part.md": {
         "Your own part", "A drawing", "A bore with chamfers and an oil hole", "A mesh",
         "A mesh with an oil hole", "Hexahedra", "Matrices of CalculiX",
     },
     "docs/own-scene.md": {"Settings", "Loads from tables", "Another machine"},
-    "docs/error-budget.md": {"What a run is worth"},
-    "docs/accuracy.md": {"Ask for an accuracy"},
+    "docs/error-budget.md": {"Error budget"},
+    "docs/accuracy.md": {"Accuracy: settings chosen for an error"},
 }  # fmt: skip
 
 #: Programs that sections need and that not every machine has.

@@ -25,6 +25,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import REQUIRED, flag, names, number, pair, text
 from fenics_ehd.base.needs import NONE
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.multibody.body import ANGLE, WIDTH
 from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of
 
@@ -151,6 +152,7 @@ class Geometry:
     curvature: Callable[[], np.ndarray] | None = None
 
 
+@renamed_attributes(own="additional")
 class Joint(ABC):
     """Constraint of a mechanism.
 
@@ -209,7 +211,7 @@ class Revolute(Joint):
 class Fixed(Revolute):
     """Two points that stay together and do not turn."""
 
-    angle: float = number(0.0, "of the second body ahead of the first [degrees]")
+    angle: float = number(0.0, "of the second body relative to the first [degrees]")
     rows = 3
 
     def geometry(self, u: np.ndarray) -> Geometry:
@@ -228,7 +230,7 @@ class Slider(Joint):
         "of the line in the frame of its body", (1.0, 0.0), zero=False
     )
     hold_rotation: bool = flag(True, "whether the bodies keep their relative angle")
-    angle: float = number(0.0, "held, of the point's body ahead of the line's [degrees]")
+    angle: float = number(0.0, "held, of the point's body relative to the line's [degrees]")
 
     @property
     def markers(self) -> tuple[str, ...]:

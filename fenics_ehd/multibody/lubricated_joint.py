@@ -73,7 +73,7 @@ from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
 
 @dataclass(frozen=True, eq=False)
 class RotatedShape:
-    """A turning journal's shape at one angle ahead of its bore, at the g Gauss points.
+    """Shape of a journal at one angle relative to its bore, at the g Gauss points.
 
     Attributes
     ----------

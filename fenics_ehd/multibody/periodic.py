@@ -31,21 +31,23 @@ from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.multibody.trust import integral
 
 
-def crank(system: System) -> int | None:
-    """Place in z of the angle that a drive turns, else a torque, else that of a journal or a body.
+def reference_angle(system: System) -> int | None:
+    """Index in z of the reference angle; None: no body can turn.
 
-    The first by name of several; None where nothing can turn.
+    It is the angle of the first body by name with a drive, else of the first with a torque, else of
+    the first journal, else of the first body.
     """
-    mechanism, places = system.mechanism, system.angles
+    mechanism = system.mechanism
+    angles = system.angles
 
-    def named() -> Iterator[int | None]:
-        yield from (places.get(name) for name in sorted(mechanism.drives))
-        turned = (mechanism.forces[name] for name in sorted(mechanism.forces))
-        yield from (places.get(force.turned_body) for force in turned)
+    def candidates() -> Iterator[int | None]:
+        yield from (angles.get(name) for name in sorted(mechanism.drives))
+        forces = (mechanism.forces[name] for name in sorted(mechanism.forces))
+        yield from (angles.get(force.turned_body) for force in forces)
         yield from (film.journal_angle for film in system.films)
-        yield from places.values()
+        yield from angles.values()
 
-    return next((place for place in named() if place is not None), None)
+    return next((index for index in candidates() if index is not None), None)
 
 
 #: Cycles that change the films by less than this tell where the next one should begin, at most so
@@ -146,21 +148,21 @@ def check_period(
             )
 
 
-def temperatures(place: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
+def temperatures(binding: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
     """Figures of a joint whose heat is balanced, of mean power and flow; no others have any."""
-    heat, now = place.joint.heat, place.film.film.equation.lubricant.temperature
+    heat, now = binding.joint.heat, binding.film.film.equation.lubricant.temperature
     if heat is None or now is None or not means:
         return {}
     power, flow = (means[name] for name in ("dissipated_power_W", "leaving_flow_m3_per_s"))
     return {
         "supply_temperature_C": heat.supply_temperature,
         "effective_temperature_C": now,
-        "outlet_temperature_C": heat.outlet(_oil(place), now, power, flow),
+        "outlet_temperature_C": heat.outlet(_oil(binding), now, power, flow),
     }
 
 
-def _oil(place: FilmBinding) -> Oil:
-    oil = place.film.film.parameters.lubricant.oil
+def _oil(binding: FilmBinding) -> Oil:
+    oil = binding.film.film.parameters.lubricant.oil
     assert oil is not None  # `LubricatedJoint` has seen to it
     return oil
 
@@ -194,11 +196,13 @@ class FilmTemperatures(Stateful):
     }
 
     def __init__(self, places: Sequence[FilmBinding]):
-        self._places = {i: place for i, place in enumerate(places) if place.joint.heat is not None}
+        self._places = {
+            i: binding for i, binding in enumerate(places) if binding.joint.heat is not None
+        }
         self.searches: dict[str, TemperatureSearch] = {}
-        for place in self._places.values():
-            assert place.joint.heat is not None
-            self.searches[place.name] = TemperatureSearch(place.joint.heat, _oil(place))
+        for binding in self._places.values():
+            assert binding.joint.heat is not None
+            self.searches[binding.name] = TemperatureSearch(binding.joint.heat, _oil(binding))
         self.count = len(self.searches)
         self.times, self.rates, self.first = np.zeros(0), np.zeros((0, 2 * self.count)), 0
         self.thinning = np.zeros(self.count)
@@ -206,8 +210,8 @@ class FilmTemperatures(Stateful):
 
     def _resume(self) -> None:
         """Have the films as warm as the searches say."""
-        for place in self._places.values():
-            place.film.film.set_temperature(self.searches[place.name].temperature)
+        for binding in self._places.values():
+            binding.film.film.set_temperature(self.searches[binding.name].temperature)
 
     def add(self, step: MechanismStep) -> None:
         """Account for an accepted step of the cycle under way."""

@@ -455,10 +455,10 @@ def bore_friction_power(joint: JointStep) -> float:
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
     """Power P put in by the bodies, the squeezing of the film included."""
-    place, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
+    binding, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
     opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
     squeezed = -float(state.pressure @ opening)
-    sheared = -float(found.on_xi @ rate[place.xi]) - found.torque * place.relative_speed(rate)
+    sheared = -float(found.on_xi @ rate[binding.xi]) - found.torque * binding.relative_speed(rate)
     return squeezed + sheared + joint.rubbed
 
 

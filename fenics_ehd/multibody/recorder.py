@@ -33,7 +33,7 @@ from fenics_ehd.multibody.history import (
 )
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep, SolverState
-from fenics_ehd.multibody.periodic import PeriodicSolver, crank, recurrence_of
+from fenics_ehd.multibody.periodic import PeriodicSolver, recurrence_of, reference_angle
 from fenics_ehd.multibody.quantities import joint_row, rubbing
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import (
@@ -212,7 +212,7 @@ class Recorder(Stateful):
         self.wall_time = self.processor_time = 0.0
         self.rows: list[Row] = []
         self._resumed = False
-        self._reference = crank(self.system)
+        self._reference = reference_angle(self.system)
         self.recurrence = recurrence_of(self.system)
         self._coordinates = coordinate_units(self.system)
         films = self.system.films

@@ -70,9 +70,9 @@ class Run:
         rate = np.concatenate([rates, np.zeros(len(resting))])
         self._begin(solve, norm, control, IntegratorState.begin(norm, 0.0, x, rate, control))
         gaps = norm.film_gaps(self.state.observed[0])
-        for place, gap in zip(system.films, gaps, strict=True):
-            if not place.film.shape.plain:
-                _check_start(place, float(gap.min()))
+        for binding, gap in zip(system.films, gaps, strict=True):
+            if not binding.film.shape.plain:
+                _check_start(binding, float(gap.min()))
 
     def _begin(
         self,
@@ -93,10 +93,10 @@ class Run:
         """A run of another mechanism at its start, with this one's formula and temperatures."""
         run = Run(mechanism, self.control, 1.0)
         run.control = self.control
-        for place, own in zip(run._system.films, self._system.films, strict=True):
+        for binding, own in zip(run._system.films, self._system.films, strict=True):
             temperature = own.film.film.equation.lubricant.temperature
-            if place.joint.heat is not None and temperature is not None:
-                place.film.film.set_temperature(temperature)
+            if binding.joint.heat is not None and temperature is not None:
+                binding.film.film.set_temperature(temperature)
         return run
 
     def until(self, end: float) -> Iterator[MechanismStep]:
@@ -129,32 +129,33 @@ def _check_density(film: FilmModel[Any]) -> None:
         )
 
 
-def _check_start(place: FilmBinding, thickness: float) -> None:
+def _check_start(binding: FilmBinding, thickness: float) -> None:
     if not thickness > 0.0:
         raise SettingsError(
-            f"joints.{place.name}.bore_shape, journal_shape: the film is {thickness * 1e6:.3g} um "
-            "thin somewhere at the start, it must be above 0: deviations must leave some of the "
-            f"clearance of {place.film.clearance * 1e6:.3g} um, or give another eccentricity"
+            f"joints.{binding.name}.bore_shape, journal_shape: the least film thickness at the "
+            f"start is {thickness * 1e6:.3g} um and must be above 0: give smaller deviations, "
+            f"below the clearance of {binding.film.clearance * 1e6:.3g} um, or another eccentricity"
         )
 
 
-def _check_film(place: FilmBinding, thickness: float, time: float) -> None:
-    surfaces = place.film.film.parameters.surfaces
+def _check_film(binding: FilmBinding, thickness: float, time: float) -> None:
+    surfaces = binding.film.film.parameters.surfaces
     if surfaces is not None:
         least = DEEPEST_CONTACT * surfaces.roughness
         if thickness < least:
             raise ContactError(
-                f"the surfaces of {place.name} overlap by {-thickness * 1e6:.3g} um at "
+                f"the surfaces of {binding.name} overlap by {-thickness * 1e6:.3g} um at "
                 f"t = {time:.6g} s, beyond {-DEEPEST_CONTACT:g} times their combined roughness of "
                 f"{surfaces.roughness * 1e6:.3g} um: no asperities are left that "
-                f"joints.{place.name}.contact describes; the history up to there is kept"
+                f"joints.{binding.name}.contact describes; the history up to there is kept"
             )
         return
-    limit, reason = touching_film(place.name, place.joint.smallest_film, place.film.clearance)
+    limit, reason = touching_film(binding.name, binding.joint.smallest_film, binding.film.clearance)
     if thickness < limit:
         raise FilmTooThinError(
-            f"the film of {place.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, below "
-            f"{reason}, {limit * 1e6:.3g} um: surfaces would touch; the history up to there is kept"
+            f"the film of {binding.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, "
+            f"below {reason}, {limit * 1e6:.3g} um: surfaces would touch; the history up to "
+            "there is kept"
         )
 
 

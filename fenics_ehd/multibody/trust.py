@@ -238,9 +238,9 @@ def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
     return BasisErrorEstimate(missing, body.damping_time, inertia, slowest_pattern(part.residual))
 
 
-def bore_body(system: System, place: FilmBinding) -> FlexibleBody:
+def bore_body(system: System, binding: FilmBinding) -> FlexibleBody:
     """The flexible body that has the bore of a film."""
-    body = system.mechanism.bodies[place.bore_body]
+    body = system.mechanism.bodies[binding.bore_body]
     assert isinstance(body, FlexibleBody)
     return body
 
@@ -248,11 +248,13 @@ def bore_body(system: System, place: FilmBinding) -> FlexibleBody:
 def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
     """Pressures on the pressure nodes of all bores of a body, by its name, of all films' nodes."""
     found: dict[str, np.ndarray] = {}
-    for place, pressure in zip(system.films, pressures, strict=True):
-        if place.film.bore is not None:
-            part = bore_body(system, place).reduced
-            load = found.setdefault(place.bore_body, np.zeros(part.load_projection.shape[1]))
-            load[part.rows_of(place.bore).pressures] = place.film.bore.structure_pressure(pressure)
+    for binding, pressure in zip(system.films, pressures, strict=True):
+        if binding.film.bore is not None:
+            part = bore_body(system, binding).reduced
+            load = found.setdefault(binding.bore_body, np.zeros(part.load_projection.shape[1]))
+            load[part.rows_of(binding.bore).pressures] = binding.film.bore.structure_pressure(
+                pressure
+            )
     return found
 
 

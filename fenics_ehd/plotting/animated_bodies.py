@@ -222,8 +222,8 @@ def part_motion(
 def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> float:
     """Enlargement at which clearances and displacements are seen, a round number of at least 1."""
     largest = []
-    for place in replay.system.films:
-        film = place.film.film.parameters
+    for binding in replay.system.films:
+        film = binding.film.film.parameters
         largest.append(DRAWN_CLEARANCE * film.grid.radius / film.clearance)
     for name, shape in shapes.items():
         moved, carried = part_motion(replay, name, shape)

@@ -69,7 +69,7 @@ class Bearing:
 
     Parameters
     ----------
-    replay, place
+    replay, binding
         Of which joint.
     bodies
         As drawn.
@@ -94,23 +94,23 @@ class Bearing:
         There and at `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a) [Pa], [m].
     """
 
-    def __init__(self, replay: RecordedMotion, place: FilmBinding, bodies: Bodies, scale: float):
-        parameters = place.film.film.parameters
+    def __init__(self, replay: RecordedMotion, binding: FilmBinding, bodies: Bodies, scale: float):
+        parameters = binding.film.film.parameters
         grid, self.clearance = parameters.grid, parameters.clearance
-        self.radius, self.elastic = grid.radius, bool(place.bore)
+        self.radius, self.elastic = grid.radius, bool(binding.bore)
         self._enlarged = scale / grid.radius
-        self.body, bore = at(bodies, replay.system.bore_at_rest(place))
-        self.journal_body, _ = at(bodies, place.joint.journal)
-        eccentricity, turns = replay.motion.coordinates[:, place.xi[:2]], self.body.turns
+        self.body, bore = at(bodies, replay.system.bore_at_rest(binding))
+        self.journal_body, _ = at(bodies, binding.joint.journal)
+        eccentricity, turns = replay.motion.coordinates[:, binding.xi[:2]], self.body.turns
         self.centre = bore
         if self.elastic:
-            rest = replay.part(place.bore_body).bores[place.bore].centre[:2]
+            rest = replay.part(binding.bore_body).bores[binding.bore].centre[:2]
             self.centre = self.body.pose[:, :2] + turns @ rest
         self.offset = scale * eccentricity + np.einsum("tji,tj->ti", turns, bore - self.centre)
         self.height = np.linspace(grid.heights[0], grid.heights[-1], ALONG)
-        pressure = sampled(grid, replay.motion.pressures[place.name], ANGLES, self.height)
+        pressure = sampled(grid, replay.motion.pressures[binding.name], ANGLES, self.height)
         self.pressure = np.maximum(pressure, 0.0)
-        self.gap = np.maximum(sampled(grid, replay.gaps[place.name], ANGLES, self.height), 0.0)
+        self.gap = np.maximum(sampled(grid, replay.gaps[binding.name], ANGLES, self.height), 0.0)
 
     def draw(
         self, axes: Axes, frame: int, highest: float, centre: np.ndarray, turn: float, radius: float
@@ -470,7 +470,9 @@ def draw(
     mechanism, time = frames.system.mechanism, frames.time
     scale = scale or automatic_scale(frames, shapes)
     bodies = {name: body_view(frames, name, shapes.get(name), scale) for name in frames.bodies}
-    bearings = {place.name: Bearing(frames, place, bodies, scale) for place in frames.system.films}
+    bearings = {
+        binding.name: Bearing(frames, binding, bodies, scale) for binding in frames.system.films
+    }
     limits = extent(bodies, bearings)
     figure = Figure(figsize=SIZE, layout="constrained")
     layout = [["mechanism"]]

@@ -202,11 +202,11 @@ class ShownJoint:
         if "contact_force" not in run.cycle.joints[self.name]:
             return None
         films = recorded(run.directory, run.cycle).system.films
-        place = next(place for place in films if place.name == self.name)
-        surfaces = place.film.film.parameters.surfaces
+        binding = next(binding for binding in films if binding.name == self.name)
+        surfaces = binding.film.film.parameters.surfaces
         assert surfaces is not None
         gap = np.asarray(self.film.gap)
-        return np.where(place.film.film.supplied_nodes, 0.0, surfaces.contact(gap).pressure)
+        return np.where(binding.film.film.supplied_nodes, 0.0, surfaces.contact(gap).pressure)
 
 
 def film_grid(film: FilmResult) -> FilmGrid:

@@ -163,24 +163,24 @@ class RecordedMotion:
         """
         part, joints = self.part(body), self._equations.contacts.joints
         forces = np.zeros((len(self.time), len(part.bore_basis), 3))
-        for i, place in enumerate(self.system.films):
-            bore = place.film.bore
-            if place.bore_body != body or bore is None:
+        for i, binding in enumerate(self.system.films):
+            bore = binding.film.bore
+            if binding.bore_body != body or bore is None:
                 continue
             if bore.projected is not None:
                 raise SettingsError(
-                    f"joints.{place.name}.transfer = 'mortar': forces on the bore are known of "
+                    f"joints.{binding.name}.transfer = 'mortar': forces on the bore are known of "
                     "'conservative' alone"
                 )
-            pressing = place.film.film.pressure_areas @ self.motion.pressures[place.name].T
+            pressing = binding.film.film.pressure_areas @ self.motion.pressures[binding.name].T
             if bore.solid is not None:
                 pressing *= bore.solid.reshape(-1, 1)
             if (joint := joints[i]) is not None:
-                gaps = self.observed[place.name][:, : -self.nodes(place)]
+                gaps = self.observed[binding.name][:, : -self.nodes(binding)]
                 contact = np.array([joint.at_gap(gap).pressure for gap in gaps])
                 pressing += joint.area[:, None] * contact.T
             own = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
-            forces[:, part.rows_of(place.bore).nodes] = own
+            forces[:, part.rows_of(binding.bore).nodes] = own
         angle = self.bodies[body].angle_index
         rates = self.motion.rates[:, self.system.bodies[body]]
         return forces, np.zeros(len(forces)) if angle is None else rates[:, angle]
@@ -196,7 +196,7 @@ class RecordedMotion:
         """Film thickness at Gauss points, then nodes of every film."""
         norm = StepNorm(self._equations)
         rows = [norm.film_gaps(norm.observe(state)) for state in self._states]
-        names = [place.name for place in self.system.films]
+        names = [binding.name for binding in self.system.films]
         return {name: np.array([gaps[i] for gaps in rows]) for i, name in enumerate(names)}
 
     @cached_property
@@ -207,17 +207,18 @@ class RecordedMotion:
         journal's own eccentricity.
         """
         return {
-            place.name: self.gaps[place.name] @ place.film.circle.T for place in self.system.films
+            binding.name: self.gaps[binding.name] @ binding.film.circle.T
+            for binding in self.system.films
         }
 
     @staticmethod
-    def nodes(place: FilmBinding) -> int:
+    def nodes(binding: FilmBinding) -> int:
         """Number of nodes of a film, behind whose Gauss points the gap is observed at them."""
-        return len(place.film.film.parameters.grid.node_positions)
+        return len(binding.film.film.parameters.grid.node_positions)
 
     def bore_pressure(self, body: str) -> np.ndarray:
         """Pressures at all pressure nodes of a flexible body, bore by bore, shape (t, k) [Pa]."""
         none = np.zeros(self.part(body).load_projection.shape[1])
-        films = [self.motion.pressures[place.name] for place in self.system.films]
+        films = [self.motion.pressures[binding.name] for binding in self.system.films]
         steps = ([own[i] for own in films] for i in range(len(self.time)))
         return np.array([bore_loads(self.system, step).get(body, none) for step in steps])

@@ -228,34 +228,34 @@ def line_block(replay: RecordedMotion, name: str) -> Block:
     return Block("bodies", name, kind, cells, rest, moved, {})
 
 
-def film_block(replay: RecordedMotion, place: FilmBinding, film: FilmResult) -> Block:
+def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -> Block:
     """A film on its bore, which moves and bends with its body."""
     kind, order = FILM_CELLS[film.family]
     angle, height = np.asarray(film.angle), np.asarray(film.height)
     local = np.column_stack([film.radius * np.cos(angle), film.radius * np.sin(angle), height])
-    point = replay.system.bore_at_rest(place).partition(".")[2]
-    poses = replay.marker(place.bore_body, point)
+    point = replay.system.bore_at_rest(binding).partition(".")[2]
+    poses = replay.marker(binding.bore_body, point)
     bent = np.zeros((len(poses), *local.shape))
-    if place.bore:
-        bore, bending = _bending(replay, place, angle, height)
+    if binding.bore:
+        bore, bending = _bending(replay, binding, angle, height)
         local[:, 2] += bore[2]
-        bent = np.tensordot(np.hstack(replay.elastic(place.bore_body)), bending, (1, 2))
+        bent = np.tensordot(np.hstack(replay.elastic(binding.bore_body)), bending, (1, 2))
     else:
-        journal, _, station = place.joint.journal.partition(".")
+        journal, _, station = binding.joint.journal.partition(".")
         local[:, 2] += height_at(replay, journal, station)
     fields = {PRESSURE: film.pressure, "gap_m": film.gap}
     if film.fluid_fraction is not None:
         fields["fluid_fraction"] = film.fluid_fraction
     there = moved_along(poses, local, bent)
-    return Block("films", place.name, kind, film.cells[:, order], *there, fields)
+    return Block("films", binding.name, kind, film.cells[:, order], *there, fields)
 
 
 def _bending(
-    replay: RecordedMotion, place: FilmBinding, angle: np.ndarray, height: np.ndarray
+    replay: RecordedMotion, binding: FilmBinding, angle: np.ndarray, height: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centre (3,) [m] of a flexible body's bore, displacement at nodes of its film (p, 3, n)."""
-    part = replay.part(place.bore_body)
-    rows = part.rows_of(place.bore)
+    part = replay.part(binding.bore_body)
+    rows = part.rows_of(binding.bore)
     surface = bore_surface(rows.surface.coordinates, rows.surface.cells, rows.surface.family)
     fields = bore_fields(part)[rows.nodes]
     share = interpolation_matrix(surface, angle, height)
@@ -272,10 +272,10 @@ def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     if not isinstance(body, ShaftBody):
         return 0.0
     length, start = body.length, 0.0
-    for place in replay.system.films:
-        journal, _, station = place.joint.journal.partition(".")
-        if journal == name and place.bore:
-            centre = replay.part(place.bore_body).rows_of(place.bore).surface.centre
+    for binding in replay.system.films:
+        journal, _, station = binding.joint.journal.partition(".")
+        if journal == name and binding.bore:
+            centre = replay.part(binding.bore_body).rows_of(binding.bore).surface.centre
             start = float(centre[2]) - length * body.points[station]
     return start + length * body.points.get(point, 0.0)
 
