@@ -236,16 +236,17 @@ def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
         capfd, "sensitivity", path, "--of", "min_film_thicknes", "--to", "clearance"
     )
     assert (status, out) == (2, "")
+    assert "--of min_film_thicknes is now --of bearing.min_film_thicknes" in err
     assert "SensitivityError" in err
-    assert "did you mean min_film_thickness?" in err
+    assert "did you mean bearing.min_film_thickness?" in err
 
 
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("max_pressure_angle", "did you mean max_pressure"),
+        ("max_pressure_angle", "did you mean bearing.max_pressure"),
         ("max_pressure_angle_deg", "unknown quantity max_pressure_angle_deg"),
-        ("mean_max_pressure", "did you mean max_pressure"),
+        ("mean_max_pressure", "did you mean bearing.max_pressure"),
     ],
 )
 def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
@@ -253,7 +254,12 @@ def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
     paths = [f"joints/bearing/{column}" for column in columns]
     with pytest.raises(ehd.errors.SensitivityError, match=told):
         objective_of(name, paths)
-    assert objective_of("mean_side_flow", paths).column == "side_flow_m3_per_s"
+    assert objective_of("bearing.mean_side_flow", paths).column == "side_flow_m3_per_s"
+    with pytest.warns(DeprecationWarning, match=r"mean_side_flow is now bearing\.mean_side_flow"):
+        assert objective_of("mean_side_flow", paths).joint == "bearing"
+    two = [*paths, "joints/other/side_flow_m3_per_s"]
+    with pytest.raises(ehd.errors.SensitivityError, match="unknown quantity mean_side_flow"):
+        objective_of("mean_side_flow", two)
     with pytest.raises(ehd.errors.SensitivityError, match="no joint is lubricated"):
         objective_of("max_pressure", [])
 
@@ -261,7 +267,7 @@ def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
 def test_the_command_prints_a_table_and_json(tmp_path, capfd):
     once = {"time.periodic": False, "time.revolutions": 0.1, "time.tolerance": 1e-3}
     path = write_scene(tmp_path / "s.toml", "loaded-journal", JOURNAL, once)
-    asked = ("sensitivity", path, "--of", "min_film_thickness", "--to", "clearance")
+    asked = ("sensitivity", path, "--of", "bearing.min_film_thickness", "--to", "clearance")
     status, out, _ = exit_of(capfd, *asked, "--json")
     found = json.loads(out)["quantities"]["bearing.min_film_thickness_m"]
     along = found["along"][CLEARANCE]
@@ -306,7 +312,7 @@ def test_a_figure_that_is_no_number_is_refused():
     course = SimpleNamespace(
         joints={"pin": joint}, times=np.arange(1.0, 6.0), began=0.0, period=None
     )
-    figure = objective_of("max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
+    figure = objective_of("pin.max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
     with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* no finite number"):
         figure.value(course)
 

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from command_line import call
+from csv_history import only_joint
 from hand_made_rod import Joint, make_body
 from mpi4py import MPI
 from scene_cases import ROD_OF_A_FILE, structure, tables_of, write_scene
@@ -137,7 +138,7 @@ def test_a_part_of_which_nothing_is_known_is_said_to_be_so(tmp_path):
     scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", ROD_OF_A_FILE, short)
     call("run", scene, "--no-plots", "-o", tmp_path / "run")
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    budget = summary["error_budget"]
+    budget = only_joint(summary)["error_budget"]
     assert budget["max_pressure"]["part_mesh"] == NOT_ESTIMATED
     assert "no other mesh of the part is known" in summary["error_budget_notes"]["part_mesh"]
 

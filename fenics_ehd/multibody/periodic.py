@@ -22,7 +22,7 @@ from fenics_ehd.base.errors import (
 )
 from fenics_ehd.base.layout import Group, Stateful, Value
 from fenics_ehd.film.heat import TemperatureSearch, run_away
-from fenics_ehd.film.lubricant import Oil
+from fenics_ehd.film.lubricant import TemperatureLaw
 from fenics_ehd.multibody.cycle import Recurrence
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep
@@ -161,7 +161,7 @@ def temperatures(binding: FilmBinding, means: Mapping[str, float]) -> dict[str, 
     }
 
 
-def _oil(binding: FilmBinding) -> Oil:
+def _oil(binding: FilmBinding) -> TemperatureLaw:
     oil = binding.film.film.parameters.lubricant.oil
     assert oil is not None  # `LubricatedJoint` has seen to it
     return oil
