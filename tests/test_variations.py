@@ -17,7 +17,7 @@ TURN = 2 * np.pi / 300
 
 @dataclass(frozen=True)
 class Pulsating(Force):
-    """A force along -y that pulsates with a period of its own, of a class that the package does not contain."""
+    """A force along -y that pulsates, of a class that the package does not contain."""
 
     period: float
     markers = ("journal",)
