@@ -182,7 +182,7 @@ def own_run(machine: ehd.Machine, periodicity: float = 1e-3) -> dict[str, float]
     deque(tracker.steps(), maxlen=0)
     figures = RunSummary(tracker).entries()
     found = {key: figures[key] for key in ("steps", "newton_iterations")}
-    for joint, values in replace(tracker.history(), told=figures).figures.items():
+    for joint, values in replace(tracker.history(), entries=figures).figures.items():
         for key in ("max_pressure_Pa", "min_film_thickness_m", "effective_temperature_C"):
             if key in values:
                 found[f"{joint}.{key}"] = values[key]
