@@ -453,25 +453,25 @@ class History:
         return angle - 360.0 * np.floor(angle[:1] / 360.0 + TURN_ROUNDING)
 
     def with_start(self) -> History:
-        """A cycle that repeats itself with a row at its start."""
+        """A periodic cycle with a row at its start, computed from the row at its end."""
         turning = np.array([name.endswith("/angle") for name in self.coordinate_names], bool)
         turns = {path: 2 * np.pi for path in self.values if re.fullmatch("bodies/.*/angle", path)}
         turns |= {"run/crank_angle": 360.0, "state/coordinates": 2 * np.pi}
         clock = np.asarray(self.values["run/cycle_time"])
-        found = {}
-        for path, v in self.values.items():
+        arrays = {}
+        for path, quantity in self.values.items():
             if fixed(path):
                 continue
-            start = np.array(v[-1])
+            start = np.array(quantity[-1])
             if path in turns:
-                whole = turns[path] * np.round((v[-1] - v[0]) / turns[path])
-                start -= whole * turning if path == "state/coordinates" else whole
+                change = turns[path] * np.round((quantity[-1] - quantity[0]) / turns[path])
+                start -= change * turning if path == "state/coordinates" else change
             elif path == "time":
                 start -= clock[-1]
             elif path.endswith("_work") or path in ("run/energy_defect", "run/cycle_time"):
                 start = np.zeros_like(start)
-            found[path] = np.concatenate([start[None], v])
-        return self.changed(found)
+            arrays[path] = np.concatenate([start[None], quantity])
+        return self.changed(arrays)
 
     def save(self, folder: str | Path) -> None:
         """Write ``history.h5``, ``history.csv`` and ``summary.json``, each whole or not at all.
@@ -564,12 +564,12 @@ def missing(path: Path, lacks: str) -> str:
 
 @contextmanager
 def opened_history(path: Path, refused: str) -> Iterator[h5py.File]:
-    """``history.h5`` of a run, once its seal is found whole.
+    """``history.h5`` of a run, open after its seal is checked.
 
     Raises
     ------
     InputError
-        It is none, or what is done with it fails: that it is `refused`, and why.
+        The file is no history, or reading it fails; the message has `refused` and the reason.
     """
     remedy = f"run the scene anew, or read {CSV_NAME} in its folder"
     with (
@@ -685,18 +685,18 @@ SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 def _summary(folder: Path) -> dict[str, Any]:
-    """Summary of the folder, empty where there is none yet."""
+    """Summary of the folder, empty if there is none yet."""
     path = folder / SUMMARY
     if not path.exists():
         return {}
     with named(InputError, f"{path}: not a summary of a run"):
-        found = read_json(path)
-        if not isinstance(found, dict):
+        entries = read_json(path)
+        if not isinstance(entries, dict):
             raise ValueError("not an object")
         for name, kinds in SUMMARY_KINDS.items():
-            if not isinstance(found.get(name, kinds[0]()), kinds):
-                raise ValueError(f"{name} = {found[name]!r} is of another kind")
-        return _with_nan(_with_joints(found))
+            if not isinstance(entries.get(name, kinds[0]()), kinds):
+                raise ValueError(f"{name} = {entries[name]!r} is of another kind")
+        return _with_nan(_with_joints(entries))
 
 
 def _with_joints(summary: Mapping[str, Any]) -> dict[str, Any]:

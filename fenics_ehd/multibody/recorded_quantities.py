@@ -1,4 +1,4 @@
-"""Results of one joint, one body or the run: quantities over the steps, by name or as attributes."""
+"""Quantities of a joint, a body or the run over the steps, by name or as attributes."""
 
 from __future__ import annotations
 
