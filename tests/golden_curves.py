@@ -200,20 +200,13 @@ def own_run(machine: ehd.Machine, periodicity: float = 1e-3) -> dict[str, float]
     last = [row for number, row in samples if number == samples[-1][0]]
     figures = RunSummary(tracker).entries()
     found = {key: figures[key] for key in ("steps", "newton_iterations")}
-<<<<<<< HEAD
     for joint, values in replace(tracker.history(), entries=figures).figures.items():
-        for key in ("max_pressure_Pa", "min_film_thickness_m", "effective_temperature_C"):
-            if key in values:
-                found[f"{joint}.{key}"] = values[key]
-=======
-    for joint, values in replace(tracker.history(), told=figures).figures.items():
         peaks = [row[f"joints/{joint}/max_pressure"] for row in last]
         films = [row[f"joints/{joint}/min_film_thickness"] for row in last]
         found[f"{joint}.max_pressure_Pa"] = max(peaks)
         found[f"{joint}.min_film_thickness_m"] = min(films)
         if "effective_temperature_C" in values:
             found[f"{joint}.effective_temperature_C"] = values["effective_temperature_C"]
->>>>>>> main
     return found
 
 
