@@ -22,7 +22,7 @@ from typing import Any
 
 from fenics_ehd.base.lazy import lazily
 
-__version__ = "0.3.0.dev0"
+__version__ = "0.4.0.dev0"
 
 #: Public names by the module that defines them.
 _NAMES = {

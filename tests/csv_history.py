@@ -1,4 +1,4 @@
-"""Histories of runs as other programs read and change them."""
+"""Histories and summaries of runs as other programs read and change them."""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +18,18 @@ def edited(directory):
     seal(path, path)
 
 
-def read_history(directory):
-    """Columns of history.csv by name; a row that a killed run left unfinished is dropped."""
+def only_joint(summary):
+    """Entries of the only lubricated joint of a summary."""
+    (entries,) = summary["joints"].values()
+    return entries
+
+
+def read_history(directory, joint=""):
+    """Columns of history.csv by name; a row that a killed run left unfinished is dropped.
+
+    Names of columns of `joint` are without its name.
+    """
     header, *lines = (Path(directory) / "history.csv").read_text().splitlines(keepends=True)
     rows = [line.split(",") for line in lines if line.endswith("\n")]
-    return dict(zip(header.strip().split(","), np.array(rows, dtype=float).T, strict=True))
+    names = [name.removeprefix(f"{joint}.") for name in header.strip().split(",")]
+    return dict(zip(names, np.array(rows, dtype=float).T, strict=True))

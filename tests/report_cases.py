@@ -124,7 +124,7 @@ def write_history(
     grid, grids = ehd.uniform_grid(0.0225, 0.022, (20, 5)), {}
     nodes = grid.node_positions
     joints, top = study.info["joints"], peak_pressure(7e-3)
-    prefixes = [f"{joint}." for joint in joints] if len(joints) > 1 else [""]
+    prefixes = [f"{joint}." for joint in joints]
     whole = PAPER.get(study.info["scene"], ("", 0.0125))[1]
     time = np.linspace(whole / steps, whole, steps)
     high = peak_pressure(time) > 0.75 * top

@@ -170,7 +170,7 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
         local = (body.nodes - body.pose[:, None, :2]) @ body.turns
         part = local[:, edge] - bore.centre[:2]
         between = part - bearing.offset[:, None]
-        radius = bearing.radius - scale * bearing.clearance
+        radius = bearing.radius - scale * bearing.film.clearance
         # Radial to second order in what is drawn.
         steps = np.abs(between - from_centre[edge, :2]).max()
         found = np.linalg.norm(between, axis=2) - radius

@@ -156,7 +156,7 @@ def test_pictures_without_a_film(call, tmp_path):
         ),
         (
             ["--load", 5, "--cavitation", "mass-conserving", "--element", "lagrange"],
-            "element = 'lagrange': cavitation = 'mass-conserving' needs 'bilinear'",
+            "element = 'lagrange' cannot conserve mass without negative fluid fractions",
         ),
         (
             ["--load", 5, "--cavitation", "mass-conserving", "--coefficients"],

@@ -235,16 +235,17 @@ def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
         capfd, "sensitivity", path, "--of", "min_film_thicknes", "--to", "clearance"
     )
     assert (status, out) == (2, "")
+    assert "--of min_film_thicknes is now --of bearing.min_film_thicknes" in err
     assert "SensitivityError" in err
-    assert "did you mean min_film_thickness?" in err
+    assert "did you mean bearing.min_film_thickness?" in err
 
 
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("max_pressure_angle", "did you mean max_pressure"),
+        ("max_pressure_angle", "did you mean bearing.max_pressure"),
         ("max_pressure_angle_deg", "unknown quantity max_pressure_angle_deg"),
-        ("mean_max_pressure", "did you mean max_pressure"),
+        ("mean_max_pressure", "did you mean bearing.max_pressure"),
     ],
 )
 def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
@@ -252,7 +253,12 @@ def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
     paths = [f"joints/bearing/{column}" for column in columns]
     with pytest.raises(ehd.errors.SensitivityError, match=told):
         figure_of(name, paths)
-    assert figure_of("mean_side_flow", paths).column == "side_flow_m3_per_s"
+    assert figure_of("bearing.mean_side_flow", paths).column == "side_flow_m3_per_s"
+    with pytest.warns(DeprecationWarning, match=r"mean_side_flow is now bearing\.mean_side_flow"):
+        assert figure_of("mean_side_flow", paths).joint == "bearing"
+    two = [*paths, "joints/other/side_flow_m3_per_s"]
+    with pytest.raises(ehd.errors.SensitivityError, match="unknown quantity mean_side_flow"):
+        figure_of("mean_side_flow", two)
     with pytest.raises(ehd.errors.SensitivityError, match="no joint is lubricated"):
         figure_of("max_pressure", [])
 
@@ -260,7 +266,7 @@ def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
 def test_the_command_prints_a_table_and_json(tmp_path, capfd):
     once = {"time.periodic": False, "time.revolutions": 0.1, "time.tolerance": 1e-3}
     path = write_scene(tmp_path / "s.toml", "loaded-journal", JOURNAL, once)
-    asked = ("sensitivity", path, "--of", "min_film_thickness", "--to", "clearance")
+    asked = ("sensitivity", path, "--of", "bearing.min_film_thickness", "--to", "clearance")
     status, out, _ = exit_of(capfd, *asked, "--json")
     found = json.loads(out)["quantities"]["bearing.min_film_thickness_m"]
     along = found["along"][CLEARANCE]
@@ -305,7 +311,7 @@ def test_a_figure_that_is_no_number_is_refused():
     course = SimpleNamespace(
         joints={"pin": joint}, times=np.arange(1.0, 6.0), began=0.0, period=None
     )
-    figure = figure_of("max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
+    figure = figure_of("pin.max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
     with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* no finite number"):
         figure.value(course)
 

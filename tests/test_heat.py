@@ -279,7 +279,7 @@ def test_a_published_example_of_charts():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"grade": "none", "viscosity": 0.01}, "give a grade"),
+        ({"grade": "none", "viscosity": 0.01}, "use a lubricant with a grade"),
         ({"supply_temperature": 400.0}, "temperature = 400 C of the oil must lie between"),
         (
             {"supply_temperature": -273.15, "conducted": 0.5},

@@ -5,7 +5,7 @@ from collections import deque
 
 import pytest
 from command_line import call
-from csv_history import read_history
+from csv_history import only_joint, read_history
 from scene_cases import tables_of, toml
 
 import fenics_ehd as ehd
@@ -86,9 +86,9 @@ def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     source.write_text(toml(tables(HEAT | {"tolerance": 0.2})))
     assert call("run", source, "-o", tmp_path / "out", "--no-plots", "--no-error-budget") == 0
     assert "effective temperature" in capsys.readouterr().out
-    assert call("plot", tmp_path / "out", "--quantity", "flow") == 0
-    assert (tmp_path / "out" / "flow.png").is_file()
-    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert call("plot", tmp_path / "out", "--quantity", "bearing.flow") == 0
+    assert (tmp_path / "out" / "flow-bearing.png").is_file()
+    found = only_joint(json.loads((tmp_path / "out" / "summary.json").read_text()))
     supply, effective, outlet = (
         found[f"{name}_temperature_C"] for name in ("supply", "effective", "outlet")
     )
@@ -97,7 +97,7 @@ def test_a_run_tells_temperatures_power_and_flow(tmp_path, capsys):
     density = 870.0 * (1 - 6.5e-4 * (effective - 15.0))
     carried = density * 2000.0 * found["mean_leaving_flow_m3_per_s"] * (outlet - supply)
     assert carried == pytest.approx(found["mean_dissipated_power_W"], rel=1e-9)
-    history = read_history(tmp_path / "out")
+    history = read_history(tmp_path / "out", "bearing")
     assert history["dissipated_power_W"].min() > 0
     assert history["leaving_flow_m3_per_s"].min() > 0
 
@@ -144,7 +144,7 @@ def test_conserved_oil_is_warmed_too():
         run = Run(built.mechanism, built.steps, scene.span)
         recorder = Recorder(run, scene.span, PeriodicSolver(run, scene.span, 2e-3, 20))
         deque(recorder.steps(), maxlen=0)
-        found.append(RunSummary(recorder).entries())
+        found.append(only_joint(RunSummary(recorder).entries()))
     heated, given = found
     assert heated["effective_temperature_C"] > 75.0
     dissipated = heated["mean_dissipated_power_W"]

@@ -105,7 +105,7 @@ def test_every_dataset_has_its_unit(both):
             found[path] = item.attrs["units"].astype(str)
 
     with h5py.File(folder / "history.h5") as file:
-        assert (file.attrs["format"], file.attrs["format_version"]) == ("fenics_ehd history", 3)
+        assert (file.attrs["format"], file.attrs["format_version"]) == ("fenics_ehd history", 4)
         file.visititems(note)
         state = file["state/coordinates"]
         names, units = (list(state.attrs[name].astype(str)) for name in ("names", "units"))
@@ -178,7 +178,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         ehd.load_results(tmp_path)
     with h5py.File(tmp_path / "history.h5", "a") as file:
         file.attrs.update(format=np.bytes_("fenics_ehd history"), format_version=2)  # 0.2
-    with pytest.raises(ehd.errors.InputError, match=r"version 2, .* reads 3; .*history\.csv"):
+    with pytest.raises(ehd.errors.InputError, match=r"version 2, .* reads 4; .*history\.csv"):
         ehd.load_results(tmp_path)
     study = write_study(tmp_path, [])
     write_history(study, "one", steps=8)

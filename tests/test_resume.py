@@ -353,7 +353,7 @@ def test_a_run_ends_where_its_film_is_thinner_than_told(prepared, capsys):
     error = capsys.readouterr().err
     assert "FilmTooThinError" in error
     assert "joints.big_end.smallest_film" in error
-    film = read_history(folder)["min_film_thickness_m"]
+    film = read_history(folder)["big_end.min_film_thickness_m"]
     assert film[-1] < 0.6 * 17e-6 < film[-2]
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["status"].startswith("failed: the film of big_end is")

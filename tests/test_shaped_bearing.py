@@ -8,7 +8,7 @@ from attrs import evolve
 from film_cases import oval
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.bearing import minimum_film
+from fenics_ehd.analysis.bearing_gap import minimum_film
 
 pytestmark = pytest.mark.kernels
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.bearing import minimum_film
+from fenics_ehd.analysis.bearing_gap import minimum_film
 from fenics_ehd.cli.bearing import report, summary
 
 LOAD, ROUGHNESS = 8000.0, 0.5e-6

@@ -1,4 +1,4 @@
-"""Forces, drives and supplies state how they vary; whoever steps or searches asks nothing else."""
+"""Forces, drives and supplies state their variations, which steps, cycles and checks read."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ TURN = 2 * np.pi / 300
 
 @dataclass(frozen=True)
 class Pulsating(Force):
-    """A force along -y that pulsates with a period of its own, unknown to the package."""
+    """A force along -y that pulsates, of a class that the package does not contain."""
 
     period: float
     markers = ("journal",)

@@ -1,4 +1,7 @@
-"""Settings of one rigid bearing; the defaults are those of the paper's Table 1."""
+"""Settings of one rigid bearing; the defaults are those of the paper's Table 1.
+
+Imports inside functions: `--help` does without films.
+"""
 
 from __future__ import annotations
 
@@ -27,29 +30,29 @@ from fenics_ehd.base.needs import NO_TEMPERATURE, only_with
 from fenics_ehd.base.settings import require_effects
 from fenics_ehd.base.shared_settings import ROUGH, OilSettings, Roughness
 
-if TYPE_CHECKING:  # slow to import, and --help does without
+if TYPE_CHECKING:
     from fenics_ehd.film.kinematics import Shape
     from fenics_ehd.film.supply import AxialGroove
 
-#: Of the paper's oil, where nothing is said of another [Pa s].
+#: Viscosity of the paper's oil, the default [Pa s].
 VISCOSITY = 0.01
 
-#: Effective temperature of the oil between supply and outlet, as practice takes it.
+#: Usual weight of the outlet temperature in the effective one; the rest is the supply's.
 MIXING = 0.5
 
-#: Cells of a mesh that still solves in minutes.
+#: Most cells of a mesh: it is solved in minutes.
 MOST_CELLS = 100_000
 
-#: Of a supply [Pa]: more than any part of steel bears.
+#: Pressure above any that parts of steel bear [Pa].
 MOST_PRESSURE = 1e12
 
 
 @attrs.frozen
 class BearingSettings(OilSettings, Roughness):
-    """A bearing, its oil and how its shaft moves.
+    """Settings of a bearing, its oil and the motion of its shaft.
 
-    Directions refer to the load: x along it, y a quarter turn on in the direction of
-    rotation, z along the axis so that the shaft turns in the positive sense about it.
+    Directions refer to the load: x is along the load, y a quarter turn on in the direction of
+    rotation, and z along the axis, about which the shaft turns in the positive sense.
     """
 
     radius: float = metres(0.0225, "R of the bore [m]")
@@ -106,17 +109,17 @@ class BearingSettings(OilSettings, Roughness):
     contact_modulus: float = only_with(
         number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0), "roughness", words=ROUGH
     )
-    #: Of the bore, angles from the load line; None: round.
+    #: Shape of the bore, angles from the load line; None: round.
     bore_shape: Shape | None = None
 
     @property
     def heated(self) -> bool:
-        """True where the temperature of the oil follows from the balance of its heat."""
+        """True if the temperature of the oil follows from the balance of its heat."""
         return self.supply_temperature > NO_TEMPERATURE
 
     @property
     def plain(self) -> bool:
-        """True where nothing has a direction but the load and the shaft's place."""
+        """True if nothing but the load and the eccentricity has a direction."""
         fixed = self.grooves or self.line_at_max_film or self.bore_shape is not None
         return not (fixed or any(self.tilt) or any(self.squeeze))
 
@@ -155,7 +158,7 @@ class BearingSettings(OilSettings, Roughness):
                 "or bore must"
             )
         self._check_entrainment()
-        # A film at rest but for the squeeze only resists: it cannot push the shaft along.
+        # Without rotation the film resists the squeeze velocity and does not drive the shaft.
         still = not (self.speed or self.bore_speed or any(g.pressure for g in self.grooves))
         if still and any(self.squeeze) and not self.squeeze[0] > 0:
             raise SettingsError(
@@ -164,10 +167,10 @@ class BearingSettings(OilSettings, Roughness):
             )
 
     def _check_entrainment(self) -> None:
-        """Refuse surfaces that turn against each other: terms of c / R would carry the load.
+        """Refuse surfaces that turn against each other: terms of size c / R would carry the load.
 
-        The film's pressure is proportional to the sum of the speeds, but for terms of relative
-        size c / R with their difference, which lubrication theory knows in part only.
+        The film's pressure is proportional to the sum of the speeds. Terms with their difference
+        are smaller by c / R, and lubrication theory has only some of them.
         """
         least = self.clearance / self.radius * abs(self.speed - self.bore_speed)
         if abs(self.entrainment) < least and not any(self.squeeze):
@@ -178,7 +181,7 @@ class BearingSettings(OilSettings, Roughness):
             )
 
     def _check_classes(self) -> None:
-        """Refuse grooves and shapes that are none, imported only if there are any."""
+        """Refuse grooves and shapes of another class."""
         if self.grooves:
             from fenics_ehd.film.supply import AxialGroove
 
@@ -191,7 +194,7 @@ class BearingSettings(OilSettings, Roughness):
             require_shape("bore_shape", self.bore_shape)
 
     def _check_shape(self) -> None:
-        """A bore that is not round stands still, and its thickest film is not where one thinks."""
+        """Refuse a zero-pressure line in a bore that is not round, and such a bore that turns."""
         if self.line_at_max_film:
             raise SettingsError(
                 "bore_shape and line_at_max_film exclude each other: the line belongs to the plain "
@@ -204,11 +207,10 @@ class BearingSettings(OilSettings, Roughness):
             )
 
     def _check_mass_conserving(self) -> None:
-        """Refuse a film that keeps account of its oil without a supply, or not at rest."""
-        if self.element != "bilinear":
-            raise SettingsError(
-                f"element = {self.element!r}: cavitation = 'mass-conserving' needs 'bilinear'"
-            )
+        """Refuse mass-conserving cavitation without a supply, or of a shaft that moves."""
+        from fenics_ehd.film.oil_balance import require_monotone
+
+        require_monotone(self.element, "element")
         if not (self.ambient or self.grooves) or self.line_at_max_film:
             raise SettingsError(
                 "cavitation = 'mass-conserving' needs a supply, a groove or an ambient pressure "
@@ -222,10 +224,10 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def entrainment(self) -> float:
-        """Sum of the speeds of shaft and bore, at half of which the oil is drawn in [rad/s]."""
+        """Sum of the speeds of shaft and bore; half of it draws the oil in [rad/s]."""
         return self.speed + self.bore_speed
 
     @property
     def direction(self) -> int:
-        """1 or -1: sense of rotation of the shaft, or of the bore when the shaft stands."""
+        """Sense of rotation of the shaft, 1 or -1; of the bore if the shaft is at rest."""
         return -1 if (self.speed or self.bore_speed) < 0 else 1

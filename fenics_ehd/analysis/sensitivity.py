@@ -38,6 +38,7 @@ from fenics_ehd.analysis.replay import (
 )
 from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.errors import SensitivityError, VerificationError
+from fenics_ehd.base.renamed import joint_of_bare_name
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -396,7 +397,8 @@ def check_periods(mechanism: Mechanism, period: float | None, numbers: Sequence[
 def figure_of(name: str, paths: Collection[str]) -> Figure:
     """The figure of a name, ``big_end.min_film_thickness``.
 
-    Its unit may stand behind, and the joint be left out where there is one.
+    Its unit may follow the name. A bare name is accepted with a warning if exactly one joint has
+    such a quantity.
 
     Parameters
     ----------
@@ -410,22 +412,33 @@ def figure_of(name: str, paths: Collection[str]) -> Figure:
     SensitivityError
         There is none of that name.
     """
-    joints = {path.split("/")[1] for path in paths}
-    alone = len(joints) == 1 and name.partition(".")[0] not in joints
-    known: dict[str, Figure] = {}
+    known: dict[str, dict[str, Figure]] = {}
     for path in paths:
         _, joint, column = path.split("/", 2)
-        for figure in _figures(joint, column):
-            known[figure.name if alone else f"{joint}.{figure.name}"] = figure
+        figures = {figure.name: figure for figure in _figures(joint, column)}
+        without_unit = {split_unit(key)[0]: figure for key, figure in figures.items()}
+        known.setdefault(joint, {}).update(without_unit | figures)
     if not known:
         raise SensitivityError(f"unknown quantity {name}: no joint is lubricated")
-    without_unit = {split_unit(key)[0]: figure for key, figure in known.items()}
-    names = without_unit | known
-    if name in names:
-        return names[name]
-    short = sorted(without_unit)
-    close = difflib.get_close_matches(name, short, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(short)}"
+    joint, _, quantity = name.partition(".")
+    if quantity in known.get(joint, {}):
+        return known[joint][quantity]
+    bare_joint = joint_of_bare_name(name, known)
+    if bare_joint is not None:
+        return known[bare_joint][name]
+    bare_name = quantity if joint in known else name
+    short = {
+        owner: sorted({split_unit(key)[0] for key in figures})
+        for owner, figures in known.items()
+        if joint == owner or joint not in known
+    }
+    close = [
+        f"{owner}.{match}"
+        for owner, names in short.items()
+        for match in difflib.get_close_matches(bare_name, names, n=1)
+    ]
+    every = [f"{owner}.{own}" for owner, names in short.items() for own in names]
+    hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(every)}"
     raise SensitivityError(f"unknown quantity {name}: {hint}")
 
 

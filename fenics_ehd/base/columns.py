@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence, Sized
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -49,11 +49,6 @@ class Quantity(np.ndarray):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Quantity, (np.asarray(self), self.units)
-
-
-def joint_prefix(joint: str, joints: Sized) -> str:
-    """Beginning of a lubricated joint's columns: its name, unless it is the only one."""
-    return f"{joint}." if len(joints) > 1 else ""
 
 
 def split_unit(column: str) -> tuple[str, str]:

@@ -19,7 +19,7 @@ A former name of the package itself (``ehd.Course``) is an entry of its table, s
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Container, Mapping
 from functools import wraps
 from typing import Any, TypeVar
 
@@ -28,6 +28,11 @@ REMOVED_IN = "0.5"
 
 Cls = TypeVar("Cls", bound=type)
 Renamed = TypeVar("Renamed", bound=Callable[..., Any])
+
+
+def renamed_message(former: str, name: str) -> str:
+    """The sentence that warns of a former name."""
+    return f"{former} is now {name}: the former name will be removed in {REMOVED_IN}"
 
 
 def warn_renamed(former: str, name: str, depth: int = 1) -> None:
@@ -40,11 +45,33 @@ def warn_renamed(former: str, name: str, depth: int = 1) -> None:
     depth
         Calls between the line that uses the former name and the caller of this function.
     """
-    warnings.warn(
-        f"{former} is now {name}: the former name will be removed in {REMOVED_IN}",
-        DeprecationWarning,
-        stacklevel=depth + 2,
-    )
+    warnings.warn(renamed_message(former, name), DeprecationWarning, stacklevel=depth + 2)
+
+
+def joint_of_bare_name(
+    name: str, quantities: Mapping[str, Container[str]], depth: int = 1
+) -> str | None:
+    """Joint of a quantity that is named without its joint, as versions before 0.4 did.
+
+    Parameters
+    ----------
+    name
+        Bare name, ``max_pressure_Pa``.
+    quantities
+        Names of the quantities of every joint.
+    depth
+        See `warn_renamed`.
+
+    Returns
+    -------
+    str or None
+        The joint if exactly one has such a quantity, with a warning; else None.
+    """
+    fitting = [joint for joint, names in quantities.items() if name in names]
+    if len(fitting) != 1:
+        return None
+    warn_renamed(name, f"{fitting[0]}.{name}", depth + 1)
+    return fitting[0]
 
 
 class _FormerAttribute:

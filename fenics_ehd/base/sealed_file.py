@@ -9,7 +9,7 @@ forgery: a changed file can be sealed again.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -231,7 +231,13 @@ def named(error: type[InputError], label: str) -> Iterator[None]:
 
 
 def open_sealed(
-    path: str | Path, kind: str, version: int, *, remedy: str, foreign: bool = False
+    path: str | Path,
+    kind: str,
+    version: int,
+    *,
+    remedy: str,
+    former: Collection[int] = (),
+    foreign: bool = False,
 ) -> h5py.File:
     """Open a file of a format for reading, after its seal is checked.
 
@@ -241,6 +247,8 @@ def open_sealed(
         As in `save_tree`.
     remedy
         Advice about a file of another version, for the message.
+    former
+        Former versions of the format that are read as well.
     foreign
         Whether other programs write such files too, without a seal.
 
@@ -257,7 +265,7 @@ def open_sealed(
         if not isinstance(label, str | bytes) or label not in (kind, kind.encode()):
             raise ValueError(f"not a {kind}")
         stored = file.attrs.get("format_version")
-        if not np.isscalar(stored) or stored != version:
+        if not np.isscalar(stored) or stored not in (version, *former):
             raise ValueError(f"format version {stored}, this program reads {version}; {remedy}")
         if not (sealed or foreign):
             raise ValueError(f"it has no digest: {remedy}")

@@ -49,6 +49,9 @@ def _kinematic(temperature: int) -> Any:
 #: Keys of an oil by grade, in messages.
 GRADED = "a grade, or viscosity_40 and viscosity_100"
 
+#: Words of `OilSettings.temperature_law`, whose laws are in `fenics_ehd.film.lubricant`.
+TEMPERATURE_LAWS = ("walther",)
+
 #: Keys of rough surfaces, in messages.
 ROUGH = "journal_roughness or bore_roughness"
 
@@ -68,6 +71,7 @@ class OilSettings:
     grade: str = text(NONE, "ISO VG 46, SAE 10W-40 and others, in place of viscosity, or none")
     viscosity_40: float = _kinematic(40)
     viscosity_100: float = _kinematic(100)
+    temperature_law: str = choice("walther", TEMPERATURE_LAWS, "viscosity by temperature")
     temperature: float = only_with(
         number(
             NO_TEMPERATURE,

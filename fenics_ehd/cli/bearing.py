@@ -1,4 +1,7 @@
-"""``fenics-ehd bearing``: one rigid bearing, its options, its table and its JSON."""
+"""``fenics-ehd bearing``: one rigid bearing, its options, its table and its JSON.
+
+Imports inside functions: `--help` does without NumPy and films.
+"""
 
 from __future__ import annotations
 
@@ -163,8 +166,8 @@ def summary(result: BearingResult) -> dict[str, Any]:
 def _plain(_: Any, __: Any, value: Any) -> Any:
     """A groove, or the table of a shape, with its kind, and numbers as JSON has them."""
     if is_dataclass(value):
-        own = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
-        return {"kind": type(value).__name__, **own}
+        entries = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
+        return {"kind": type(value).__name__, **entries}
     return value.tolist() if hasattr(value, "tolist") else value
 
 
@@ -172,7 +175,7 @@ def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
 
 
-#: Rows of the table, where a bearing has the figure: key and label.
+#: Labels of the rows of the table by key; figures that a bearing lacks are left out.
 ROWS = {
     "load_N": "load",
     "eccentricity_ratio": "eccentricity ratio",
@@ -197,7 +200,7 @@ ROWS = {
     "friction_coefficient": "coefficient of friction",
 }
 
-#: Factors and names of units in the table, where they are others.
+#: Factors and names of units in the table, by SI unit.
 SHOWN = {
     "Pa": (1e-6, "MPa"),
     "m": (1e6, "um"),
@@ -209,7 +212,8 @@ SHOWN = {
 
 def report(result: BearingResult) -> str:
     """The figures in a table."""
-    values, settings = summary(result), result.settings
+    values = summary(result)
+    settings = result.settings
     if not (settings.grooves or settings.line_at_max_film):
         del values["supply_flow_m3_per_s"]
     lines = [_given(settings, result.film.parameters.lubricant.viscosity)]
@@ -227,7 +231,7 @@ def report(result: BearingResult) -> str:
 
 
 def _given(settings: BearingSettings, viscosity: float) -> str:
-    """The bearing in words."""
+    """The bearing in one line."""
     oil = f"viscosity {viscosity:.4g} Pa s" if settings.grade == NONE else settings.grade
     speeds = f"shaft at {settings.speed:g} rad/s"
     if settings.bore_speed:
@@ -259,17 +263,17 @@ def _linear_rows(values: Mapping[str, Any]) -> list[str]:
 
 
 def _row(label: str, key: str, value: float | None) -> str:
-    from fenics_ehd.base.columns import split_unit  # NumPy, and --help does without
+    from fenics_ehd.base.columns import split_unit
 
-    own = split_unit(key)[1]
-    factor, unit = SHOWN.get(own, (1.0, own))
+    si_unit = split_unit(key)[1]
+    factor, unit = SHOWN.get(si_unit, (1.0, si_unit))
     number = "undefined" if value is None else f"{factor * value:.5g}"
     return f"{label:<26}{number:>12} {unit}".rstrip()
 
 
 def _groove(numbers: tuple[float, float, float]) -> Any:
     """Groove from degrees and Pa."""
-    from fenics_ehd.film.supply import AxialGroove  # NumPy, and --help does without
+    from fenics_ehd.film.supply import AxialGroove
 
     angle, width, pressure = numbers
     try:

@@ -9,6 +9,7 @@ import click
 
 from fenics_ehd.base.files import PICTURES, claim, require_kept, require_writable
 from fenics_ehd.base.needs import Needs
+from fenics_ehd.base.renamed import renamed_message
 from fenics_ehd.cli.options import (
     FILE,
     FOLDER,
@@ -19,6 +20,7 @@ from fenics_ehd.cli.options import (
     flag,
     json_option,
     output_option,
+    warn_of,
 )
 
 
@@ -29,7 +31,9 @@ from fenics_ehd.cli.options import (
     "--quantity",
     "quantities",
     multiple=True,
-    help=f"What to draw: {', '.join(PICTURES)} [default: all that the runs have].",
+    metavar="[JOINT.]QUANTITY",
+    help=f"What to draw, of all joints or of one: {', '.join(PICTURES)} [default: all that the "
+    "runs have].",
 )
 @flag("--difference", "Draw the second of two runs less the first.")
 @output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")
@@ -54,6 +58,11 @@ def plot(
     require_writable(folder)
     pictures = Pictures(runs, joints, difference=difference)
     pictures.require(quantities)
+    warn_of(
+        renamed_message(f"--quantity {name}", f"--quantity {pictures.full_name(name)}")
+        for name in quantities
+        if pictures.full_name(name) != name and not joints
+    )
     if not any(folder.resolve() == run.resolve() for run in runs.values()):
         claim(folder, (), "plot")
     for name in quantities or pictures.names:

@@ -31,7 +31,7 @@ from fenics_ehd.scenes.scene import Scene, changed, input_files, meshed, read_sc
 #: Scenes whose flexible bodies are known by their models.
 SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
 
-#: Most lines of the inventory for modes that are no coordinates.
+#: Most lines of the inventory for a group of modes that are no coordinates.
 SHOWN = 8
 
 
@@ -45,9 +45,9 @@ def reduce_part(
     as_json: bool,
     **options: str | float | None,
 ) -> None:
-    """Reduce the part: every rank takes part, the first one writes the body.
+    """Reduce a part; collective, the first rank writes the body.
 
-    `options` are those of [reduction], None where they are not given.
+    `options` are those of [reduction], None for options that are not given.
     """
     targets = {form: str(Path(path).with_suffix(f".{form}")) for form in exports}
     outputs = {"-o": path, "--basis": basis_path or ""}
@@ -81,25 +81,25 @@ def reduce_part(
 
 
 def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
-    """A scene and the name of the flexible body that is meant.
+    """A scene and the name of the flexible body that a name or model means.
 
     Raises
     ------
     SettingsError
-        There is none, or more than one.
+        No flexible body is meant, or several are.
     """
     if scene_name is None and part not in SHIPPED:
         raise SettingsError(f"part {part!r}: not {' or '.join(SHIPPED)}; --scene FILE has others")
     scene = read_scene(scene_name or SHIPPED[part])
     models = {name: scene.bodies[name].model for name in meshed(scene)}
-    found = [name for name, model in models.items() if part in (name, model, Path(model).stem)]
-    if len(found) != 1:
+    meant = [name for name, model in models.items() if part in (name, model, Path(model).stem)]
+    if len(meant) != 1:
         known = ", ".join(models) or "none"
         raise SettingsError(
-            f"part {part!r}: scene {scene.name} has {len(found)} flexible bodies of that name or "
+            f"part {part!r}: scene {scene.name} has {len(meant)} flexible bodies of that name or "
             f"model, not one; its flexible bodies with a model: {known}"
         )
-    return scene, found[0]
+    return scene, meant[0]
 
 
 #: Kinds of files by the option that names them.
@@ -107,7 +107,7 @@ KINDS = {"-o": BODY_KIND, "--basis": BASIS_KIND, "--export npz": EXPORT_KIND}
 
 
 def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path]) -> None:
-    """Refuse files that cannot be written, replace others, or that two options would write."""
+    """Refuse files that cannot be written, replace other files, or are named by two options."""
     taken: dict[Path, str] = {}
     for option, file in outputs.items():
         if not file:
@@ -133,7 +133,7 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
     body = rod.body
     inertia = body.inertia
     return {
-        # Settings first: what came out of them has the last word on a key of the same name.
+        # Settings first: results replace settings of the same key.
         **body.provenance,
         **body.accuracy,
         "method": body.method,
@@ -154,7 +154,7 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
     }
 
 
-#: What is told of a reduction's accuracy, where it has an entry, and its factor.
+#: Factors and sentences of the entries of a reduction's accuracy.
 NOTES = {
     "flexibility_followed": (100, "these modes follow {:.4g} % of the bore's flexibility"),
     "flexibility_mesh_error": (100, "mesh error of the bore's flexibility: {:.2g} %"),
@@ -177,7 +177,7 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
         f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2",
     ]
     for key, (factor, text) in NOTES.items():
-        # No static modes dropped or added are nothing to tell.
+        # Zero static modes dropped or added are not reported.
         if key in body.accuracy and (body.accuracy[key] or not key.startswith("static_")):
             lines.append(f"  {text.format(factor * body.accuracy[key])}")
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
@@ -194,7 +194,7 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
 
 
 def _group(name: str, modes: list[ModeRecord]) -> list[str]:
-    """Some lines of a long list, and what the rest amounts to."""
+    """First lines of a long list, and the number of the others."""
     if not modes:
         return []
     lines = [f"  {name}: {len(modes)}, {100 * sum(m.participation for m in modes):.3g} %"]

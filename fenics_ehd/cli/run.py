@@ -413,7 +413,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
 
 def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
     """The run in a few lines; `seconds` is what all of it took, if it was one process."""
-    joints = summary["joints"] if "joints" in summary else {summary["joint"]: summary}
+    joints = summary["joints"]
     lines = [
         f"{summary['scene']}: {summary['steps']} steps, "
         f"{summary['newton_iterations']} Newton iterations"

@@ -11,6 +11,7 @@ import click
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import require_kept, require_made_by
+from fenics_ehd.base.renamed import renamed_message
 from fenics_ehd.cli.options import (
     FOLDER,
     Real,
@@ -20,6 +21,7 @@ from fenics_ehd.cli.options import (
     flag,
     json_option,
     output_option,
+    warn_of,
     workers_option,
 )
 
@@ -124,8 +126,7 @@ def study(
         with StudyFolder(target, plan, overwrite=overwrite) as folder:
             rows = run_study(folder, pool)
     status = next(row["status"] for row in rows if row["run"] == REFERENCE)
-    names = ["group", "run", *(["joint"] if len(plan.joints) > 1 else [])]
-    lines = table_lines(names, rows, SHOWN)
+    lines = table_lines(["group", "run", "joint"], rows, SHOWN)
     lines.append(f"rows in {target / 'table.csv'}, runs in {target / 'runs'}")
     if report and status == COMPLETE:
         lines.append(f"report in {write_report(target)}")
@@ -175,7 +176,6 @@ def sweep(
     Rows of a former attempt that are complete are not run again. A case that fails is a row as
     well and ends nothing.
     """
-    from fenics_ehd.base.columns import joint_prefix
     from fenics_ehd.scenes.scene import as_stored, input_files
     from fenics_ehd.study.pool import FailedCasesError, open_pool
     from fenics_ehd.study.sweep import OWN, SweepFolder, make_sweep, run_sweep
@@ -191,10 +191,9 @@ def sweep(
         with SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:
             rows = run_sweep(folder, pool, keep=keep)
     failures = sum(row["status"] != COMPLETE for row in rows)
-    prefixes = [joint_prefix(joint, plan.joints) for joint in plan.joints]
     of_joints = [
-        (prefix + name, prefix.replace(".", " ") + heading, factor, form)
-        for prefix in prefixes
+        (f"{joint}.{name}", f"{joint} {heading}", factor, form)
+        for joint in plan.joints
         for name, heading, factor, form in JOINT_SHOWN
     ]
     lines = table_lines(["case", *plan.keys], rows, [*of_joints, *SWEEP_SHOWN])
@@ -221,7 +220,7 @@ METHODS = "differences in the same steps", "differences in the same steps, reduc
     required=True,
     metavar="JOINT.QUANTITY",
     help="Extreme or mean over the cycle: big_end.min_film_thickness, big_end.max_pressure, "
-    "mean_friction_power, max_force_x. Repeatable.",
+    "big_end.mean_friction_power, big_end.max_force_x. Repeatable.",
 )
 @click.option(
     "--to",
@@ -249,8 +248,19 @@ def sensitivity(
     from fenics_ehd.scenes.scene import as_stored
     from fenics_ehd.study.sensitivity import scene_sensitivity
 
-    found = scene_sensitivity(as_stored(scene), quantities, keys, finer=finer)
+    settings = as_stored(scene)
+    names = [_with_joint(name, tuple(settings.films)) for name in quantities]
+    found = scene_sensitivity(settings, names, keys, finer=finer)
     answer(_document(scene, found), _table(scene, found), as_json)
+
+
+def _with_joint(name: str, joints: Sequence[str]) -> str:
+    """A quantity with the name of its joint; of the only joint a bare name is accepted."""
+    if len(joints) != 1 or name.partition(".")[0] in joints:
+        return name
+    full = f"{joints[0]}.{name}"
+    warn_of([renamed_message(f"--of {name}", f"--of {full}")])
+    return full
 
 
 def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from fenics_ehd.base.layout import Stateful, Value
 from fenics_ehd.base.needs import NO_TEMPERATURE
 
 if TYPE_CHECKING:
-    from fenics_ehd.film.lubricant import Oil
+    from fenics_ehd.film.lubricant import TemperatureLaw
 
 
 #: ``n`` of ``P / (rho Q) ~ viscosity^n`` before two temperatures have shown it: exact for a journal
@@ -76,7 +76,7 @@ class Heat:
         0.1, "largest difference of the effective temperature from its balance [K]", above=0
     )
 
-    def outlet(self, oil: Oil, temperature: float, power: float, flow: float) -> float:
+    def outlet(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
         """Temperature of the oil that leaves [C]; infinite where none does.
 
         Parameters
@@ -92,7 +92,7 @@ class Heat:
             return self.supply_temperature
         return self.supply_temperature + rise / carried if carried > 0.0 else np.inf
 
-    def balanced(self, oil: Oil, temperature: float, power: float, flow: float) -> float:
+    def balanced(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
         """Effective temperature that power and flow at another one stand for [C]."""
         outlet = self.outlet(oil, temperature, power, flow)
         return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
@@ -169,7 +169,7 @@ class TemperatureSearch(Stateful):
         "last": Value("float", (2,), required=False),
     }
 
-    def __init__(self, heat: Heat, oil: Oil, *, telling: float = TELLING):
+    def __init__(self, heat: Heat, oil: TemperatureLaw, *, telling: float = TELLING):
         self.heat = heat
         self.oil = oil
         self._telling = telling
@@ -239,7 +239,7 @@ class TemperatureSearch(Stateful):
         self.last = np.array([viscosity, rise])
 
 
-def _thinner(oil: Oil, temperature: float, hottest: float) -> float:
+def _thinner(oil: TemperatureLaw, temperature: float, hottest: float) -> float:
     """Temperature at which an oil is `THINNER` times as thin as at another; at most the hottest."""
     wanted = oil.viscosity(temperature) / THINNER
     if oil.viscosity(hottest) >= wanted:

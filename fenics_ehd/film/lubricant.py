@@ -33,9 +33,9 @@ points (`Lubricant.viscosity_field`). Settings choose the laws of a `Lubricant` 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import attrs
 import numpy as np
@@ -56,17 +56,58 @@ from fenics_ehd.base.shared_settings import (
 #: Zero of the Celsius scale [K].
 ZERO_CELSIUS = 273.15
 
-#: Range of kinematic viscosity in which the equation stands without more terms [mm2/s].
-SMALLEST, LARGEST = 2.0, 2e7
+#: Smallest and largest kinematic viscosity for which the Walther equation needs no further terms
+#: [mm2/s].
+SMALLEST = 2.0
+LARGEST = 2e7
 
 #: Relative fall of density, of that at 15 C [1/K]: between the 5.8e-4 of a synthetic oil
 #: (MadsKirkFoged/SharpFluids, SHC230.cs) and the 6.7e-4 of an engine oil of 1061.3 - 0.5921 T.
 EXPANSION = 6.5e-4
 
 
+@runtime_checkable
+class TemperatureLaw(Protocol):
+    """Viscosity and density of an oil at every temperature: what a `Lubricant` is made of.
+
+    The film, the heat balance and scene files use these members only. `Oil` is the Walther law; the
+    Vogel law is worked in ``docs/extending.md``.
+
+    Attributes
+    ----------
+    specific_heat
+        Specific heat [J/(kg K)].
+    hottest
+        Highest temperature for which the law holds [C].
+    """
+
+    @property
+    def specific_heat(self) -> float:
+        """Specific heat [J/(kg K)]."""
+
+    @property
+    def hottest(self) -> float:
+        """Highest temperature for which the law holds [C]."""
+
+    def viscosity(self, temperature: float) -> float:
+        """Dynamic viscosity at a temperature [C], at ambient pressure [Pa s].
+
+        Raises
+        ------
+        SettingsError
+            The law does not hold at this temperature.
+        """
+
+    def viscosity_slope(self, temperature: float) -> float:
+        """Derivative of the dynamic viscosity along the temperature [Pa s/K]; errors likewise."""
+
+    def density(self, temperature: float) -> float:
+        """Density at a temperature [C], at ambient pressure [kg/m3]."""
+
+
 @dataclass(frozen=True)
 class WaltherLine:
-    """The straight line of a kinematic viscosity over temperature, both doubly logarithmic.
+    """Line of the doubly logarithmic kinematic viscosity over the logarithmic temperature.
 
     Attributes
     ----------
@@ -108,15 +149,21 @@ class WaltherLine:
         logarithm = 10 ** (self.intercept - self.slope * np.log10(temperature + ZERO_CELSIUS))
         return float(10**logarithm - 0.7)
 
+    def derivative(self, temperature: float) -> float:
+        """Derivative of the kinematic viscosity along the temperature [mm2/(s K)]."""
+        kelvin = temperature + ZERO_CELSIUS
+        logarithm = 10 ** (self.intercept - self.slope * np.log10(kelvin))
+        return float(-(10**logarithm) * np.log(10.0) * self.slope * logarithm / kelvin)
+
     def temperature(self, viscosity: float) -> float:
-        """At which the kinematic viscosity [mm2/s] is as given [C]."""
+        """Temperature of a kinematic viscosity [mm2/s] [C]."""
         exponent = (self.intercept - np.log10(np.log10(viscosity + 0.7))) / self.slope
         return float(10**exponent - ZERO_CELSIUS)
 
 
 @attrs.frozen
 class Oil:
-    """Viscosity and density of an oil at every temperature [C].
+    """A `TemperatureLaw`: kinematic viscosity by Walther's equation, density falling linearly.
 
     Raises
     ------
@@ -146,7 +193,7 @@ class Oil:
         return self._line().temperature(SMALLEST)
 
     def kinematic_viscosity(self, temperature: float) -> float:
-        """[mm2/s].
+        """Kinematic viscosity at a temperature [mm2/s].
 
         Raises
         ------
@@ -165,8 +212,16 @@ class Oil:
         """Dynamic viscosity [Pa s]; errors as `kinematic_viscosity`."""
         return 1e-6 * self.kinematic_viscosity(temperature) * self.density(temperature)
 
+    def viscosity_slope(self, temperature: float) -> float:
+        """Derivative of the dynamic viscosity [Pa s/K]; errors as `kinematic_viscosity`."""
+        viscosity = self.kinematic_viscosity(temperature)
+        by_density = -self.density_15 * self.expansion * viscosity
+        return 1e-6 * (
+            self._line().derivative(temperature) * self.density(temperature) + by_density
+        )
+
     def density(self, temperature: float) -> float:
-        """[kg/m3]."""
+        """Density at a temperature [kg/m3]."""
         return self.density_15 * (1.0 - self.expansion * (temperature - 15.0))
 
     def _line(self) -> WaltherLine:
@@ -444,9 +499,9 @@ class Lubricant:
     # that flow.
     density: float = number(DENSITY, "at ambient pressure [kg/m3]", above=0)
     specific_heat: float = number(SPECIFIC_HEAT, "at ambient pressure [J/(kg K)]", above=0)
-    #: What it is at other temperatures; None: not known.
-    oil: Oil | None = None
-    #: The one that viscosity and density belong to [C]; None: not known.
+    #: Law of the temperature; None: viscosity and density at other temperatures are not known.
+    oil: TemperatureLaw | None = None
+    #: Temperature of viscosity and density [C]; None: not known.
     temperature: float | None = None
     #: How the viscosity falls with the shear rate; None: it does not.
     shear_law: Law | None = None
@@ -456,19 +511,20 @@ class Lubricant:
             require_class(name, getattr(self, name), PressureLaw)
         for name in ("viscosity_field", "density_field"):
             require_callable(name, getattr(self, name), optional=True)
-        require_class("oil", self.oil, Oil, optional=True)
+        if not isinstance(self.oil, TemperatureLaw):
+            require_class("oil", self.oil, Oil, optional=True)
         require_class("shear_law", self.shear_law, Law, optional=True)
         if self.temperature is not None:
             require_number("temperature", self.temperature, above=NO_TEMPERATURE)
 
     @classmethod
-    def of(cls, oil: Oil, temperature: float) -> Lubricant:
+    def of(cls, oil: TemperatureLaw, temperature: float) -> Lubricant:
         """An oil at a temperature [C], its viscosity the same at every pressure.
 
         Raises
         ------
         SettingsError
-            See `Oil.kinematic_viscosity`.
+            See `TemperatureLaw.viscosity`.
         """
         return cls(
             oil.viscosity(temperature),
@@ -486,7 +542,7 @@ class Lubricant:
         Raises
         ------
         SettingsError
-            What it is at other temperatures is not known, or see `Oil.kinematic_viscosity`.
+            There is no law of the temperature, or see `TemperatureLaw.viscosity`.
         """
         if self.oil is None:
             raise SettingsError(
@@ -512,7 +568,7 @@ class Lubricant:
 
 
 def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lubricant:
-    """The lubricant that settings stand for; a `viscosity` [Pa s] counts in place of theirs.
+    """Make a lubricant of settings, or with another `viscosity` [Pa s] than they have.
 
     Raises
     ------
@@ -543,8 +599,13 @@ def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lub
     )
 
 
-def _oil(settings: OilSettings, viscosity: float) -> Oil | None:
-    """Its oil at every temperature, None for one of given viscosity."""
+#: Law of every word of `OilSettings.temperature_law`, made of the kinematic viscosities at 40 and
+#: 100 C [mm2/s] with the keywords ``density_15`` and ``specific_heat``.
+LAWS_OF_TEMPERATURE: Mapping[str, Callable[..., TemperatureLaw]] = {"walther": Oil}
+
+
+def _oil(settings: OilSettings, viscosity: float) -> TemperatureLaw | None:
+    """Temperature law of the settings; None if they give a viscosity."""
     kinematic = settings.viscosity_40, settings.viscosity_100
     graded = settings.grade != NONE
     if bool(viscosity) + graded + any(kinematic) != 1:
@@ -554,12 +615,14 @@ def _oil(settings: OilSettings, viscosity: float) -> Oil | None:
     if viscosity:
         return None
     properties = {"density_15": settings.density, "specific_heat": settings.specific_heat}
+    law = LAWS_OF_TEMPERATURE[settings.temperature_law]
     if graded:
-        return oil_of_grade(settings.grade, **properties)
+        grade = GRADES[grade_name(settings.grade)]
+        return law(grade.viscosity_40, grade.viscosity_100, **properties)
     if not all(kinematic):
         missing = "viscosity_40" if settings.viscosity_100 else "viscosity_100"
         raise SettingsError(f"{missing} is missing: kinematic viscosities come in pairs [mm2/s]")
-    return Oil(*kinematic, **properties)
+    return law(*kinematic, **properties)
 
 
 def _pressure_law(settings: OilSettings, viscosity: float) -> PressureLaw:

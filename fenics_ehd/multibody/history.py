@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -38,6 +38,7 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.layout import Group, Value, attribute, read_declared
+from fenics_ehd.base.renamed import joint_of_bare_name
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
 from fenics_ehd.multibody.cycle import Cycle
 
@@ -187,7 +188,10 @@ class BodyResult(Quantities):
 
 #: Names and version of the files, and of the layout of ``history.h5``.
 FIELDS_NAME, CSV_NAME = "history.h5", "history.csv"
-FORMAT, FORMAT_VERSION = "fenics_ehd history", 3
+FORMAT, FORMAT_VERSION = "fenics_ehd history", 4
+
+#: Former versions of the layout that are read: 3, of 0.3, has no group `CYCLE`.
+READ_VERSIONS = (3,)
 
 #: Group of the file with what a run goes on from that is not in its rows.
 RESUME = "resume"
@@ -278,20 +282,54 @@ def of_film(path: str) -> bool:
     return path.count("/") == 3
 
 
-def column_name(path: str, joints: Sized) -> str:
-    """Name in ``history.csv`` of a column by its path in a history, its unit at the end or not.
+def column_name(path: str) -> str:
+    """Name in ``history.csv`` of a column by its path in a history, with or without a unit.
 
     Parameters
     ----------
     path
         ``joints/big_end/force_x_N``, ``run/step_s``, ``time_s``.
-    joints
-        Lubricated ones; columns of the only one do without its name.
+
+    Returns
+    -------
+    str
+        ``big_end.force_x_N``, ``step_s``, ``time_s``.
     """
     group, _, name = path.partition("/")
-    if group == "joints" and len(joints) == 1:
-        return name.partition("/")[2]
     return (name or group).replace("/", ".", 1)
+
+
+class Columns(dict[str, np.ndarray]):
+    """Columns of ``history.csv`` by name; a bare name is accepted if one joint has the column.
+
+    Attributes
+    ----------
+    joints
+        Names of the lubricated joints.
+    """
+
+    joints: Collection[str] = ()
+
+    def __missing__(self, name: str) -> np.ndarray:
+        columns = {
+            joint: [key.removeprefix(f"{joint}.") for key in self if key.startswith(f"{joint}.")]
+            for joint in self.joints
+        }
+        joint = joint_of_bare_name(name, columns)
+        if joint is None:
+            raise KeyError(name)
+        return self[f"{joint}.{name}"]
+
+
+class Summary(dict[str, Any]):
+    """Entries of ``summary.json``; those of a joint are accepted without it if one has them."""
+
+    def __missing__(self, name: str) -> Any:
+        joints = self.get("joints", {})
+        joint = joint_of_bare_name(name, joints)
+        if joint is None:
+            raise KeyError(name)
+        return joints[joint][name]
 
 
 def fixed(path: str) -> bool:
@@ -340,7 +378,7 @@ class History:
     @cached_property
     def _paths(self) -> dict[str, str]:
         """Paths of what has one number a step, by name: ``big_end.max_pressure``."""
-        return {column_name(path, "  "): path for path in self.values if is_column(path)}
+        return {column_name(path): path for path in self.values if is_column(path)}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -429,8 +467,8 @@ class History:
         return {path[1]: np.asarray(v) for path, v in parts if path[2:] == ["film", "pressure"]}
 
     def summary(self) -> Mapping[str, Any]:
-        """The content of ``summary.json``; nothing of a run that goes on or was killed."""
-        return self.told
+        """Content of ``summary.json``; empty of a run that is in progress or was killed."""
+        return Summary(self.told)
 
     @property
     def status(self) -> str:
@@ -440,8 +478,6 @@ class History:
     @property
     def figures(self) -> Mapping[str, Mapping[str, Any]]:
         """Extremes and means of every lubricated joint, by its name, as in the summary."""
-        if "joint" in self.told:
-            return {self.told["joint"]: self.told}
         return self.told.get("joints", {})
 
     @property
@@ -451,15 +487,14 @@ class History:
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """All but films and modes by the names that ``history.csv`` has, units at their end."""
-        own = [path for path in self.values if is_column(path)]
-        joints = self._owners("joints", own)
-        return {
-            with_unit(column_name(path, joints), self.values[path].units): np.asarray(
-                self.values[path]
-            )
-            for path in own
-        }
+        """Columns of ``history.csv`` by name with unit, ``big_end.max_pressure_Pa``."""
+        columns = Columns(
+            (with_unit(column_name(path), quantity.units), np.asarray(quantity))
+            for path, quantity in self.values.items()
+            if is_column(path)
+        )
+        columns.joints = self._owners("joints", self.values)
+        return columns
 
     def to_dataframe(self) -> DataFrame:
         """`columns` as a table of pandas over the time, its index ``time_s``.
@@ -654,9 +689,25 @@ def opened_history(path: Path, refused: str) -> Iterator[h5py.File]:
     remedy = f"run the scene anew, or read {CSV_NAME} beside it"
     with (
         named(InputError, f"{path}: {refused}"),
-        open_sealed(path, FORMAT, FORMAT_VERSION, remedy=remedy) as file,
+        open_sealed(path, FORMAT, FORMAT_VERSION, remedy=remedy, former=READ_VERSIONS) as file,
     ):
         yield file
+
+
+def require_present_format(file: h5py.File) -> None:
+    """Refuse a history of a former version, which is read but not continued.
+
+    Raises
+    ------
+    ValueError
+        Naming the version that made it.
+    """
+    if file.attrs["format_version"] != FORMAT_VERSION:
+        version = attribute(file, "fenics_ehd", Value("text"))
+        raise ValueError(
+            f"it was made by version {version}, which {__version__} does not continue: run the "
+            "scene anew"
+        )
 
 
 def load_history(directory: str | Path, *, films: bool = True) -> History:
@@ -758,7 +809,22 @@ def _summary(folder: Path) -> dict[str, Any]:
         for name, kinds in SUMMARY_KINDS.items():
             if not isinstance(found.get(name, kinds[0]()), kinds):
                 raise ValueError(f"{name} = {found[name]!r} is of another kind")
-        return _with_nan(found)
+        return _with_nan(_with_joints(found))
+
+
+def _with_joints(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """A summary whose entries of a joint are under ``joints``.
+
+    A run of 0.3 with one lubricated joint has them from ``joint``, its name, to ``cycle_used``.
+    """
+    names = list(summary)
+    if "joint" not in summary or "cycle_used" not in summary:
+        return dict(summary)
+    first, behind = names.index("joint"), names.index("cycle_used")
+    entries = {name: summary[name] for name in names[first + 1 : behind]}
+    before = {name: summary[name] for name in names[:first]}
+    after = {name: summary[name] for name in names[behind:]}
+    return {**before, "joints": {summary["joint"]: entries}, **after}
 
 
 def _with_nan(value: Any) -> Any:

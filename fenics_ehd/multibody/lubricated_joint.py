@@ -513,8 +513,8 @@ class JointFilm:
     ----------
     film
         Film of the joint, with a temperature of the joint's own if its heat is balanced.
-    clearance, shaft_radius
-        Radial clearance and radius of the journal [m].
+    shaft_radius
+        Radius of the journal [m].
     friction, shear_rule
         See `LubricatedJoint`.
     journal_coordinates
@@ -535,7 +535,6 @@ class JointFilm:
     def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
         # Joints may share a film, but not the temperature of the film.
         film = self.film = joint.film if joint.heat is None else joint.film.with_own_temperature()
-        self.clearance = film.parameters.clearance
         self.shaft_radius = film.parameters.grid.radius - self.clearance
         self.friction = joint.friction
         self.journal_coordinates = 4 if tilting else 2
@@ -569,6 +568,11 @@ class JointFilm:
     def size(self) -> int:
         """Number n of coordinates."""
         return self.thickness.shape[1]
+
+    @property
+    def clearance(self) -> float:
+        """Radial clearance, that of the film's parameters [m]."""
+        return self.film.parameters.clearance
 
     @cached_property
     def circle(self) -> np.ndarray:

@@ -338,8 +338,7 @@ class Recorder(Stateful):
             _require_alike(row, self.rows[-1])
             self._resumed = False
         self.rows.append(row)
-        films = self.system.films
-        return {column_name(name, films): value for name, value in row.items() if is_column(name)}
+        return {column_name(name): value for name, value in row.items() if is_column(name)}
 
     def _angle(self, step: MechanismStep) -> float:
         """Reference angle [degrees], continuous over a cycle; 0 if nothing turns.

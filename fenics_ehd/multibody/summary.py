@@ -170,17 +170,14 @@ class RunSummary:
         if cycle is not None:
             for binding in recorder.system.films:
                 joints[binding.name] = self._joint(binding, cycle)
-        entries: dict[str, Any] = {"joints": joints}
-        if len(joints) == 1:
-            ((name, figures),) = joints.items()
-            entries = {"joint": name, **figures}
         return {
-            **entries,
+            "joints": joints,
             **({} if cycle is None else cycle.entries()),
             "energy_balance_error": self.energy_error,
             "simulated_time_s": recorder.time,
             **recorder.counts,
             "rejected_because": dict(recorder.rejected_because),
+            "counts": {},
             "notices": self.notices(),
             **({} if recorder.cycles is None else recorder.cycles.figures()),
         }

@@ -95,8 +95,8 @@ class Bearing:
     """
 
     def __init__(self, replay: RecordedMotion, binding: FilmBinding, bodies: Bodies, scale: float):
-        parameters = binding.film.film.parameters
-        grid, self.clearance = parameters.grid, parameters.clearance
+        self.film = binding.film.film.parameters
+        grid = self.film.grid
         self.radius, self.elastic = grid.radius, bool(binding.bore)
         self._enlarged = scale / grid.radius
         self.body, bore = at(bodies, replay.system.bore_at_rest(binding))
@@ -132,7 +132,7 @@ class Bearing:
             axes.add_patch(Annulus(centre, (1 + WALL) * radius, WALL * radius, **style))
         # The mean over the width has no share of the journal's tilt.
         gap, pressure = self.gap[frame].mean(axis=0), self.pressure[frame].max(axis=0)
-        place, clearance = self.offset[frame] / self.radius, self._enlarged * self.clearance
+        place, clearance = self.offset[frame] / self.radius, self._enlarged * self.film.clearance
         told = f"pressure, {1e-6 * pressure.max():.3g} MPa", f"thinnest, {1e6 * gap.min():.3g} µm"
         draw_section(
             axes, self._enlarged * gap, pressure / highest, place, clearance, told,
@@ -482,7 +482,7 @@ def draw(
     start = run.time[0] - run.motion.time[0]
     if joint:
         bearing = bearings[joint]
-        path, places = (r.orbits[joint] / bearing.clearance for r in (run, frames))
+        path, places = (r.orbits[joint] / bearing.film.clearance for r in (run, frames))
         clearance_circle(panels["orbit"])
         panels["orbit"].plot(*path.T, color="0.6", linewidth=1.0)
         (dot,) = panels["orbit"].plot(*places[0], "o", color=BLUE, mec="white")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -189,8 +190,8 @@ class Pictures:
             raise SettingsError(f"--difference: that of 2 runs, of {len(runs)} there is none")
         self._runs = [ShownRun(name, folder) for name, folder in runs.items()]
         self._difference, self._joints = difference, joints
-        self._rows = _rows(self._runs, joints)
-        if difference and all(len(same) < 2 for same in self._rows.values()):
+        rows = _rows(self._runs, joints)
+        if difference and all(len(same) < 2 for same in rows.values()):
             first, second = (", ".join(run.joints) or "none" for run in self._runs)
             raise SettingsError(
                 f"--difference: no lubricated joint is of both runs, {first} of the first and "
@@ -205,26 +206,56 @@ class Pictures:
     def require(self, names: Sequence[str]) -> None:
         """Refuse quantities that the runs do not have.
 
+        Parameters
+        ----------
+        names
+            ``max_pressure`` of all joints, ``big_end.max_pressure`` of one.
+
         Raises
         ------
         SettingsError
             Naming those that they have.
         """
+        known = self._joints_of_runs
         for name in names:
-            if name not in QUANTITIES or not self._having(name):
+            joint = name.rpartition(".")[0]
+            if joint and joint not in known:
+                raise SettingsError(
+                    f"--quantity {name}: no lubricated joint {joint} in "
+                    f"{self._runs[0].directory}; there is {', '.join(known) or 'none'}"
+                )
+            quantity, joints = self._selected(name)
+            if quantity not in QUANTITIES or not self._having(name):
                 of = " and ".join(str(run.directory) for run in self._runs)
-                joints = f" for {', '.join(self._joints)}" if self._joints else ""
+                whose = f" for {', '.join(joints)}" if joints else ""
                 what = "no difference of it" if self._difference else "no such quantity"
                 raise SettingsError(
-                    f"--quantity {name}: {what}{joints} in {of}; there is {', '.join(self.names)}"
+                    f"--quantity {name}: {what}{whose} in {of}; there is {', '.join(self.names)}"
                 )
+
+    def full_name(self, name: str) -> str:
+        """A quantity with the name of its joint, if the runs have one and the same joint."""
+        quantity, selected = self._selected(name)
+        if selected or len(self._joints_of_runs) != 1 or _is_of_run(quantity):
+            return name
+        return f"{self._joints_of_runs[0]}.{name}"
+
+    @cached_property
+    def _joints_of_runs(self) -> list[str]:
+        """Names of all lubricated joints."""
+        return list(dict.fromkeys(joint for run in self._runs for joint in run.joints))
+
+    def _selected(self, name: str) -> tuple[str, Sequence[str]]:
+        """Quantity and joints of ``JOINT.QUANTITY``, or of a quantity of all selected joints."""
+        joint, _, quantity = name.rpartition(".")
+        return quantity, [joint] if joint else self._joints
 
     def draw(self, name: str, directory: str | Path) -> list[Path]:
         """Write a picture in each format; none where there is nothing to draw.
 
         Those of several runs have names of their own, and leave those of the first alone.
         """
-        rows, quantity = self._having(name), QUANTITIES[name]
+        rows, quantity = self._having(name), QUANTITIES[self._selected(name)[0]]
         if not rows:
             return []
         with plt.rc_context(SETTINGS):
@@ -238,21 +269,29 @@ class Pictures:
             return save_in_formats(figure, directory, self._file(name))
 
     def _file(self, name: str) -> str:
+        quantity, joints = self._selected(name)
         several = ["difference" if self._difference else "comparison"] * (len(self._runs) > 1)
-        return "-".join([name, *self._joints, *several])
+        return "-".join([quantity, *joints, *several])
 
     def _having(self, name: str) -> Rows:
         """Joints, or runs as a whole, of which a quantity can be drawn."""
-        quantity, rows = QUANTITIES[name], self._rows
-        whole = isinstance(quantity, Curves) and quantity.whole
+        selected, joints = self._selected(name)
+        quantity, rows = QUANTITIES[selected], _rows(self._runs, joints)
+        whole = _is_of_run(selected)
         # Works of two runs do not begin at the same instant.
         if self._difference and (whole or not isinstance(quantity, Curves | Paths)):
             return {}
         if whole:
             rows = {"": [run.whole for run in self._runs]}
-        found = {title: [j for j in joints if quantity.has(j)] for title, joints in rows.items()}
+        drawn = {title: [j for j in own if quantity.has(j)] for title, own in rows.items()}
         least = 2 if self._difference else 1
-        return {title: joints for title, joints in found.items() if len(joints) >= least}
+        return {title: own for title, own in drawn.items() if len(own) >= least}
+
+
+def _is_of_run(quantity: str) -> bool:
+    """True of a quantity of a run as a whole, such as ``energy``, False of one of its joints."""
+    picture = QUANTITIES.get(quantity)
+    return isinstance(picture, Curves) and picture.whole
 
 
 def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:

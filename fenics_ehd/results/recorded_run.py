@@ -68,6 +68,7 @@ from fenics_ehd.multibody.history import (
     load_history,
     missing,
     opened_history,
+    require_present_format,
 )
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep, SolverState
 from fenics_ehd.multibody.recorder import Recorder
@@ -406,12 +407,14 @@ def load_run_state(folder: Path) -> Checkpoint:
     Raises
     ------
     InputError
-        The folder has no run to go on with, or it changed since it was written.
+        The folder has no run to go on with, one of another version, or it changed since it was
+        written.
     """
     path, refused = folder / FIELDS_NAME, "no checkpoint to go on from"
     if not path.exists():
         raise InputError(f"{folder}: {refused}, {missing(path, 'it has no')}")
     with opened_history(path, refused) as file:
+        require_present_format(file)
         if RESUME not in file:
             raise ValueError("it is of a run that came to its end")
         tree = read_declared(file[RESUME], CHECKPOINT)

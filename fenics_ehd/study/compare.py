@@ -28,7 +28,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from fenics_ehd import __version__
-from fenics_ehd.base.columns import TIME, joint_prefix
+from fenics_ehd.base.columns import TIME
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import claim, clear, read_json, versions, write_whole
 from fenics_ehd.base.processes import interrupt_kept
@@ -129,7 +129,6 @@ class StoredRun:
         errors = {}
         for joint in self.joints:
             own = run.result.joints[joint]
-            prefix = joint_prefix(joint, self.joints)
             peak = self.result.joints[joint].max_pressure[self.counted].max()
             nodal = exact.joints[joint].film.pressure
             pairs = {
@@ -139,7 +138,7 @@ class StoredRun:
             errors[joint] = {GAP: float(np.abs(ours[joint] - right[joint]).max())}
             for name, (values, true) in pairs.items():
                 off = (values - true) / (peak if name == "pressure" else true)
-                curves[f"{prefix}{name}_error"] = off
+                curves[f"{joint}.{name}_error"] = off
                 errors[joint][f"{name}_max"] = float(np.abs(off).max())
                 errors[joint][f"{name}_l2"] = _mean(times, values - true) / _mean(times, true)
         return curves, errors
@@ -318,9 +317,7 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
         "start": folder.study.start,
     }
     if outcome is not None and outcome.complete:
-        cells = outcome.figures["film_cells"]
-        found["film_cells"] = cells if len(cells) > 1 else next(iter(cells.values()))
-        names = ("coordinates", "pressure_columns", "dropped_columns")
+        names = ("film_cells", "coordinates", "pressure_columns", "dropped_columns")
         found |= {name: outcome.figures[name] for name in names}
         found["dropped_because"] = DROPPED if found["dropped_columns"] else ""
     return found | {kind: _own_error(folder, kind) for kind in ("step", "film", "basis")}
@@ -334,7 +331,7 @@ def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     joints = {joint: {name: own[name] for name in ERRORS} for joint, own in errors.items()}
     largest = {name: max(own[name] for own in joints.values()) for name in ERRORS}
     about = {"run": run, "against": REFERENCE, "how": meaning}
-    return largest | about | ({"joints": joints} if len(joints) > 1 else {})
+    return largest | about | {"joints": joints}
 
 
 #: Columns of errors, and of figures of the run.

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.scenes.scene import Scene, as_stored
 from fenics_ehd.study.cases import (
@@ -152,9 +151,8 @@ OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
-    """Columns of figures; with several lubricated joints theirs bear the joint's name."""
-    own = (joint_prefix(joint, joints) + name for joint in joints for name in JOINT_FIGURES)
-    return (*own, *FIGURES)
+    """Columns of figures; those of a lubricated joint bear its name."""
+    return (*(f"{joint}.{name}" for joint in joints for name in JOINT_FIGURES), *FIGURES)
 
 
 class SweepFolder(RunsFolder):

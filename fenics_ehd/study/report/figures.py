@@ -179,7 +179,7 @@ def joint_figure(
         len(shown), len(curves), figsize=size, layout="constrained", squeeze=False
     )
     for row, (joint, own) in zip(panels, shown.items(), strict=True):
-        row[0].set_title(joint.title, loc="left", fontweight="bold")
+        row[0].set_title(joint.name, loc="left", fontweight="bold")
         for axes, curve in zip(row, curves, strict=True):
             draw(axes, own, joint, curve)
     legend_below(figure)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.base.columns import joint_prefix
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import read_json
 from fenics_ehd.base.sealed_file import named
@@ -141,11 +140,6 @@ class JointData:
     study: StudyData
     name: str
 
-    @property
-    def title(self) -> str:
-        """Its name where there are several, else nothing."""
-        return self.name if len(self.study.info["joints"]) > 1 else ""
-
     def planned(self, *groups: str, **wanted: Any) -> list[StudyRow]:
         """Runs of some groups with these values, whatever came of them."""
         return [
@@ -173,9 +167,8 @@ class JointData:
             found = read_errors(errors_path(self.study.folder(run), REFERENCE))
         except InputError:
             return None
-        prefix = joint_prefix(self.name, self.study.info["joints"])
-        own = {k.removeprefix(prefix): v for k, v in found.items() if k.startswith(prefix)}
-        return own | {"time_s": found["time_s"]}
+        # Of one joint, versions before 0.4 stored bare names.
+        return {column.removeprefix(f"{self.name}."): v for column, v in found.items()}
 
 
 #: Columns of the table that hold text; the others hold numbers.
