@@ -382,7 +382,7 @@ def stopped(crank, tmp_path):
 def cut(source, target, steps):
     """The first steps of a run, without a summary."""
     history = ehd.load_results(source).each(lambda values: values[:steps])
-    replace(history, told={}).save(target)
+    replace(history, entries={}).save(target)
 
 
 @pytest.mark.slow
