@@ -388,7 +388,7 @@ def stopped(crank, tmp_path):
 def cut(source, target, steps):
     """The first steps of a run, without a summary."""
     history = ehd.load_results(source).each(lambda values: values[:steps])
-    replace(history, told={}).save(target)
+    replace(history, entries={}).save(target)
 
 
 def test_command_takes_a_stopped_run_and_repeats_itself(stopped, capsys):

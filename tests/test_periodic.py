@@ -32,7 +32,7 @@ class AffineRun:
             observe=self.observe,
             gaps=lambda observed: observed[:3],
             lengths=lambda gaps: gaps,
-            closing=lambda before, after: 1.0 - (after / before).min(),
+            gap_reduction=lambda before, after: 1.0 - (after / before).min(),
             film_gaps=lambda observed: [observed[:3]],
         )
         system = SimpleNamespace(
@@ -115,7 +115,7 @@ def test_a_start_that_would_close_a_gap_is_not_taken(monkeypatch):
     ("tolerance", "cure"),
     [
         (0.0, "check the loads$"),
-        (0.1, r"time\.tolerance = 0\.1 scatter"),
+        (0.1, r"same size: lower time\.tolerance = 0\.1"),
         (1e-20, r"allow more cycles .* lower time\.tolerance = 1e-20"),
     ],
 )

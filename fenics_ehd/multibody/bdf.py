@@ -64,7 +64,7 @@ class ImplicitStep:
         return self.shift * rate + self.past_rate
 
 
-#: What a solution has beside x, and what the solver carries from step to step.
+#: Further results of a solution, and state that the solver keeps from step to step.
 Solution = TypeVar("Solution")
 Carried = TypeVar("Carried")
 
@@ -80,9 +80,9 @@ class Solved(Generic[Solution, Carried]):
     observed
         See `Observed`.
     solution
-        For whoever looks at the step.
+        Further results, for callers.
     solver
-        For the solution of the next step.
+        State of the solver for the next step.
     """
 
     x: np.ndarray
@@ -94,14 +94,14 @@ class Solved(Generic[Solution, Carried]):
 
 @dataclass(frozen=True, eq=False)
 class Attempt(Generic[Solution, Carried]):
-    """Outcome of the solution of one step: solved, or why it failed."""
+    """Outcome of the solution of one step: its solution, or the cause of its failure."""
 
     iterations: int
     solved: Solved[Solution, Carried] | None = None
     cause: Exception | None = None
 
 
-#: Solves a step of a problem, after what the solver carries from the one before, None at first.
+#: Solves a step of a problem, with the solver's state of the step before, None at first.
 StepSolver = Callable[[Any, ImplicitStep, Carried | None], Attempt[Solution, Carried]]
 
 
@@ -110,21 +110,24 @@ StepSolver = Callable[[Any, ImplicitStep, Carried | None], Attempt[Solution, Car
 #: is left, too little to start a film from steps of 1e-8 s.
 GROWTH = {1: 2.0, 2: 2.0, 3: 1.5}
 
-#: A failed step shrinks by at most this factor; steps aim this far below the tolerance.
-SHRINKAGE, SAFETY = 0.2, 0.9
+#: Smallest factor by which a failed step shrinks.
+SHRINKAGE = 0.2
+
+#: Factor on the step that would just meet the tolerance.
+SAFETY = 0.9
 
 #: Newton stops when its last update is below this fraction of the step tolerance.
 NEWTON_FRACTION = 1e-2
 
 
 class Observed(Protocol):
-    """Problem whose errors the step control judges: it makes the tolerance mean something."""
+    """Problem whose errors the step control judges, relative to its own sizes."""
 
     def observe(self, x: np.ndarray) -> np.ndarray:
-        """Quantities whose error counts, an affine function of x."""
+        """Quantities whose errors count, an affine function of x."""
 
     def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
-        """Size of their error: 1 is an error of the size of the quantities themselves."""
+        """Relative size of an error of the observed quantities: 1 if it is as large as they are."""
 
 
 @attrs.frozen(slots=False)
@@ -158,9 +161,9 @@ class IntegratorOptions:
 class Step(Generic[Solution]):
     """One accepted step; `observed` is `Observed.observe` of x.
 
-    `rejected` counts the attempts since the last accepted step that failed,
-    by reason; `newton_iterations` includes theirs. `solution` belongs to x;
-    another update would change both by less than `ImplicitStep.tolerance`.
+    `rejected` counts the failed attempts since the last accepted step by reason;
+    `newton_iterations` includes the iterations of failed attempts. `solution` belongs to x; a
+    further update would change both by less than `ImplicitStep.tolerance`.
     """
 
     time: float
@@ -289,7 +292,8 @@ class IntegratorState(Generic[Carried]):
         """Equations for the next point, by the formula of an order `blended` with the next."""
         predicted, observed = self.predict(problem, time, order + 1)
         weights, lower = blended(time, self.times, order, blend)
-        past, implicit = weights[1:], lower / weights[0]
+        past = weights[1:]
+        implicit = lower / weights[0]
         oldest = self.times[order] if len(self.times) > order else self.times[0]
         return ImplicitStep(
             time,
@@ -312,7 +316,7 @@ def advance(
     solve: StepSolver[Carried, Solution],
     tables: Sequence[TabulatedLoad] = (),
 ) -> tuple[Step[Solution], IntegratorState[Carried]]:
-    """One accepted step, and what to go on from.
+    """One accepted step, and the state after it.
 
     The local error is estimated from the distance between the solution and the
     extrapolation of the last k + 1 points. No step misses a row of a table.
@@ -320,9 +324,9 @@ def advance(
     Parameters
     ----------
     problem
-        What `solve` asks for, and judges errors.
+        Problem that `solve` solves, and whose norm measures errors.
     state
-        Where the integration is.
+        State of the integration before the step.
     end
         Time that the step may reach at most [s].
     control
@@ -337,41 +341,47 @@ def advance(
     StepSizeError
         The step fell below the smallest allowed one.
     """
-    step, iterations = state.step, 0
+    step = state.step
+    iterations = 0
     rejected: dict[str, int] = {}
     nearest = control.smallest
-    cause, failure = None, "none"
+    cause = None
+    failure = "none"
     order = state.usable_order(control.order)
     while not step < nearest:
         time, step = _target(state.time, end, step)
         row = state.reach(problem, tables, time, order, nearest)
         corner = row < time
         if corner:
-            time, step = row, row - state.time
+            time = row
+            step = row - state.time
         limit = NEWTON_FRACTION * control.tolerance
         asked = state.implicit_step(problem, time, order, control.blend, limit)
         attempt = solve(problem, asked, state.solver)
         iterations += attempt.iterations
-        error, cause, solved = np.inf, attempt.cause, attempt.solved
+        error = np.inf
+        cause = attempt.cause
+        solved = attempt.solved
         failure = f"{type(cause).__name__}: {cause}" if cause else "error above tolerance"
         if solved is not None:
             observed = solved.observed
             distance = problem.error_norm(observed, observed - asked.observed[1])
             error = asked.error_share * distance
-            # An angle that is not where it was foretold to be may have passed other rows.
+            # An angle that differs from its prediction may have passed other rows.
             if error <= control.tolerance and state.misses(tables, time, solved.x, nearest):
-                error, failure = np.inf, "row of a table missed"
+                error = np.inf
+                failure = "row of a table missed"
         step = _next_step(step, error, order, control)
         if solved is not None and error <= control.tolerance:
             moved = solved.x, solved.rate, asked.acceleration(solved.rate)
             new = Step(time, *moved, observed, solved.solution, iterations, rejected)
-            # What was before a corner of a load says nothing of the time after it.
+            # Points before a corner of a load do not predict points after it.
             keep = 1 if corner else control.order + 2
             return new, state.after(new, step, solved.solver, keep)
         first = state.solver is None and np.isfinite(error)
         if solved is not None and first and step < nearest:
-            # A start that contradicts the equations leaps, however short the step: a journal
-            # without mass presses at once on a bore that nothing holds back. There it begins.
+            # A start that contradicts the equations leaps in a step of any length: a journal
+            # without mass presses at once on a bore without support. Integration begins after it.
             step = state.step
             state = IntegratorState(
                 np.array([time]), solved.x[None], state.rate, observed[None], step, solved.solver

@@ -8,8 +8,8 @@ reference angle was a cycle behind, or a period of the loads over time before, w
 (`Recurrence`). A run that is shorter than that has no complete cycle: figures are of all of it.
 
 The cycle is decided once, by the constructors `Cycle.of_search` and `Cycle.of_run`, and stored by
-its times with the history and in the summary. `Cycle.rows` finds its steps again, whatever part
-of the run a history has.
+its times with the history and in the summary. `Cycle.rows` finds its steps by these times, also in
+a history of a part of the run.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def first_of_last(numbers: Sequence[float] | np.ndarray) -> int:
 
 @dataclass(frozen=True)
 class Recurrence:
-    """After what the loads of a mechanism repeat themselves.
+    """Angle and time after which the loads of a mechanism recur.
 
     Attributes
     ----------
@@ -129,7 +129,8 @@ class Cycle:
         """
         end = float(times[-1])
         turned = np.abs(angles[-1] - angles)
-        counts, starts = [], []  # of cycles by time and by angle
+        counts: list[float] = []  # numbers of cycles by time and by angle
+        starts: list[float] = []
         if recurrence.time:
             counts.append(end / recurrence.time)
             starts.append(end - recurrence.time)
@@ -188,8 +189,9 @@ class Cycle:
         if not summary.keys() >= set(names):
             return None
         start, end, label = (summary[name] for name in names)
-        complete, periodic = label not in (BUILDS_UP, TOO_SHORT, UNKNOWN), "cycles" in summary
-        return cls(float(start), float(end), label, complete, periodic or label == BUILDS_UP)
+        complete = label not in (BUILDS_UP, TOO_SHORT, UNKNOWN)
+        periodic = "cycles" in summary or label == BUILDS_UP
+        return cls(float(start), float(end), label, complete, periodic)
 
     def entries(self) -> dict[str, Any]:
         """Entries of the summary."""

@@ -1,8 +1,9 @@
-"""Periodic solutions: cycle after cycle of a run, until its films repeat.
+"""Periodic solutions: a run is continued cycle by cycle until its films repeat.
 
-Each cycle begins where the last one ended, or where the last ones together point to, and with
-other effective temperatures of the films whose heat is balanced over a cycle. The crank's angle,
-which the curves of a machine are drawn over, is chosen here, too.
+A cycle begins at the end of the cycle before, or at an extrapolation of the ends of several
+cycles, and with new effective temperatures of the films whose heat is balanced over a cycle. The
+periods of loads and drives, which a cycle must be a multiple of, are collected here, and the
+reference angle of a mechanism, over which its curves are drawn, is chosen here.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ from fenics_ehd.multibody.trust import integral
 
 
 def reference_angle(system: System) -> int | None:
-    """Index in z of the reference angle; None: no body can turn.
+    """Index of the reference angle among the coordinates of a mechanism; None if nothing can turn.
 
-    It is the angle of the first body by name with a drive, else of the first with a torque, else of
-    the first journal, else of the first body.
+    It is the angle of the first body by name that a drive turns, else that a torque turns, else
+    that of the first journal that turns, else that of the first body.
     """
     mechanism = system.mechanism
     angles = system.angles
@@ -50,27 +51,30 @@ def reference_angle(system: System) -> int | None:
     return next((index for index in candidates() if index is not None), None)
 
 
-#: Cycles that change the films by less than this tell where the next one should begin, at most so
-#: many of them; and the share that a film may become thinner by that.
+#: Largest relative change of the films over a cycle from which the next start is extrapolated.
 NEAR = 0.3
+
+#: Largest number of cycles from which the next start is extrapolated.
 REMEMBERED = 6
+
+#: Largest relative decrease of a film by an extrapolated start.
 THINNER = 0.3
 
 #: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
 NOISE = 1e-2
 
-#: Change of a cycle that may be noise, over the tolerance of its steps, which are not those of the
-#: cycle before: films of a small journal under a load of five rows and of a four-bar's pin change
-#: by up to once that from cycle to cycle, without end.
+#: Change of the films over a cycle that may be noise, over the tolerance of its steps: every cycle
+#: has other steps. The films of a small journal under a load of five rows, and of the pin of a
+#: four-bar, change by up to once the tolerance in every cycle.
 CYCLE_NOISE = 1.0
 
-#: Share of the time that loads and drives take to repeat by which a cycle may begin before it.
+#: Share of the time from which loads recur by which a cycle may begin earlier: rounding.
 ROUNDING = 1e-9
 
-#: Cycles in one that are tried where loads do not repeat with the period.
+#: Largest multiple of the period that a message proposes if loads do not recur with the period.
 LONGEST = 12
 
-#: Cycles after which films may repeat in place of one.
+#: Numbers of cycles after which films of a subharmonic whirl may repeat.
 SUBHARMONIC = (2, 3)
 
 
@@ -140,7 +144,7 @@ def check_period(
     for key, count in counts.items():
         off = {n: abs(n * count - round(n * count)) / n for n in range(1, LONGEST + 1)}
         if 2 * np.pi * off[1] > periodicity:
-            factor = next((n for n, left in off.items() if 2 * np.pi * left <= periodicity), 0)
+            factor = next((n for n, error in off.items() if 2 * np.pi * error <= periodicity), 0)
             longer = f"{factor} times as long, or change" if factor else "another, or change"
             raise SettingsError(
                 f"{key} repeats {count:.9g} times in the cycle of {period:g} s, which must be a "
@@ -149,21 +153,22 @@ def check_period(
 
 
 def temperatures(binding: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
-    """Figures of a joint whose heat is balanced, of mean power and flow; no others have any."""
-    heat, now = binding.joint.heat, binding.film.film.equation.lubricant.temperature
-    if heat is None or now is None or not means:
+    """Temperatures of a joint from its mean power and flow; empty if its heat is not balanced."""
+    heat = binding.joint.heat
+    temperature = binding.film.film.equation.lubricant.temperature
+    if heat is None or temperature is None or not means:
         return {}
     power, flow = (means[name] for name in ("dissipated_power_W", "leaving_flow_m3_per_s"))
     return {
         "supply_temperature_C": heat.supply_temperature,
-        "effective_temperature_C": now,
-        "outlet_temperature_C": heat.outlet(_oil(binding), now, power, flow),
+        "effective_temperature_C": temperature,
+        "outlet_temperature_C": heat.outlet(_oil(binding), temperature, power, flow),
     }
 
 
 def _oil(binding: FilmBinding) -> TemperatureLaw:
     oil = binding.film.film.parameters.lubricant.oil
-    assert oil is not None  # `LubricatedJoint` has seen to it
+    assert oil is not None  # checked by `LubricatedJoint`
     return oil
 
 
@@ -172,20 +177,20 @@ class FilmTemperatures(Stateful):
 
     Parameters
     ----------
-    places
-        Joints; those without `LubricatedJoint.heat` are left alone, the others' films begin at
-        the supply's temperature.
+    bindings
+        All lubricated joints. The films of joints with `LubricatedJoint.heat` begin at the
+        temperature of the supply; other joints are not changed.
 
     Attributes
     ----------
     thinning
-        Relative change of each film, about, for which the last move stands: a bearing under load
-        runs with a film as the square root of the viscosity.
+        Approximate relative change of each film by the last change of its temperature, shape
+        (count,): the film of a bearing under load is proportional to the root of the viscosity.
     times, rates
-        Of the steps of the cycle under way and the three before it [s], and power [W] and flow
-        [m3/s] of every film there, shape (k,), (k, 2 count).
+        Times [s] of the steps of the cycle under way and of three steps before it, shape (k,);
+        power [W] and flow [m3/s] of every film there, shape (k, 2 count).
     first
-        Number of the step that the cycle begins with.
+        Number of the step at the start of the cycle.
     """
 
     carried: ClassVar = {
@@ -195,27 +200,29 @@ class FilmTemperatures(Stateful):
         "first": Value("integer", least=0),
     }
 
-    def __init__(self, places: Sequence[FilmBinding]):
-        self._places = {
-            i: binding for i, binding in enumerate(places) if binding.joint.heat is not None
+    def __init__(self, bindings: Sequence[FilmBinding]):
+        self._bindings = {
+            i: binding for i, binding in enumerate(bindings) if binding.joint.heat is not None
         }
         self.searches: dict[str, TemperatureSearch] = {}
-        for binding in self._places.values():
+        for binding in self._bindings.values():
             assert binding.joint.heat is not None
             self.searches[binding.name] = TemperatureSearch(binding.joint.heat, _oil(binding))
         self.count = len(self.searches)
-        self.times, self.rates, self.first = np.zeros(0), np.zeros((0, 2 * self.count)), 0
+        self.times = np.zeros(0)
+        self.rates = np.zeros((0, 2 * self.count))
+        self.first = 0
         self.thinning = np.zeros(self.count)
         self._resume()
 
     def _resume(self) -> None:
-        """Have the films as warm as the searches say."""
-        for binding in self._places.values():
+        """Set the temperatures of the films to those of the searches."""
+        for binding in self._bindings.values():
             binding.film.film.set_temperature(self.searches[binding.name].temperature)
 
     def add(self, step: MechanismStep) -> None:
-        """Account for an accepted step of the cycle under way."""
-        joints = [step.solution.joints[i] for i in self._places]
+        """Add power and flow of an accepted step of the cycle under way."""
+        joints = [step.solution.joints[i] for i in self._bindings]
         rates = [rate for joint in joints for rate in (joint.dissipated, joint.flows.leaving)]
         self.times = np.append(self.times, step.time)
         self.rates = np.vstack([self.rates, rates])
@@ -224,13 +231,13 @@ class FilmTemperatures(Stateful):
         """Name and search of every film, mean power and flow over the cycle."""
         if not self.count:
             return
-        whole = integral(self.times, self.rates, self.first)
-        means = (whole / (self.times[-1] - self.times[self.first])).reshape(-1, 2)
-        for (name, search), own in zip(self.searches.items(), means.tolist(), strict=True):
-            yield name, search, own
+        integrals = integral(self.times, self.rates, self.first)
+        means = (integrals / (self.times[-1] - self.times[self.first])).reshape(-1, 2)
+        for (name, search), mean in zip(self.searches.items(), means.tolist(), strict=True):
+            yield name, search, mean
 
     def unsettled(self) -> str:
-        """Message about the first temperature that is off its balance; else empty."""
+        """Message about the first temperature whose heat is not balanced, else empty."""
         for name, search, means in self._balances():
             defect = search.defect(*means)
             if not abs(defect) <= search.heat.tolerance:
@@ -242,9 +249,9 @@ class FilmTemperatures(Stateful):
         return ""
 
     def move(self) -> None:
-        """Take other temperatures for the next cycle, where they are off their balance.
+        """Change the temperatures for the next cycle whose heat is not balanced.
 
-        Those that are not stay: another one would change the steps of the cycle for nothing.
+        Balanced temperatures stay: a change would only change the steps of the cycle.
 
         Raises
         ------
@@ -259,7 +266,8 @@ class FilmTemperatures(Stateful):
             if not search.move(*means):
                 raise run_away(f"joints.{name}.heat", search)
             self.thinning[i] = 0.5 * np.log(before / search.viscosity)
-        self.times, self.rates = self.times[-3:], self.rates[-3:]
+        self.times = self.times[-3:]
+        self.rates = self.rates[-3:]
         self.first = len(self.times) - 1
         self._resume()
 
@@ -270,14 +278,14 @@ class FilmTemperatures(Stateful):
 
     def shift(self, change: np.ndarray) -> None:
         """Change the temperatures that have moved once more, shape (count,) [K]."""
-        found = zip(self.searches.values(), change, self.thinning, strict=True)
-        for search, own, moved in found:
+        each = zip(self.searches.values(), change.tolist(), self.thinning, strict=True)
+        for search, shift, moved in each:
             if moved:
-                search.shift(float(own))
+                search.shift(shift)
         self._resume()
 
     def failed(self, error: Exception) -> HeatError | None:
-        """The error behind that of a cycle whose film the heat has thinned; None: it has not."""
+        """The heat error that has caused the error of a cycle; None if heat is balanced."""
         for name, search in self.searches.items():
             if search.without_balance:
                 return run_away(f"joints.{name}.heat", search, error)
@@ -285,46 +293,47 @@ class FilmTemperatures(Stateful):
 
 
 class PeriodicSolver(Stateful):
-    """Steps of a run, without a stop in between, until no film changes over a cycle.
+    """Search for a periodic solution: steps of a run until no film changes over a cycle.
 
-    Where a joint's heat is balanced, its film takes another temperature with every cycle, and the
-    search ends only when that fits, too. A cycle counts that began when loads and drives repeated
-    themselves, see `repeating`.
+    If the heat of a joint is balanced, the temperature of its film changes with every cycle, and
+    the search ends when the heat is balanced as well. Cycles count from the time on at which all
+    loads and drives recur, see `repeating`.
 
-    A cycle maps its start to its end. Where it forgets its start slowly the next one begins at the
-    combination of former ends for which the same combination of changes is least (Anderson 1965).
+    A cycle maps its start to its end. If the films of a cycle depend much on its start, the next
+    start is the combination of former ends for which the same combination of changes is least
+    (Anderson 1965).
 
     Parameters
     ----------
     run
         At its start.
     period
-        Of all drives and forces [s].
+        Common period of all drives and forces [s].
     periodicity
-        Largest change of a film from the start of a cycle to its end, relative to the film, and
-        of its oil where that is accounted for.
+        Largest change of a film from the start of a cycle to its end, relative to the film; with
+        mass-conserving cavitation of its oil content, too.
     most
-        Cycles to give up after.
+        Largest number of cycles.
 
     Attributes
     ----------
     periodicity, most
-        As given.
+        As the parameters.
     number
-        Of the cycle under way, from 1.
+        Number of the cycle under way, from 1.
     defect
-        Change of the films over the last complete cycle.
+        Change of the films over the last complete cycle, relative to the films [-].
     angles
-        Places of all bodies' angles in the coordinates.
+        Indices of the angles of all bodies among the coordinates.
     began
         State at the start of the cycle under way.
     moved
-        Change of the films' start from the cycle before the last complete one to that, in the norm
-        that `left` and `contraction` are in: root mean square, relative to the films.
+        Distance of the starts of the last two complete cycles: root mean square of the difference
+        of the films, relative to the films [-].
     left
-        Change of the films over the last complete cycle in that norm.
+        Change of the films over the last complete cycle, root mean square likewise [-].
     contraction
-        Distance of the ends of the last two cycles over that of their starts.
+        Distance of the ends of the last two complete cycles over the distance of their starts.
 
     Raises
     ------
@@ -348,15 +357,20 @@ class PeriodicSolver(Stateful):
     def __init__(self, run: Run, period: float, periodicity: float = 1e-4, most: int = 20):
         if not run.equations.system.films:
             raise SettingsError("a mechanism without a lubricated joint has no film to repeat")
-        self._run, self.period = run, period
-        self.periodicity, self.most = periodicity, most
-        self.number, self.defect, self.began = 1, float("nan"), run.state
+        self._run = run
+        self.period = period
+        self.periodicity = periodicity
+        self.most = most
+        self.number = 1
+        self.defect = float("nan")
+        self.began = run.state
         self.moved = self.left = self.contraction = float("nan")
         self.former = self.starts = np.zeros((0, len(self._films())))
         system = run.equations.system
         check_period(system.mechanism, period, periodicity)
         self.angles = [*system.angles.values()]
-        self.gaps, self.contents = self._films(), self._oil()
+        self.gaps = self._films()
+        self.contents = self._oil()
         self.heat = FilmTemperatures(system.films)
         self.ends = np.zeros((0, 2, run.state.x.shape[1] + self.heat.count))
         self.changes = np.zeros((0, len(self.gaps) + self.heat.count))
@@ -394,8 +408,9 @@ class PeriodicSolver(Stateful):
         return self._run.norm.gaps(self._run.state.observed[0])
 
     def _oil(self) -> np.ndarray:
-        """Contents of the films, 0 of those that keep no account of them [m^3]."""
-        state, norm = self._run.state, self._run.norm
+        """Oil contents of the films [m^3]; 0 without mass-conserving cavitation."""
+        state = self._run.state
+        norm = self._run.norm
         gaps = norm.film_gaps(state.observed[0])
         return self._run.equations.contents(state.x[0], gaps)
 
@@ -423,15 +438,15 @@ class PeriodicSolver(Stateful):
             change = gaps - self.gaps
             lengths = self._run.norm.lengths(gaps)
             self.defect = float(np.max(np.abs(change) / lengths))
-            # What follows is found again where a search that has come to its end is taken up there:
-            # until the next cycle begins nothing is forgotten that it needs.
+            # A search that is resumed at the end of a cycle repeats this comparison: its data stay
+            # until the next cycle begins.
             ends = np.stack([self.gaps, gaps])
             self._compare(ends, lengths)
             starts = np.concatenate([self.starts, ends[:1]])
             contents = self._oil()
             drained = np.abs(contents - self.contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
-            # Over the first one the films build up; that they end as they began means nothing.
+            # The films build up over the first cycle: its periodicity is a coincidence.
             off = self.heat.unsettled()
             repeats = self.number >= max(self._counted, 2) and self.defect <= self.periodicity
             if repeats and not off:
@@ -445,24 +460,34 @@ class PeriodicSolver(Stateful):
                 cure = "allow more cycles or check the loads"
                 tolerance = self._run.control.tolerance
                 if not off and self.defect < tolerance:
-                    cure = f"steps to time.tolerance = {tolerance:g} scatter by as much, lower it"
+                    cure = (
+                        "the step-size error is of the same size: lower time.tolerance = "
+                        f"{tolerance:g}"
+                    )
                 elif not off and tolerance > self.periodicity:
                     cure += f", or lower time.tolerance = {tolerance:g}, which is above it"
                 raise PeriodicityError(
                     f"after cycles = {self.number} of {self.period:g} s {still}: {cure}"
                 )
             self.heat.move()
-            self.former, self.starts = ends, starts[-max(SUBHARMONIC) :]
+            self.former = ends
+            self.starts = starts[-max(SUBHARMONIC) :]
             self._begin(change)
             self.began = self._run.state
             self.contents = self._oil()
             self.number += 1
 
     def _check_subharmonic(self, gaps: np.ndarray, lengths: np.ndarray, starts: np.ndarray) -> None:
-        """Refuse films that repeat themselves, but not with every cycle."""
+        """Refuse films that repeat after two or three cycles, but not after one.
+
+        Raises
+        ------
+        PeriodicityError
+            Naming the number of cycles.
+        """
         for k in SUBHARMONIC:
             if self.defect < NEAR or len(starts) < k:
-                return  # another start was tried since
+                return  # a start was extrapolated within these cycles
             change = float(np.max(np.abs(gaps - starts[-k]) / lengths))
             if change <= self.periodicity:
                 what = "half-frequency whirl" if k == 2 else "whirl at a third of the frequency"
@@ -475,10 +500,10 @@ class PeriodicSolver(Stateful):
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
         """Compare start and end of a cycle with those of the one before."""
         if len(self.former):
-            self.moved, apart = (
+            self.moved, distance = (
                 float(np.sqrt(np.mean((change / lengths) ** 2))) for change in ends - self.former
             )
-            self.contraction = apart / self.moved if self.moved else 0.0
+            self.contraction = distance / self.moved if self.moved else 0.0
         self.left = float(np.sqrt(np.mean(((ends[1] - ends[0]) / lengths) ** 2)))
 
     def _steps(self) -> Iterator[MechanismStep]:
@@ -494,33 +519,38 @@ class PeriodicSolver(Stateful):
             raise heat from error
 
     def _begin(self, change: np.ndarray) -> None:
-        """Begin the next cycle."""
-        state, norm, heat = self._run.state, self._run.norm, self.heat
-        n, gaps = state.x.shape[1], self._films()
+        """Begin the next cycle, at an extrapolated start if former cycles were near to periodic."""
+        state = self._run.state
+        norm = self._run.norm
+        heat = self.heat
+        n = state.x.shape[1]
+        gaps = self._films()
         end = np.stack([state.x[0], state.rate[0]])
         near = self.number >= self._counted and self.defect < NEAR
         scales = norm.lengths(gaps)
-        # Temperatures go along with the coordinates, and what they are off with the films.
+        # Temperatures are extrapolated as coordinates, their defects as changes of the films.
         end = np.hstack([end, heat.end()])
         scales = np.concatenate([scales, np.ones(heat.count)])
         change = np.concatenate([change, np.sqrt(len(gaps)) * heat.thinning])
         if not np.abs(heat.thinning).max(initial=0.0) < NEAR:
-            near, self.ends, self.changes = False, self.ends[:0], self.changes[:0]
+            near = False
+            self.ends = self.ends[:0]
+            self.changes = self.changes[:0]
         if near:
             self.ends = np.concatenate([self.ends, end[None]])[-REMEMBERED:]
             self.changes = np.concatenate([self.changes, change[None]])[-REMEMBERED:]
             self.starts = self.starts[:0]
         if len(self.ends) > 1:
-            apart = np.diff(self.ends, axis=0)
+            distances = np.diff(self.ends, axis=0)
             changes = np.diff(self.changes, axis=0) / scales
             sizes = np.linalg.norm(changes, axis=1)
             directions = changes.T / sizes
             shares = np.linalg.lstsq(directions, change / scales, rcond=NOISE)[0] / sizes
-            # Whole turns are none.
-            turns = apart[:, 0, self.angles] / (2 * np.pi)
-            apart[:, 0, self.angles] -= 2 * np.pi * np.round(turns)
-            x, rate = -np.tensordot(shares, apart, 1)
-            # Former points move with the newest, along its rate.
+            # Full turns of a body are no distance.
+            turns = distances[:, 0, self.angles] / (2 * np.pi)
+            distances[:, 0, self.angles] -= 2 * np.pi * np.round(turns)
+            x, rate = -np.tensordot(shares, distances, 1)
+            # Former points move with the newest point, along its rate.
             past = x[:n] + np.multiply.outer(state.times - state.time, rate[:n])
             observed = np.array([norm.observe(point) for point in state.x + past])
             if norm.gap_reduction(gaps, norm.gaps(observed[0])) < THINNER:

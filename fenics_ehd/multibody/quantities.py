@@ -1,11 +1,12 @@
 """Quantities of a lubricated joint at the end of a step: one function each, with its unit.
 
-All that a history, a summary, a picture or a derivative says of a joint at a step is made here, by
-functions that `quantity` registers. Their order is that of the columns; a quantity of which a
-summary has the mean over a run, or a cycle, says so. What a joint's models do not have is not made.
+Histories, summaries, pictures and derivatives take the values of a joint at a step from functions
+that `quantity` registers here, in the order of the columns. The argument ``mean`` marks quantities
+whose mean over a run, or a cycle, is in the summary. Quantities of models that a joint does not
+have are not computed.
 
-Angles are those of the bore's frame, from its x axis, positive from x to y, in -180..180 degrees:
-what is at rest in the bore, a groove say, keeps its angle. Heights count from mid-width.
+Angles are those of the bore's frame, from its x axis, positive from x to y, in -180..180 degrees: a
+point at rest in the bore, such as a groove, keeps its angle. Heights count from mid-width.
 
 The film acts at the journal's centre on both bodies, with a force F on the journal and torques
 about that point that are opposite: of the oil's shear, and of the pressure on a journal that is
@@ -20,14 +21,14 @@ exchange them. The bodies put into the film
     P = -int p dh/dt dA - Q . xi' - T_shear Omega,
 
 by squeezing it and by shear, and oil enters under pressure with P_s. Both leave as heat: the
-discrete Reynolds equation tested with its own pressure says
+discrete Reynolds equation tested with its own pressure gives
 
     P + P_s = int h^3 / (12 eta) |grad p|^2 + theta eta U^2 / h dA
 
-at every instant, to what Newton's method leaves; with 8-node elements, whose complementarity is
-not that of pressure and flux at a node (11), to the discretisation.
+at every instant, to the residual of Newton's method. With 8-node elements, whose complementarity
+is not that of pressure and flux at a node (11), it holds to the discretisation error.
 
-Wear grows, by whatever law, with ``int p_c |U| dt``: the contact pressure times the distance slid.
+Laws of wear depend on ``int p_c |U| dt``, the contact pressure times the distance slid.
 It is summed at every Gauss point of the bore, over the run or the cycle, by the trapezoidal rule.
 """
 
@@ -42,6 +43,7 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_callable, require_class
 from fenics_ehd.base.columns import with_unit
+from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
@@ -51,8 +53,8 @@ from fenics_ehd.multibody.lubricated_joint import observed_positions
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, film_friction
 
-#: Values that differ by less than this share are equal: of the two mirrored places of a film
-#: without misalignment the upper one is told, not the one that round-off chose.
+#: Values that differ by less than this share are equal. A film without misalignment has its extreme
+#: at two mirrored points: the upper one is reported, not the one that round-off chose.
 EQUAL = 1e-9
 
 
@@ -61,8 +63,8 @@ EQUAL = 1e-9
 class JointStep:
     """A lubricated joint at the end of a step.
 
-    Integrals over its film are evaluated when they are first asked for: what no model of the joint
-    asks for is not computed.
+    Integrals over its film are evaluated at first use: integrals that no model of the joint needs
+    are not computed.
 
     Attributes
     ----------
@@ -97,6 +99,11 @@ class JointStep:
     def nodes(self) -> np.ndarray:
         """Angle [rad] and height [m] of the film's nodes, shape (k, 2)."""
         return self.film.parameters.grid.node_positions
+
+    @property
+    def rows(self) -> FilmRows:
+        """Nodes of the film in rows around."""
+        return self.film.parameters.grid.rows
 
     @property
     def pressure(self) -> np.ndarray:
@@ -172,10 +179,11 @@ class JointStep:
     @cached_property
     def braking(self) -> float:
         """Torque that brakes the journal about its own axis [N m]."""
-        # What else brakes the journal belongs here.
-        torque, turned = -self.friction.torque, self.binding.rotated_shape(self.x, self.rate)
-        if turned is not None:
-            torque -= float(turned.torque @ self.pressure)
+        # Every torque that brakes the journal belongs here.
+        torque = -self.friction.torque
+        shape = self.binding.rotated_shape(self.x, self.rate)
+        if shape is not None:
+            torque -= float(shape.torque @ self.pressure)
         if self.contact is not None:
             torque += self.contact.friction_torque(self.touch, self.state.gap)
         return torque
@@ -221,7 +229,7 @@ class Output:
     column, meaning
         Its name with its unit, and what it is.
     value, where
-        Made of a joint at a step, and which joints have it.
+        Function of a joint at a step, and condition on the joints that have the quantity.
     mean
         Whether a summary has its mean.
     """
@@ -249,11 +257,11 @@ def with_contact(joint: JointStep) -> bool:
 
 
 def with_oil(joint: JointStep) -> bool:
-    """Joints that keep account of their oil."""
+    """Joints with mass-conserving cavitation."""
     return joint.state.content is not None
 
 
-#: All of them, in the order of the columns.
+#: All registered quantities, in the order of the columns.
 OUTPUTS: list[Output] = []
 
 
@@ -297,31 +305,31 @@ def joint_row(joint: JointStep) -> dict[str, float]:
 
 
 def averaged(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns of which a summary has the mean."""
+    """Columns whose mean is in the summary."""
     means = {output.column for output in OUTPUTS if output.mean} | {FLOW}
     return {column: value for column, value in row.items() if column.rpartition(".")[2] in means}
 
 
-#: Column of what a supply lets in, behind its name.
+#: Column of the flow of a supply, after the name of the supply.
 FLOW = "flow_m3_per_s"
 
 
 def feed_flows(joint: JointStep) -> dict[str, float]:
-    """Flows that the supplies let in, by column."""
+    """Flows of the supplies into the film, by column."""
     flows = joint.flows.balance.feeds
     return {f"{name}.{FLOW}": flow for name, flow in flows.items()}
 
 
 @quantity("max_pressure", "Pa")
 def max_pressure(joint: JointStep) -> float:
-    """Largest pressure at a node."""
-    return joint.pressure.max()
+    """Peak oil film pressure (POFP), between the nodes."""
+    return joint.rows.largest(joint.pressure[None])[0][0]
 
 
 @quantity("min_film_thickness", "m")
 def min_film_thickness(joint: JointStep) -> float:
-    """Least film thickness at nodes and Gauss points; between rough surfaces nominal."""
-    return joint.gap.min()
+    """Minimum oil film thickness (MOFT), between the nodes; of rough surfaces the nominal one."""
+    return -joint.rows.largest(-joint.gap[None, -len(joint.nodes) :])[0][0]
 
 
 @quantity("max_pressure_angle", "deg")
@@ -356,7 +364,7 @@ def force_y(joint: JointStep) -> float:
 
 @quantity("force", "N")
 def force(joint: JointStep) -> float:
-    """Size of that force."""
+    """Size of the force of the film on the journal."""
     return np.hypot(joint.force[0], joint.force[1])
 
 
@@ -380,7 +388,7 @@ def eccentricity_in_bore_y(joint: JointStep) -> float:
 
 @quantity("eccentricity_ratio", "1")
 def eccentricity_ratio(joint: JointStep) -> float:
-    """Size of that displacement over the clearance."""
+    """Displacement of the journal in the bore as it is, relative to the clearance."""
     return np.hypot(*joint.journal) / joint.binding.film.clearance
 
 
@@ -410,8 +418,10 @@ def min_film_height(joint: JointStep) -> float:
 
 @quantity("max_contact_pressure", "Pa", with_contact)
 def max_contact_pressure(joint: JointStep) -> float:
-    """Largest contact pressure at a Gauss point."""
-    return joint.touch.pressure.max()
+    """Largest contact pressure, between the Gauss points."""
+    points = joint.film.points
+    rows = FilmRows.of(points.angle.ravel(), points.height.ravel())
+    return rows.largest(joint.touch.pressure[None])[0][0]
 
 
 @quantity("friction_torque", "N m", with_friction, mean=True)
@@ -428,7 +438,7 @@ def bore_friction_torque(joint: JointStep) -> float:
 
 @quantity("friction_power", "W", with_friction, mean=True)
 def friction_power(joint: JointStep) -> float:
-    """Power lost in the film, whatever the bodies are called."""
+    """Power lost in the film, independent of which body is called the journal."""
     return joint.dissipated
 
 
@@ -447,10 +457,12 @@ def bore_friction_power(joint: JointStep) -> float:
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
     """Power P put in by the bodies, the squeezing of the film included."""
-    binding, state, rate, found = joint.binding, joint.state, joint.rate, joint.friction
-    opening = joint.film.pressure_areas.T @ state.gap.thickness_rate.ravel()
-    squeezed = -float(state.pressure @ opening)
-    sheared = -float(found.on_xi @ rate[binding.xi]) - found.torque * binding.relative_speed(rate)
+    binding = joint.binding
+    friction = joint.friction
+    opening = joint.film.pressure_areas.T @ joint.state.gap.thickness_rate.ravel()
+    squeezed = -float(joint.pressure @ opening)
+    speed = binding.relative_speed(joint.rate)
+    sheared = -float(friction.on_xi @ joint.rate[binding.xi]) - friction.torque * speed
     return squeezed + sheared + joint.rubbed
 
 
@@ -461,7 +473,7 @@ def film_power(joint: JointStep) -> float:
     mean=True,
 )
 def dissipated_power(joint: JointStep) -> float:
-    """Power that the film turns into heat."""
+    """Power that becomes heat in the film."""
     return joint.dissipated
 
 
@@ -485,17 +497,19 @@ def contact_force(joint: JointStep) -> float:
 @quantity("contact_share", "1", with_contact, mean=True)
 def contact_share(joint: JointStep) -> float:
     """Share of the contact in all normal force."""
-    film, touching = joint.film, contact_force(joint)
+    film = joint.film
+    in_contact = contact_force(joint)
     pressed = film.parameters.grid.radius**2 * film.assembly.area
     positive = np.maximum(film.assembly.at_points(joint.pressure)[0], 0.0)
-    return touching / (touching + float(np.sum(pressed * positive))) if touching else 0.0
+    in_film = float(np.sum(pressed * positive))
+    return in_contact / (in_contact + in_film) if in_contact else 0.0
 
 
 def _share_of_bore(joint: JointStep, at_points: np.ndarray) -> float:
-    """Mean over the bore of what is known at Gauss points."""
+    """Mean over the bore of a quantity at Gauss points, shape (g,)."""
     film = joint.film
-    whole = film.parameters.grid.radius**2 * film.assembly.area.sum()
-    return joint.rough.area @ at_points / whole
+    area = film.parameters.grid.radius**2 * film.assembly.area.sum()
+    return joint.rough.area @ at_points / area
 
 
 @quantity("contact_area_share", "1", with_contact, mean=True)
@@ -598,12 +612,13 @@ CONTENT = "oil_content_m3"
 
 
 def oil_balance(start: float, end: float, totals: Mapping[str, float]) -> dict[str, float]:
-    """Entries of ``summary.json`` for a joint that keeps account of its oil.
+    """Entries of ``summary.json`` for a joint with mass-conserving cavitation.
 
-    The defect is that of the content at start and end [m^3] against the integrals `totals` of the
-    flows, over what there was and came in: the error of time in both, for no step loses oil.
+    The defect is the difference of the oil content at start and end [m^3] and the integrals
+    `totals` of the flows, relative to content and supply. It is the error of the integrals over
+    time: every step conserves oil.
     """
-    # Of all supplies; without any of given pressure there is no such column.
+    # The column of all supplies exists only with a supply of given pressure.
     fed = sum(flow for name, flow in totals.items() if name.endswith(f".{FLOW}"))
     supplied = totals.get("supply_flow_m3_per_s", fed)
     held = max(start, end) + abs(supplied)

@@ -1,4 +1,4 @@
-"""A mechanism on its way in time."""
+"""A run: a mechanism, its state and the integration of its motion, step by step."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ DAMPED = float(np.cos(np.radians(82.0)))
 
 
 class Run:
-    """A mechanism and the state it is in, step by step.
+    """A mechanism and its state, which each accepted step changes.
 
     Parameters
     ----------
     mechanism
-        It is assembled from its rough pose.
-    steps, span
-        How to step, of order 2 for 3 where modes lack damping or oil is conserved; and the time
-        that `IntegratorOptions.largest` is a share of [s].
+        Assembled from its rough pose.
+    steps
+        Step control. Order 3 becomes 2 if modes lack damping or cavitation conserves mass.
+    span
+        Time that `IntegratorOptions.largest` is a share of [s].
 
     Attributes
     ----------
     equations, norm
-        Of the mechanism.
+        Equations of a step of the mechanism, and norm of the errors of its gaps.
     solve, control
-        Solver and control of its steps.
+        Solver and control of the steps.
     state
-        Of the integration.
+        State of the integration after the last accepted step.
 
     Raises
     ------
@@ -50,38 +51,51 @@ class Run:
     def __init__(self, mechanism: Mechanism, steps: IntegratorOptions, span: float):
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
-        system = self._system = System(mechanism)
-        self.solve = CoupledSteps(system)
-        self.equations = self.solve.equations
-        for film in self.equations.films:
+        system = System(mechanism)
+        solve = CoupledSteps(system)
+        equations = solve.equations
+        for film in equations.films:
             _check_density(film)
-        self.norm = StepNorm(self.equations)
-        # Order 3 feeds modes of little damping, by 5 to 10 % a step where a step is a radian of
-        # theirs: a full interface without damping was 71 % off (`docs/extremes.md`). Past a node of
-        # conserved oil that has just filled it overshoots (`docs/real-films.md`), and oil that
-        # pressure makes denser is a spring without damping.
-        damped = system.least_damping >= DAMPED and not self.equations.conserves_oil
+        norm = StepNorm(equations)
+        # Order 3 amplifies modes of little damping, by 5 to 10 % a step of one radian of their
+        # phase: a full interface without damping was 71 % off (`docs/extremes.md`). With
+        # mass-conserving cavitation it overshoots at a node that has just filled
+        # (`docs/real-films.md`), and compressible oil is a spring without damping.
+        damped = system.least_damping >= DAMPED and not equations.conserves_oil
         order = steps.order if damped else min(steps.order, 2)
-        self.control = attrs.evolve(steps, order=order, largest=steps.largest * span)
+        control = attrs.evolve(steps, order=order, largest=steps.largest * span)
         z, rates = assemble(system)
         check_inertia(system, z)
-        resting = self.equations.resting(z)
+        resting = equations.resting(z)
         x = np.concatenate([z, resting])
         rate = np.concatenate([rates, np.zeros(len(resting))])
-        self.state: IntegratorState[SolverState] = IntegratorState.begin(
-            self.norm, 0.0, x, rate, self.control
-        )
-        gaps = self.norm.film_gaps(self.state.observed[0])
+        self._begin(solve, norm, control, IntegratorState.begin(norm, 0.0, x, rate, control))
+        gaps = norm.film_gaps(self.state.observed[0])
         for binding, gap in zip(system.films, gaps, strict=True):
             if not binding.film.shape.plain:
                 _check_start(binding, float(gap.min()))
 
+    def _begin(
+        self,
+        solve: CoupledSteps,
+        norm: StepNorm,
+        control: IntegratorOptions,
+        state: IntegratorState[SolverState],
+    ) -> None:
+        """Begin in a state; a solver takes the steps, a norm measures their errors."""
+        self.solve = solve
+        self.equations = solve.equations
+        self._system = solve.system
+        self.norm = norm
+        self.control = control
+        self.state = state
+
     def with_mechanism(self, mechanism: Mechanism) -> Run:
-        """A run of another mechanism at its start, with this one's formula and temperatures."""
+        """Run of another mechanism at its start, with the formula and temperatures of this run."""
         run = Run(mechanism, self.control, 1.0)
         run.control = self.control
-        for binding, own in zip(run._system.films, self._system.films, strict=True):
-            temperature = own.film.film.equation.lubricant.temperature
+        for binding, former in zip(run._system.films, self._system.films, strict=True):
+            temperature = former.film.film.equation.lubricant.temperature
             if binding.joint.heat is not None and temperature is not None:
                 binding.film.film.set_temperature(temperature)
         return run
@@ -108,7 +122,7 @@ class Run:
 
 
 def _check_density(film: FilmModel[Any]) -> None:
-    # Storage of the first steps is a mass matrix: active sets follow each other for ever.
+    # The storage term of the first steps is a mass matrix, with which active sets cycle.
     if not (film.conserves_oil or film.film.parameters.lubricant.density_law.constant):
         raise SettingsError(
             f"joints.{film.binding.name}: the oil is denser under pressure: density_law = "
@@ -141,31 +155,31 @@ def _check_film(binding: FilmBinding, thickness: float, time: float) -> None:
     if thickness < limit:
         raise FilmTooThinError(
             f"the film of {binding.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, "
-            f"below {reason}, {limit * 1e6:.3g} um: surfaces would touch; the history up to "
-            "there is kept"
+            f"below {reason}, {limit * 1e6:.3g} um: surfaces would touch; "
+            "the history up to there is kept"
         )
 
 
-#: Film at which surfaces without a given roughness touch, whatever the clearance [m]: three times a
-#: combined roughness of 0.07 um. Given ones have their own model of contact, and no such limit.
+#: Film thickness at which surfaces without a given roughness touch, for every clearance [m]: three
+#: times a combined roughness of 0.07 um. Surfaces with a roughness have a model of contact instead.
 TOUCHING = 0.2e-6
 
-#: Share of the clearance up to which a joint's `smallest_film` is a default that `TOUCHING` limits:
-#: a larger one is meant.
+#: Share of the clearance up to which a joint's `smallest_film` counts as a default, which
+#: `TOUCHING` limits. Larger values hold as they are.
 MEANT = 0.01
 
 
 def touching_film(name: str, share: float, clearance: float) -> tuple[float, str]:
-    """Film at which a run ends between smooth surfaces [m], and what sets it.
+    """Film thickness between smooth surfaces at which a run ends [m], and the origin of the limit.
 
     Parameters
     ----------
     name
         Of the joint.
     share
-        Its `smallest_film`, of the clearance.
+        `smallest_film` of the joint, relative to the clearance.
     clearance
-        [m].
+        Of the joint [m].
     """
     thickness = share * clearance
     if share <= MEANT and thickness > TOUCHING:

@@ -1,7 +1,7 @@
 """A mechanism from its start to an end time, or to a cycle that repeats itself, and its history.
 
-A run is told apart in four tasks: `Run` steps, `Recorder` makes a row of every step, `RunSummary`
-computes figures of the rows, and `verdict` judges the figures.
+Four classes and functions share the task: `Run` steps, `Recorder` makes a row of every step,
+`RunSummary` computes figures of the rows, and `verdict` judges the figures.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def summarised_history(recorder: Recorder) -> History:
     """History of a run that has ended, with its verdict, its summary and the run itself."""
     summary = RunSummary(recorder)
     entries = {"status": verdict(summary), **summary.entries()}
-    return replace(recorder.final_history(), told=entries, solved=recorder)
+    return replace(recorder.final_history(), entries=entries, solved=recorder)
 
 
 def simulate(
@@ -49,16 +49,17 @@ def simulate(
     progress: Callable[[MechanismStep], None] = lambda step: None,
     **steps: Any,
 ) -> History:
-    """A mechanism from its start to an end time, or the cycle that repeats itself.
+    """Simulate a mechanism from its start to an end time, or until its motion is periodic.
 
     Parameters
     ----------
     mechanism
-        What moves; it is assembled from its rough pose.
+        Assembled from its rough pose.
     end
         End time of an initial value problem [s]; or
     period, periodicity, cycles
-        Of a mechanism whose forcing repeats, see `PeriodicSolver`.
+        Period of the loads and drives [s], and when the search for a periodic solution ends, see
+        `PeriodicSolver`.
     progress
         Called after every accepted step: ``lambda step: print(step.time)``.
     steps
@@ -67,7 +68,7 @@ def simulate(
     Returns
     -------
     History
-        Of all steps; of a periodic solution of the last cycle, its time from 0 to the period.
+        Of all steps; of a periodic solution, of its last cycle with times from 0 to the period.
 
     Raises
     ------
@@ -84,7 +85,9 @@ def simulate(
     require_class("mechanism", mechanism, Mechanism)
     require_names("simulate", steps, attrs.fields_dict(IntegratorOptions))
     if (end is None) == (period is None):
-        raise SettingsError("simulate takes either end, a time, or period, of what repeats itself")
+        raise SettingsError(
+            "simulate needs one of end, the time to simulate, and period, the period of the loads"
+        )
     duration = ("end", end) if period is None else ("period", period)
     span = require_number(*duration, above=0)
     require_number("periodicity", periodicity, above=0)

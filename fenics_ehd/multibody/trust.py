@@ -1,10 +1,11 @@
-"""What a run is worth: its balance of energy, errors of its basis and films, its error budget.
+"""Accuracy of a run: energy balance, error of the basis, and components of an error budget.
 
-The energy stored changes by the powers of what moves the mechanism, and by what films and bodies
-lose; what is left over as steps go on is their error. The flexibility that a basis misses, or the
-inertia of M4's, makes an error of the gap that is estimated along the run. What components of an
-error budget (`fenics_ehd.analysis.error_budget`) say, and a film too thin for its mesh, decides
-whether the run may be trusted.
+Stored energy changes by the powers of drives and loads, and by losses of films and bodies. The
+difference that accumulates over the steps, the energy defect, is an error of the integration.
+
+The flexibility that a basis lacks, or the inertia that M4 neglects, is an error of the gap, which
+`BasisErrorEstimate` estimates along the run. Components of an error budget are estimated by
+`fenics_ehd.analysis.error_budget`; `fenics_ehd.multibody.verdict` judges a run by all of them.
 """
 
 from __future__ import annotations
@@ -24,15 +25,17 @@ from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 
 
 def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarray:
-    """Integral of the cubic through four points at a time, from the point of a number to the last.
+    """Integral over time from one point to the last, of the cubic through four points at a time.
 
-    A crank lends its rod hundreds of times what is lost, and by a parabola the error of that
-    integral would be ten times the defect of the integration itself.
+    A crank and its rod exchange hundreds of times the energy that is lost. Parabolas would
+    integrate that exchange with an error of ten times the defect of the time integration.
 
     Parameters
     ----------
     times, values
-        shape (k,) [s], (k, names).
+        Times [s], shape (k,), and values of several quantities, shape (k, names).
+    first
+        Number of the point at which the integral begins.
     """
     total = np.zeros(values.shape[1])
     for last in range(first + 1, len(times)):
@@ -48,12 +51,12 @@ def last_interval(times: np.ndarray) -> np.ndarray:
     return step * np.linalg.solve(powers.T, 1.0 / np.arange(1, len(times) + 1))
 
 
-#: What adds to the energy and what takes from it.
+#: Works by name, 1 if they add to the stored energy, -1 if they are losses.
 SIGNS = {"drive": 1, "applied": 1, "drag": 1, "film": -1, "damping": -1}
 
-#: Largest energy balance error of a run that may be trusted, where no larger one of the steps is
-#: known. Steps of a crank or four-bar that leave as much leave extremes of its film some 5 % off;
-#: beside what a film dissipates, a hundredth of what a crank lends, the same defect says nothing.
+#: Largest energy balance error of a run that is accepted, unless a larger error of its steps is
+#: known. Steps of a crank or four-bar with this defect have extremes of the film that are some 5 %
+#: off. The defect is relative to the energy exchanged: the dissipation is a hundredth of it.
 ENERGY_LIMIT = 0.05
 
 
@@ -64,7 +67,7 @@ def energy_row(
     *,
     begins: bool = False,
 ) -> dict[str, Any]:
-    """Columns of the energy at a step: what is stored, works since the start, and the defect.
+    """Columns of the energy at a step: stored energy, works since the start, and the defect.
 
     Parameters
     ----------
@@ -73,11 +76,14 @@ def energy_row(
     time, powers
         Of the step [s], see `step_powers`.
     begins
-        Whether works begin anew, of a cycle whose first step it is. What a move of its start has
-        stored is no defect.
+        Whether the step is the first of a cycle, in which works begin at zero. Energy that a moved
+        start of the cycle has added is no defect.
     """
-    now, energy = np.array([powers[name] for name in SIGNS]), powers["kinetic"] + powers["strain"]
-    near, work, defect = former[-3:], np.zeros(len(SIGNS)), 0.0
+    now = np.array([powers[name] for name in SIGNS])
+    energy = powers["kinetic"] + powers["strain"]
+    near = former[-3:]
+    work = np.zeros(len(SIGNS))
+    defect = 0.0
     if near:
         times = np.array([*(row["time_s"] for row in near), time])
         work = last_interval(times) @ np.vstack([*(row["state/powers"] for row in near), now])
@@ -90,7 +96,7 @@ def energy_row(
     return {
         "run/kinetic_energy_J": powers["kinetic"],
         "run/strain_energy_J": powers["strain"],
-        **{f"run/{name}_work_J": own for name, own in zip(SIGNS, work.tolist(), strict=True)},
+        **{f"run/{name}_work_J": value for name, value in zip(SIGNS, work.tolist(), strict=True)},
         "run/energy_defect_J": defect,
         "state/powers": now,
     }
@@ -99,72 +105,75 @@ def energy_row(
 def balance_error(columns: Mapping[str, np.ndarray]) -> float:
     """Largest defect over the largest energy exchanged, from columns of a history by path."""
     defect = columns["run/energy_defect_J"]
-    work = [columns[f"run/{name}_work_J"] for name in SIGNS]
-    gained = sum(sign * own for sign, own in zip(SIGNS.values(), work, strict=True))
-    exchanged = np.abs([defect + gained, *work]).max()
+    works = [columns[f"run/{name}_work_J"] for name in SIGNS]
+    gained = sum(sign * work for sign, work in zip(SIGNS.values(), works, strict=True))
+    exchanged = np.abs([defect + gained, *works]).max()
     return float(np.abs(defect).max() / exchanged) if exchanged else 0.0
 
 
 def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, float]:
     """Energy and the powers that change it, at an accepted step [J], [W], by name.
 
-    ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``: the power of what imposes
-    angles over time, that of forces and gravity, that of the surfaces' drag on the oil, the losses
-    in the films and in the bodies' structure.
+    ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``: powers of the drives, of
+    forces and gravity, and of the surfaces' drag on the oil; losses in the films and in the bodies'
+    structure.
 
-    Without friction the films lose what drives their pressure flow, and the drag comes from
-    outside. With friction they lose all that they dissipate; the drag is internal, and zero. Oil
-    that is let in and out under pressure brings its work with the drag.
+    Without friction the loss of a film is that of its pressure flow, and the drag is an external
+    power. With friction the loss is all that the film dissipates, and the drag is internal: zero.
+    The work of oil that is supplied under pressure counts as drag.
     """
-    system, motion, responses = equations.system, step.solution.motion, equations.responses
-    z, rates = step.x[: system.n], step.rate[: system.n]
-    found = dict.fromkeys(("kinetic", "strain", *SIGNS), 0.0)
-    for _, body, (own, own_rates) in system.each_body(z, rates):
-        energies = body.energies(own, own_rates)
-        found["kinetic"] += energies.kinetic
-        found["strain"] += energies.strain
-        found["damping"] += energies.dissipated
-    found["strain"] += responses.energy(step.x[responses.indices])
-    found["damping"] += responses.dissipation(step.rate[responses.indices])
+    system = equations.system
+    motion = step.solution.motion
+    responses = equations.responses
+    z = step.x[: system.n]
+    rates = step.rate[: system.n]
+    powers = dict.fromkeys(("kinetic", "strain", *SIGNS), 0.0)
+    for _, body, (body_z, body_rates) in system.each_body(z, rates):
+        energies = body.energies(body_z, body_rates)
+        powers["kinetic"] += energies.kinetic
+        powers["strain"] += energies.strain
+        powers["damping"] += energies.dissipated
+    powers["strain"] += responses.energy(step.x[responses.indices])
+    powers["damping"] += responses.dissipation(step.rate[responses.indices])
     for joint in step.solution.joints:
         lost, fed = joint.powers
         lost -= joint.flows.refill_work
         if joint.binding.film.friction:
-            lost, fed = lost + joint.friction.sheared, 0.0
+            lost += joint.friction.sheared
+            fed = 0.0
         if under_pressure(joint.film):
             fed += joint.flows.work
         if joint.contact is not None:
-            found["strain"] += float(joint.contact.area @ joint.touch.potential)
+            powers["strain"] += float(joint.contact.area @ joint.touch.potential)
             lost += joint.rubbed if joint.contact.friction else 0.0
-        found["film"] += lost
-        found["drag"] += fed
-    return found | {"drive": motion.drive_power, "applied": motion.applied_power}
+        powers["film"] += lost
+        powers["drag"] += fed
+    return powers | {"drive": motion.drive_power, "applied": motion.applied_power}
 
 
-#: Times of the slowest pattern after which 2e-9 of the ringing of a start are left.
+#: Time constants of the slowest pattern after which the ringing of a start has decayed to 2e-9.
 RINGS = 20.0
 
 
 class BasisErrorEstimate(Stateful):
-    """``(S_full - S_basis) w`` along a run, with ``w + zeta dw/dt = P``.
+    """Error of the gap by the basis along a run.
 
-    The quasi-static answer of the missing flexibility to the pressure of the
-    run, damped as the structure is. An estimate within a factor of two or so,
-    not a bound. It says nothing of M4, which misses no flexibility but the
-    inertia of most of it: the answer to that is added,
+        (S_full - S_basis) w   with   w + zeta dw/dt = P
 
-        S_res M y'',   late by zeta and by the time that the patterns' own inertia takes.
+    It is the quasi-static response of the missing flexibility to the pressure of the run, damped as
+    the structure is: an estimate within a factor of about two, not a bound. M4 lacks no
+    flexibility, but the inertia of its residual patterns; their response to it is added,
 
-    Patterns that carry no mass begin to move at once when a run begins, with accelerations that
-    are over within microseconds: too soon for what they leave out to have moved the bore. Where
-    they are hardly damped it rings all the same, and says nothing of what comes later: what counts
-    begins when that is over, after `start`.
+        S_res M y'',   delayed by zeta and by the time constant of the patterns' inertia.
+
+    At the start of a run, patterns without mass accelerate for microseconds, in which the
+    neglected inertia could not have moved the bore. Patterns of little damping ring after that, and
+    their estimate means nothing. Estimates count from `start` on, when the ringing is over.
 
     Parameters
     ----------
     missing_flexibility
-        Outward bore displacement per nodal pressure [m/Pa], and per other load if there are any,
-        shape (m, k).
+        Outward bore displacement per nodal pressure [m/Pa], and per further load, shape (m, k).
     damping_time
         zeta [s].
     neglected_inertia
@@ -178,11 +187,12 @@ class BasisErrorEstimate(Stateful):
     loads
         Number k of pressures and other loads.
     start
-        Time that a start takes [s].
+        Time after which estimates count [s].
     known
-        Whether there is a flexibility to tell by.
+        Whether the missing flexibility is known.
     filtered, accelerated
-        Pressures and accelerations behind their lags.
+        Delayed loads, shape (k,) [Pa], and delayed accelerations of the amplitudes, shape (r,)
+        [Pa/s2].
     """
 
     carried: ClassVar = {
@@ -197,11 +207,13 @@ class BasisErrorEstimate(Stateful):
         neglected_inertia: np.ndarray | None = None,
         inertia_time: float = 0.0,
     ):
-        self._missing, self.loads = missing_flexibility, missing_flexibility.shape[1]
+        self._missing = missing_flexibility
+        self.loads = missing_flexibility.shape[1]
         self._damping_time = damping_time
         self._inertia = np.zeros((0, 0)) if neglected_inertia is None else neglected_inertia
         self._inertia_time = damping_time + inertia_time
-        self.start, self.known = RINGS * inertia_time, bool(missing_flexibility.size)
+        self.start = RINGS * inertia_time
+        self.known = bool(missing_flexibility.size)
         self.filtered = np.zeros(self.loads)
         self.accelerated = np.zeros(self._inertia.shape[1])
 
@@ -230,7 +242,8 @@ class BasisErrorEstimate(Stateful):
 
 def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
     """Estimate at one of a body's bores, for pressures on all of them."""
-    reduced, part = body.reduced, body.reduced.at_bore(bore)
+    reduced = body.reduced
+    part = reduced.at_bore(bore)
     missing = reduced.missing_flexibility[reduced.rows_of(bore).nodes]
     if part.residual is None or not part.residual.mass.size:
         return BasisErrorEstimate(missing, body.damping_time)
@@ -246,23 +259,30 @@ def bore_body(system: System, binding: FilmBinding) -> FlexibleBody:
 
 
 def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
-    """Pressures on the pressure nodes of all bores of a body, by its name, of all films' nodes."""
-    found: dict[str, np.ndarray] = {}
+    """Pressures on the pressure nodes of all bores of a body, by its name [Pa].
+
+    Parameters
+    ----------
+    system
+        The mechanism.
+    pressures
+        At the nodes of every film [Pa].
+    """
+    loads: dict[str, np.ndarray] = {}
     for binding, pressure in zip(system.films, pressures, strict=True):
         if binding.film.bore is not None:
             part = bore_body(system, binding).reduced
-            load = found.setdefault(binding.bore_body, np.zeros(part.load_projection.shape[1]))
+            load = loads.setdefault(binding.bore_body, np.zeros(part.load_projection.shape[1]))
             load[part.rows_of(binding.bore).pressures] = binding.film.bore.structure_pressure(
                 pressure
             )
-    return found
+    return loads
 
 
 def neglected_inertia(body: ReducedBody, residual: ResidualFlexibility) -> np.ndarray:
     """Gap error per acceleration of the residual amplitudes.
 
-    The force ``-M_rr y''`` that a residual pattern's mass would exert, answered by
-    its own stiffness.
+    It is the static response of the residual patterns to their inertia force ``-M_rr y''``.
 
     Returns
     -------
@@ -279,7 +299,7 @@ def slowest_pattern(residual: ResidualFlexibility) -> float:
     return float(np.sqrt(np.linalg.norm(root[:, None] * residual.mass * root, 2)))
 
 
-#: Components of an error, and the settings that make them smaller.
+#: Components of an error, and the settings that reduce them.
 KEYS = {
     "basis": "reduction",
     "film_mesh": "cells",
@@ -292,5 +312,6 @@ COMPONENTS = tuple(KEYS)
 #: Quantities by their names in a summary.
 QUANTITIES = ("max_pressure", "min_film_thickness")
 
-#: Said of what cannot be estimated, and of what a run or joint does not have.
-NOT_ESTIMATED, NOT_APPLICABLE = "not estimated", "not applicable"
+#: In place of an error that could not be estimated, and of one that a run or joint cannot have.
+NOT_ESTIMATED = "not estimated"
+NOT_APPLICABLE = "not applicable"

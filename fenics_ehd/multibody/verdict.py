@@ -71,8 +71,8 @@ def _energy_defect(summary: RunSummary) -> str:
 def reported_error(error_budget: Mapping[str, Any], component: str) -> float | None:
     """Largest error over the cycle by one component, of all joints; None if one is not known."""
     errors = [
-        own["largest_over_cycle"][quantity][component]
-        for own in error_budget.values()
+        budget["largest_over_cycle"][quantity][component]
+        for budget in error_budget.values()
         for quantity in QUANTITIES
     ]
     if not errors or NOT_ESTIMATED in errors:
@@ -82,21 +82,22 @@ def reported_error(error_budget: Mapping[str, Any], component: str) -> float | N
 
 def exceeding_limit(error_budget: Mapping[str, Any], limit: float) -> str:
     """Reason for rejecting figures, one of whose errors exceeds a limit; empty without a reason."""
-    errors = {
-        (joint, quantity): own[quantity]["known"]
-        for joint, own in error_budget.items()
-        for quantity in QUANTITIES
-        if not isinstance(own[quantity]["known"], str)
-    }
+    errors: dict[tuple[str, str], float] = {}
+    for joint, budget in error_budget.items():
+        for quantity in QUANTITIES:
+            known = budget[quantity]["known"]
+            if not isinstance(known, str):
+                errors[joint, quantity] = known
     if not errors or max(errors.values()) <= limit:
         return ""
     joint, quantity = max(errors, key=errors.__getitem__)
-    own = error_budget[joint][quantity]
-    worst = max((key for key in COMPONENTS if not isinstance(own[key], str)), key=own.__getitem__)
+    figure = error_budget[joint][quantity]
+    estimated = [key for key in COMPONENTS if not isinstance(figure[key], str)]
+    worst = max(estimated, key=figure.__getitem__)
     return (
-        f"untrustworthy: {quantity} of joints.{joint} is off by {100 * own['known']:.3g} %, above "
-        f"output.error_limit = {100 * limit:g} %, most of it by the {worst.replace('_', ' ')}: "
-        f"see {KEYS[worst]}"
+        f"untrustworthy: {quantity} of joints.{joint} is off by {100 * figure['known']:.3g} %, "
+        f"above output.error_limit = {100 * limit:g} %, most of it by the "
+        f"{worst.replace('_', ' ')}: see {KEYS[worst]}"
     )
 
 
