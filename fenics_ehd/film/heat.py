@@ -13,6 +13,8 @@ Calculations of practice take their mean, ``outlet_weight = 0.5`` (DIN 31652 as 
 inggo.com/teachnet/53-waermebilanz.html). Q counts what leaves (`FilmFlows.leaving`); as
 much oil comes in, at the supply's temperature, wherever it comes from. rho is that of the effective
 temperature.
+
+Imports inside functions: `scipy.optimize` is slow to import, and films without heat do without.
 """
 
 from __future__ import annotations
@@ -89,7 +91,7 @@ class Heat:
         return self.supply_temperature + rise / carried if carried > 0.0 else np.inf
 
     def balanced(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
-        """Effective temperature that power and flow at another one stand for [C]."""
+        """Effective temperature in balance with power and flow at another temperature [C]."""
         outlet = self.outlet(oil, temperature, power, flow)
         return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
 
@@ -244,13 +246,13 @@ def _thinner(oil: TemperatureLaw, temperature: float, hottest: float) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    from scipy.optimize import brentq  # slow to import, and films without heat do without
+    from scipy.optimize import brentq
 
     return float(brentq(function, low, high, xtol=1e-12))
 
 
 def run_away(name: str, search: TemperatureSearch, error: Exception | None = None) -> HeatError:
-    """The error that says why there is no temperature.
+    """Make the error of a film without a balanced temperature.
 
     Parameters
     ----------
