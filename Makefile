@@ -60,13 +60,13 @@ figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation pa
 pictures: set-up  ## draw the pictures of docs/pictures again
 	mkdir -p build
 	$(VENV)/bin/fenics-ehd run slider-crank --no-plots --overwrite -o build/slider-crank
-	$(VENV)/bin/fenics-ehd plot build/slider-crank -o docs/pictures $(addprefix --quantity ,\
+	$(VENV)/bin/fenics-ehd plot build/slider-crank -o docs/pictures $(addprefix --quantity big_end.,\
 	  min_film_thickness orbit force pressure_map film_map bore)
 	$(VENV)/bin/fenics-ehd run four-bar --no-plots --overwrite -o build/linkage
 	sed 's/^viscosity = 0.05/viscosity = 0.04/' build/linkage/scene.toml > build/thinner.toml
 	$(VENV)/bin/fenics-ehd run build/thinner.toml --no-plots --overwrite -o build/thinner
 	$(VENV)/bin/fenics-ehd plot build/linkage build/thinner --difference \
-	  --quantity min_film_thickness -o docs/pictures
+	  --quantity rocker_end.min_film_thickness -o docs/pictures
 	rm -f docs/pictures/*.svg
 
 docs: set-up $(VENV)/docs-stamp  ## build the documentation site into build/site

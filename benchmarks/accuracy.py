@@ -113,9 +113,9 @@ def chosen(scene: ehd.Scene, accuracy: float) -> tuple[ehd.Scene, dict[str, Any]
 
 def stated(summary: Mapping[str, Any]) -> dict[str, list[float]]:
     """Extremes of every joint in a summary."""
-    joints = summary["joints"] if "joints" in summary else {summary["joint"]: summary}
     return {
-        name: [own["max_pressure_Pa"], own["min_film_thickness_m"]] for name, own in joints.items()
+        name: [figures["max_pressure_Pa"], figures["min_film_thickness_m"]]
+        for name, figures in summary["joints"].items()
     }
 
 

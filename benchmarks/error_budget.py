@@ -7,9 +7,7 @@ reference of a component differs from the run in that alone: a thirtieth of the 
 times as many cells of every film either way, at that tolerance in both; M4 in place of the method.
 For the film there is a second reference with twice as many cells: its difference is the error of
 the first one. Steps are limited by a quarter of the largest of the run, too.
-The values of a run are those of its summary, at nodes and steps; values of references are those of
-their curves between nodes and steps, and have no such error. The difference of both in the run
-itself is an error of its film's mesh.
+Extremes of runs and references are those of their summaries, between nodes and steps.
 
 Scenes of many kinds (`--fresh`) are judged in total and by their steps, against one reference with
 a tenth of the tolerance at most, twice as many cells, and M4. No constant was chosen on them but
@@ -38,8 +36,7 @@ from typing import Any
 import numpy as np
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.error_budget import ErrorCurves, Estimator
-from fenics_ehd.analysis.replay import course_of
+from fenics_ehd.analysis.error_budget import Estimator
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
@@ -310,14 +307,13 @@ class Done:
         Processor time [s].
     """
 
-    said: dict[str, list[float]]
-    smooth: dict[str, list[float]]
+    extremes: dict[str, list[float]]
     estimator: Estimator
     seconds: float
 
 
 def extremes_of(solved: Recorder) -> dict[str, list[float]]:
-    """Of every joint, at nodes and steps."""
+    """Of every joint."""
     return {
         name: [found[quantity][0] for quantity in QUANTITIES]
         for name, found in RunSummary(solved).extremes.items()
@@ -329,15 +325,7 @@ def done(run: Run, span: float, cycles: PeriodicSolver | None) -> Done:
     solved, before = Recorder(run, span, cycles), process_time()
     deque(solved.steps(), maxlen=0)
     seconds = process_time() - before
-    curves = ErrorCurves(course_of(solved))
-    peaks, films = curves.said + curves.sampling
-    said = extremes_of(solved)
-    return Done(
-        said,
-        {name: [peaks[:, i].max(), films[:, i].min()] for i, name in enumerate(said)},
-        Estimator(solved),
-        seconds,
-    )
+    return Done(extremes_of(solved), Estimator(solved), seconds)
 
 
 class References:
@@ -349,7 +337,7 @@ class References:
 
     def extremes(self, scene: ehd.Scene) -> dict[str, list[float]]:
         """Peak pressure and thinnest film of every joint."""
-        return self._kept(scene, "smooth", lambda: self.done(scene).smooth)
+        return self._kept(scene, "smooth", lambda: self.done(scene).extremes)
 
     def with_budget(
         self, scene: ehd.Scene
@@ -360,7 +348,7 @@ class References:
             found = self.done(scene)
             joints = found.estimator.budget().joints
             own = {name: [joints[name][key]["known"] for key in QUANTITIES] for name in joints}
-            return [found.smooth, own]
+            return [found.extremes, own]
 
         smooth, own = self._kept(scene, "judged", solve)
         return smooth, own
@@ -452,7 +440,7 @@ def judge(name: str, references: References) -> list[dict[str, Any]]:
             "estimate": dict(budget.joints[joint][quantity]),
             "cost": budget.seconds / found.seconds,
         }
-        for joint, said in found.said.items()
+        for joint, said in found.extremes.items()
         for k, quantity in enumerate(QUANTITIES)
     ]
 
@@ -463,7 +451,7 @@ def against_one(
     """Totals against one reference, and the error budget of the reference."""
     values = strict(scene, LESS_STRICT) | finer(scene, run, LESS_FINE)
     smooth, own = references.with_budget(changed(scene, values))
-    return {"total": minus(found.said, smooth)}, own
+    return {"total": minus(found.extremes, smooth)}, own
 
 
 def against_two(
@@ -479,9 +467,9 @@ def against_two(
     if reduced(scene):
         short |= {METHOD: "m4"}
     smooth, own = references.with_budget(changed(scene, short | finer(scene, run, FRESH_FINE)))
-    true = {"total": minus(found.said, smooth)}
+    true = {"total": minus(found.extremes, smooth)}
     if not reduced(scene):
-        true["step_size"] = minus(found.smooth, references.extremes(changed(scene, short)))
+        true["step_size"] = minus(found.extremes, references.extremes(changed(scene, short)))
     return true, own
 
 
@@ -493,20 +481,19 @@ def by_component(
     step = references.extremes(changed(scene, short))
     twice = references.extremes(changed(scene, short | finer(scene, run, 2)))
     thrice = references.extremes(changed(scene, short | finer(scene, run, 3)))
-    sampling = minus(found.said, found.smooth)
     true = {
-        "step_size": minus(found.smooth, step),
-        "film_mesh": minus(sampling, minus(thrice, step)),
-        "total": minus(found.said, thrice),
+        "step_size": minus(found.extremes, step),
+        "film_mesh": minus(step, thrice),
+        "total": minus(found.extremes, thrice),
     }
     if reduced(scene):
         short |= {METHOD: "m4"}
         fine = references.extremes(changed(scene, short | finer(scene, run, 3)))
         true["basis"] = minus(step, references.extremes(changed(scene, short)))
-        true["total"] = minus(found.said, fine)
+        true["total"] = minus(found.extremes, fine)
     left = minus(twice, thrice)
     return true, {
-        name: [abs(x) / y for x, y in zip(own, found.said[name], strict=True)]
+        name: [abs(x) / y for x, y in zip(own, found.extremes[name], strict=True)]
         for name, own in left.items()
     }
 

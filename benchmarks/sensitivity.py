@@ -14,7 +14,7 @@ from typing import Any
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.sensitivity import SHARE, derivatives
-from fenics_ehd.study.sensitivity import mechanism_number, scene_sensitivity
+from fenics_ehd.study.sensitivity import mechanism_parameter, scene_sensitivity
 
 #: Steps for scenes that take long.
 COARSE = {"time.tolerance": 1e-3}
@@ -84,30 +84,30 @@ def main() -> None:
         "\n|---|---|---|---|---|---|"
     )
     spent = 0.0
-    for along in every.numbers:
-        number = mechanism_number(scene, along, bodies)
-        small = derivatives(plain.course, number, plain.figures, share=1e-3)
+    for along in every.parameters:
+        number = mechanism_parameter(scene, along, bodies)
+        small = derivatives(plain.trajectory, number, plain.objectives, share=1e-3)
         clock = process_time()
-        names = [f"{figure.joint}.{figure.name}" for figure in every.figures]
+        names = [f"{objective.joint}.{objective.name}" for objective in every.objectives]
         above, below = (
             scene_sensitivity(along.change(scene, share), names, [], bodies=bodies).values
             for share in (SHARE, -SHARE)
         )
         spent += process_time() - clock
-        for figure in every.figures:
-            per, key = along.value / every.values[figure], (figure, along.key)
+        for objective in every.objectives:
+            per, key = along.value / every.values[objective], (objective, along.key)
             slopes = (
                 every.derivatives[key],
-                small[figure],
+                small[objective],
                 every.finer[key],
-                (above[figure] - below[figure]) / (2 * SHARE * along.scale),
+                (above[objective] - below[objective]) / (2 * SHARE * along.scale),
             )
             values = " | ".join(f"{per * slope:.4f}" for slope in slopes)
-            print(f"| {figure.name} | {along.key} | {values} |", flush=True)
+            print(f"| {objective.name} | {along.key} | {values} |", flush=True)
     run, found = plain.seconds.values()
     print(
         "\n| numbers | the run [s] | derivatives | with finer films | in own steps |"
-        f"\n|---|---|---|---|---|\n| {len(every.numbers)} | {run:.1f} | {found:.1f} | "
+        f"\n|---|---|---|---|---|\n| {len(every.parameters)} | {run:.1f} | {found:.1f} | "
         f"{every.seconds['derivatives']:.1f} | {spent:.1f} |"
     )
 

@@ -47,7 +47,7 @@ def both(folder, solid, element):
     assert distance.min(axis=1).max() < 1e-12
     weights = ours.attachments["pin"][0].array.reshape(-1, 3)[:, 0]
     used = np.flatnonzero(weights)
-    faces = read.places(numbers[surfaces(solid)["bore"]])
+    faces = read.indices(numbers[surfaces(solid)["bore"]])
     theirs = ehd.Structure(
         read.stiffness,
         read.mass,

@@ -15,6 +15,7 @@ from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
 from study_cases import COARSE
 
 import fenics_ehd as ehd
+from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.cli import check
 from fenics_ehd.cli.options import answer
 from fenics_ehd.multibody.trust import SIGNS
@@ -80,9 +81,12 @@ def test_run_writes_everything_it_promises(tmp_path, capfd):
     assert len(history["time_s"]) == summary["steps"]
     assert history["time_s"][-1] == pytest.approx(0.02 * 2 * np.pi / 500, rel=1e-9)
     with h5py.File(tmp_path / "history.h5") as file:
-        pressure = file["joints/big_end/film/pressure"][()]
+        film = {name: values[()] for name, values in file["joints/big_end/film"].items()}
+    pressure = film["pressure"]
     assert pressure.shape == (summary["steps"], 100)
-    assert pressure.max() == pytest.approx(entries["max_pressure_Pa"])
+    peaks = FilmRows.of(film["angle"], film["height"]).largest(pressure)[0]
+    assert peaks.max() == pytest.approx(history["big_end.max_pressure_Pa"].max())
+    assert 1.0 <= entries["max_pressure_Pa"] / peaks.max() < 1.01
     for name in ("max_pressure", "min_film_thickness"):
         assert (tmp_path / f"{name}.png").stat().st_size > 1000
     assert not (tmp_path / "vtk").exists()
@@ -189,11 +193,25 @@ def test_what_could_control_a_terminal_is_escaped(tmp_path, capfd):
 
 def test_a_path_that_is_not_utf_8_is_answered(tmp_path):
     bad = os.fsdecode(b"\xff.toml")
-    for command in (["run", bad], ["stress", bad], ["plot", bad], ["sweep", bad, "--set", "a=1"]):
-        done = program(*command, cwd=tmp_path)
-        assert done.returncode == 2
-        assert len(done.stderr.splitlines()) == 1, done.stderr
-        assert "\\udcff.toml" in done.stderr
+    commands = (["run", bad], ["stress", bad], ["plot", bad], ["sweep", bad, "--set", "a=1"])
+    # All in one process, which takes most of its time to start.
+    calls = """
+import os, sys
+from fenics_ehd.cli.main import main
+for line in os.fsencode(sys.argv[1]).split(b";"):
+    try:
+        main([os.fsdecode(word) for word in line.split()])
+    except SystemExit as end:
+        print(end.code)
+"""
+    lines = ";".join(" ".join(command) for command in commands)
+    done = subprocess.run(
+        [sys.executable, "-c", calls, lines], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["2"] * len(commands), done.stderr
+    errors = done.stderr.splitlines()
+    assert len(errors) == len(commands), errors
+    assert all("\\udcff.toml" in error for error in errors)
 
 
 #: A NumPy that stands before Debian's, and what is said of it.

@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.sensitivity import derivatives, figure_of, smooth_extreme, smooth_mean
+from fenics_ehd.analysis.sensitivity import derivatives, objective_of, smooth_mean
+from fenics_ehd.base.extremes import over_time
 from fenics_ehd.scenes.scene import scene_of
-from fenics_ehd.study.sensitivity import mechanism_number, number_of, scene_sensitivity
+from fenics_ehd.study.sensitivity import mechanism_parameter, parameter_path, scene_sensitivity
 
 #: The shipped loaded journal on a coarse film: massless, so that its orbit depends on groups only.
 JOURNAL = {"joints.bearing.cells": [16, 3], "time.tolerance": 3e-4, "time.largest_step": 0.1}
@@ -40,8 +41,8 @@ def elasticities(found):
     """By name of the figure and key."""
     return {
         (figure.name, number.key): found.elasticity(figure, number)
-        for figure in found.figures
-        for number in found.numbers
+        for figure in found.objectives
+        for number in found.parameters
     }
 
 
@@ -83,7 +84,7 @@ def test_a_simulated_mechanism_has_the_derivatives_of_its_scene(periodic):
     own = scene("loaded-journal", JOURNAL, {"joints.bearing.cells": [12, 2]}, times)
     names = ["min_film_thickness", "max_pressure"]
     expected = scene_sensitivity(own, names, [CLEARANCE])
-    number = expected.numbers[0]
+    number = expected.parameters[0]
 
     def make(clearance):
         return ehd.build(number.change(own, clearance / number.value - 1.0)).mechanism
@@ -91,7 +92,7 @@ def test_a_simulated_mechanism_has_the_derivatives_of_its_scene(periodic):
     machine = ehd.build(own)
     history = ehd.simulate(machine.mechanism, **machine.options)
     found = ehd.sensitivity(history, make, {"clearance": number.value}, names)
-    for name, figure in zip(names, expected.figures, strict=True):
+    for name, figure in zip(names, expected.objectives, strict=True):
         slope = expected.derivatives[figure, number.key]
         assert found[name]["clearance"] == pytest.approx(slope, rel=1e-3)
     with pytest.raises(ehd.errors.SensitivityError, match="clearance = 0"):
@@ -108,12 +109,12 @@ def test_derivatives_are_those_of_held_steps_and_the_error_falls_with_the_tolera
     # Of a tenth of the change; in steps of their own they are 0.25 % off.
     fine = scene("loaded-journal", JOURNAL, {"time.tolerance": 1e-5, "time.periodicity": 1e-5})
     best = scene_sensitivity(fine, [FILM, PRESSURE], [VISCOSITY])
-    number = mechanism_number(fine, best.numbers[0], {})
-    expected = derivatives(best.course, number, best.figures, share=1e-3)
+    number = mechanism_parameter(fine, best.parameters[0], {})
+    expected = derivatives(best.trajectory, number, best.objectives, share=1e-3)
     coarse = scene("loaded-journal", JOURNAL, {"time.tolerance": 1e-3})
     found = scene_sensitivity(coarse, [FILM, PRESSURE], [VISCOSITY])
     errors = [
-        max(abs(own.derivatives[f, VISCOSITY] / expected[f] - 1) for f in own.figures)
+        max(abs(own.derivatives[f, VISCOSITY] / expected[f] - 1) for f in own.objectives)
         for own in (found, best)
     ]
     # What is left of it is of the second order in the change.
@@ -128,11 +129,11 @@ def test_mass_and_speed_of_a_rigid_slider_crank(figure):
     keys = ["bodies.piston.mass", "drives.crank.speed"]
     found = scene_sensitivity(machine, ["min_film_thickness"], keys)
     worst = 0.0
-    for number in found.numbers:
-        expected = by_runs(machine, number, found.figures)
+    for number in found.parameters:
+        expected = by_runs(machine, number, found.objectives)
         for own, slope in expected.items():
             worst = max(worst, abs(found.derivatives[own, number.key] / slope - 1))
-    assert found.derivatives[found.figures[0], "drives.crank.speed"] < 0
+    assert found.derivatives[found.objectives[0], "drives.crank.speed"] < 0
     name = "derivatives along mass and speed against runs, rigid slider-crank"
     figure("derivatives", name, worst, most=0.01, unit="%")
 
@@ -175,23 +176,23 @@ def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
         ("bodies.pendulum.mass", (mean_force(-60.0, 2.01) - mean_force(-60.0, 1.99)) / 0.02),
     ):
         # Of the pendulum on the hinge, not of the hinge on the pendulum.
-        assert found.derivatives[found.figures[0], name] == pytest.approx(-slope, rel=0.02)
+        assert found.derivatives[found.objectives[0], name] == pytest.approx(-slope, rel=0.02)
 
 
 @pytest.mark.parametrize(
     ("key", "told"),
     [
         ("clearence", "did you mean joints.bearing.clearance"),
-        ("bearing.cells", "no number that changes a little"),
-        ("barus", "0.0 stands for what is off"),
-        ("time.tolerance", "says how the scene is run"),
+        ("bearing.cells", "not a continuous parameter"),
+        ("barus", "0.0 means that the setting is off"),
+        ("time.tolerance", "is a setting of the run"),
         ("journal.position", "is a pair: ask along bodies.journal.position.x"),
-        ("bearing.lubricant", "no number that changes a little"),
+        ("bearing.lubricant", "not a continuous parameter"),
     ],
 )
 def test_keys_without_a_derivative_are_refused(key, told):
     with pytest.raises((ehd.errors.SensitivityError, ehd.errors.SettingsError), match=told):
-        number_of(scene("loaded-journal", JOURNAL), key)
+        parameter_path(scene("loaded-journal", JOURNAL), key)
 
 
 @pytest.mark.parametrize(
@@ -218,12 +219,12 @@ def test_a_number_that_breaks_the_period_is_refused_before_the_run(key, off, tmp
 def test_a_temperature_in_celsius_has_no_elasticity():
     once = {"time.periodic": False, "time.revolutions": 0.02, "time.tolerance": 1e-2}
     oil = {"lubricants.oil": {"grade": "ISO VG 46", "temperature": 60.0}}
-    with pytest.raises(ehd.errors.SensitivityError, match=r"= -273\.15 stands for .* not given"):
-        number_of(scene("loaded-journal"), "lubricants.oil.temperature")
+    with pytest.raises(ehd.errors.SensitivityError, match=r"= -273\.15 means .* not given"):
+        parameter_path(scene("loaded-journal"), "lubricants.oil.temperature")
     found = scene_sensitivity(
         scene("loaded-journal", JOURNAL, once, oil), ["max_pressure"], ["oil.temperature"]
     )
-    (number,), (own,) = found.numbers, found.figures
+    (number,), (own,) = found.parameters, found.objectives
     assert (number.unit, number.relative) == ("C", False)
     assert abs(found.derivatives[own, number.key]) > 0.0
     assert found.elasticity(own, number) is None
@@ -252,15 +253,15 @@ def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
     columns = ("max_pressure_Pa", "max_pressure_angle_deg", "side_flow_m3_per_s")
     paths = [f"joints/bearing/{column}" for column in columns]
     with pytest.raises(ehd.errors.SensitivityError, match=told):
-        figure_of(name, paths)
-    assert figure_of("bearing.mean_side_flow", paths).column == "side_flow_m3_per_s"
+        objective_of(name, paths)
+    assert objective_of("bearing.mean_side_flow", paths).column == "side_flow_m3_per_s"
     with pytest.warns(DeprecationWarning, match=r"mean_side_flow is now bearing\.mean_side_flow"):
-        assert figure_of("mean_side_flow", paths).joint == "bearing"
+        assert objective_of("mean_side_flow", paths).joint == "bearing"
     two = [*paths, "joints/other/side_flow_m3_per_s"]
     with pytest.raises(ehd.errors.SensitivityError, match="unknown quantity mean_side_flow"):
-        figure_of("mean_side_flow", two)
+        objective_of("mean_side_flow", two)
     with pytest.raises(ehd.errors.SensitivityError, match="no joint is lubricated"):
-        figure_of("max_pressure", [])
+        objective_of("max_pressure", [])
 
 
 def test_the_command_prints_a_table_and_json(tmp_path, capfd):
@@ -288,8 +289,8 @@ def test_the_command_prints_a_table_and_json(tmp_path, capfd):
 def test_an_extreme_between_steps_is_exact_on_a_parabola():
     times = np.array([0.0, 0.2, 0.5, 0.9, 1.0])
     values = 3.0 - 2.0 * (times - 0.62) ** 2
-    assert smooth_extreme(times, values, None, 1) == pytest.approx(3.0)
-    assert smooth_extreme(times, -values, None, -1) == pytest.approx(-3.0)
+    assert over_time(times, values, None, 1)[0] == pytest.approx(3.0)
+    assert over_time(times, -values, None, -1)[0] == pytest.approx(-3.0)
 
 
 @pytest.mark.parametrize("period", [None, 1.0])
@@ -299,10 +300,10 @@ def test_an_extreme_between_steps_is_exact_on_a_parabola():
 def test_an_extreme_of_equal_values_is_that_value(values, period):
     """A contact that no asperity touches at an instant, or that is level over some."""
     times = np.linspace(0.0, 1.0, 7)[1:]
-    assert smooth_extreme(times, values, period, 1) == pytest.approx(values.max(), rel=0.3)
+    assert over_time(times, values, period, 1)[0] == values.max()
     level = np.full_like(values, values.max())
-    assert smooth_extreme(times, level, period, 1) == pytest.approx(values.max(), rel=1e-12)
-    assert smooth_extreme(times, -level, period, -1) == pytest.approx(-values.max(), rel=1e-12)
+    assert over_time(times, level, period, 1)[0] == pytest.approx(values.max(), rel=1e-12)
+    assert over_time(times, -level, period, -1)[0] == pytest.approx(-values.max(), rel=1e-12)
 
 
 def test_a_figure_that_is_no_number_is_refused():
@@ -311,7 +312,7 @@ def test_a_figure_that_is_no_number_is_refused():
     course = SimpleNamespace(
         joints={"pin": joint}, times=np.arange(1.0, 6.0), began=0.0, period=None
     )
-    figure = figure_of("pin.max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
+    figure = objective_of("pin.max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
     with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* no finite number"):
         figure.value(course)
 
@@ -324,7 +325,7 @@ def test_an_extreme_across_the_ends_of_a_cycle_converges_and_never_jumps():
         places = np.linspace(-1.3, 1.3, 401) / count
         curves = np.cos(2 * np.pi * (times - places[:, None]))
         values, below, above = (
-            np.array([smooth_extreme(times, own, 1.0, 1) for own in curves + more])
+            np.array([over_time(times, own, 1.0, 1)[0] for own in curves + more])
             for more in (
                 np.zeros(count),
                 *np.multiply.outer((-1e-6, 1e-6), np.sin(2 * np.pi * times)),
@@ -371,8 +372,8 @@ def test_a_slider_crank_with_an_elastic_rod(figure):
     keys = [CLEARANCE_OF_ROD, "drives.crank.speed"]
     found = scene_sensitivity(machine, ["min_film_thickness", "max_pressure"], keys)
     worst = 0.0
-    for number in found.numbers:
-        for own, slope in by_runs(machine, number, found.figures).items():
+    for number in found.parameters:
+        for own, slope in by_runs(machine, number, found.objectives).items():
             error = abs(found.derivatives[own, number.key] - slope) * number.value
             worst = max(worst, error / found.values[own])
     name = "derivatives against runs, slider-crank with an elastic rod, largest elasticity off"
@@ -410,7 +411,7 @@ def test_a_film_whose_heat_is_balanced_takes_its_temperature_along():
     )
     # At one temperature the film's is -0.3: the wider bearing is the cooler one.
     found = scene_sensitivity(heated, ["min_film_thickness"], [CLEARANCE])
-    clearance, own = found.numbers[0], found.figures[0]
+    clearance, own = found.parameters[0], found.objectives[0]
     expected = by_runs(heated, clearance, [own])[own] * clearance.value / found.values[own]
     assert expected > 0.1
     assert found.elasticity(own, clearance) == pytest.approx(expected, abs=0.01)

@@ -173,7 +173,7 @@ def test_any_numbers_rows_and_triangle_give_the_same_matrices(tmp_path_factory, 
         np.testing.assert_array_equal(ours.toarray(), theirs.toarray())
     np.testing.assert_array_equal(found.numbers, numbers)
     wanted = random.integers(0, count, (2, 3))
-    np.testing.assert_array_equal(found.places(numbers[wanted]), wanted)
+    np.testing.assert_array_equal(found.indices(numbers[wanted]), wanted)
 
 
 def test_held_nodes_are_held(small, tmp_path):
@@ -189,7 +189,7 @@ def test_held_nodes_are_held(small, tmp_path):
     without = ehd.read_calculix(tmp_path / "m")
     np.testing.assert_array_equal(without.numbers, numbers[2:])
     with pytest.raises(ehd.errors.StructureError, match="node 5 has no row in the matrices"):
-        without.places([[7, 5]])
+        without.indices([[7, 5]])
     # A penalty says the same.
     penalty = small[0].copy()
     penalty.setdiag(np.where(np.isin(np.arange(len(k)), held), 1e36, penalty.diagonal()))
@@ -214,11 +214,11 @@ GOOD = {
         ("m.sti", "1 1 2.0\n1 2\n", r"m\.sti: "),
         ("m.sti", "1 1 x\n", r"m\.sti: .*could not convert"),
         ("m.sti", "1 1 2.0\n1 2 nan\n", "m.sti, entry 2: a number is not finite"),
-        ("m.sti", "1 1.5 2.0\n", "m.sti, entry 1: .* are no places"),
+        ("m.sti", "1 1.5 2.0\n", "m.sti, entry 1: .* are no numbers of"),
         ("m.sti", "1 4 2.0\n", "m.sti has row 4, there are 3"),
         ("m.sti", "0 1 2.0\n", "m.sti has node or row 0, the first is 1"),
         ("m.sti", "1 1\n", "rows of 2 numbers, they must have 3"),
-        ("m.mas", "1 1 1.0\n1 1 1.0\n", "m.mas: the entry of row 1, column 1 stands twice"),
+        ("m.mas", "1 1 1.0\n1 1 1.0\n", "m.mas: the entry of row 1, column 1 is there twice"),
         ("m.mas", "1 1 1.0\n1 2 .5\n2 1 .5\n2 3 .5\n", "row 2, column 3, but not its mirror"),
         ("m.dof", "7.1\n7\n7.3\n", r"m\.dof: .*columns changed"),
         ("m.dof", "", "m.dof is empty"),
@@ -237,7 +237,7 @@ def test_files_of_calculix_that_do_not_fit_are_named(tmp_path, file, text, messa
 @pytest.mark.parametrize(
     ("stiffness", "numbers", "message"),
     [
-        ("1,1, 1,1, 2.0\n", [2], "node 1 is not among the numbers given"),
+        ("1,1, 1,1, 2.0\n", [2], "node 1 is not in .numbers."),
         ("1,1, 1,1, 2.0\n", [1, 1], "the number of every node once"),
         ("1,1, 1,1, 2.0\n", [1.0], "as whole numbers"),
         ("-1,1, -1,1, 2.0\n", None, "has node or row -1, the first is 1: internal nodes"),

@@ -22,8 +22,8 @@ from fenics_ehd.reduction.mesh_error import (
     SMOOTH,
     compliance_errors,
     excess,
-    smooth_answers,
     smooth_fields,
+    smooth_responses,
 )
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes.scene import scene_of
@@ -41,7 +41,7 @@ def rod(around, **changes):
 
 def of_mesh(around, **changes):
     part = structure("slider-crank", "rod", MPI.COMM_SELF, rod(around, **changes))
-    return smooth_answers(StaticSolver(part)), part.size
+    return smooth_responses(StaticSolver(part)), part.size
 
 
 def missing_in(body):
@@ -109,7 +109,7 @@ def test_forces_on_points_are_those_that_accelerate_the_body():
 
 
 def test_meshes_alike_tell_nothing():
-    with pytest.raises(ehd.errors.StructureError, match="tell nothing"):
+    with pytest.raises(ehd.errors.StructureError, match="too similar"):
         excess(1000, 1100)
 
 

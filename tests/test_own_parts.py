@@ -30,7 +30,7 @@ from fenics_ehd.fem.structure import part_answers
 from fenics_ehd.film.transfer import Surface
 from fenics_ehd.reduction.bore import bore_holes
 from fenics_ehd.reduction.elements import SOLIDS
-from fenics_ehd.reduction.mesh_error import compliance_errors, smooth_answers
+from fenics_ehd.reduction.mesh_error import compliance_errors, smooth_responses
 from fenics_ehd.reduction.reductor import rigid
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.scenes.part import elastic_part
@@ -109,6 +109,7 @@ def test_edges_tell_the_faces_of_a_mesh(parts, name):
         np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_chamfers_end_the_bore_and_a_drilled_one_keeps_its_hole(parts, tmp_path):
     part = open_part(parts / "drilled.step")
     assert part.faces[0].cylinder.width == pytest.approx(0.020, rel=1e-8)
@@ -186,7 +187,7 @@ def test_matrices_of_calculix_yield_as_the_shipped_rod(
     names = {}
     exec(recipe.replace("parts/", f"{parts.name}/"), names)
     stated = made(parts / "calculix.inp", tmp_path / "part.msh")
-    ours = smooth_answers(StaticSolver(names["rod"])).compliance
+    ours = smooth_responses(StaticSolver(names["rod"])).compliance
     # What comes behind the pressures are forces on the pin, which the reference does not know.
     off = difference(ours[:, : len(ours)], reference.compliance)
     figure(

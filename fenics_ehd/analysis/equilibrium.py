@@ -347,10 +347,10 @@ def _rate(system: System) -> float:
 def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
     """Pressures under Reynolds' condition of films between rigid surfaces, as a first guess."""
     values = np.zeros(len(equations.lower))
-    for film, own in zip(equations.films, equations.film_indices, strict=True):
+    for film, dofs in zip(equations.films, equations.film_indices, strict=True):
         gap = film.binding.gap(z, rates, 0.0)
         try:
-            values[own] = film.unknowns(film.film.solve(gap).pressure)
+            values[dofs] = film.unknowns(film.film.solve(gap).pressure)
         except SolverError:
             return None
     return SolverState(np.zeros(1), values[None], 0)

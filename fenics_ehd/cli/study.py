@@ -26,8 +26,8 @@ from fenics_ehd.cli.options import (
 )
 
 if TYPE_CHECKING:  # slow to import, and --help does without
-    from fenics_ehd.analysis.sensitivity import Figure
-    from fenics_ehd.study.sensitivity import Along, SceneSensitivity
+    from fenics_ehd.analysis.sensitivity import Objective
+    from fenics_ehd.study.sensitivity import ParameterPath, SceneSensitivity
 
 #: Characters of a status in a printed table.
 STATUS_WIDTH = 60
@@ -241,7 +241,7 @@ METHODS = "differences in the same steps", "differences in the same steps, reduc
 def sensitivity(
     scene: str, quantities: tuple[str, ...], keys: tuple[str, ...], finer: bool, as_json: bool
 ) -> None:
-    """Run SCENE, and print derivatives of what it answers along its numbers.
+    """Run SCENE, and print derivatives of its results along its parameters.
 
     By differences of the run with each number changed by 1 % to either side, in the same steps.
     """
@@ -267,54 +267,56 @@ def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
     return {
         "scene": scene,
         "quantities": {
-            f"{figure.joint}.{figure.name}": {
-                "value": found.values[figure],
+            f"{objective.joint}.{objective.name}": {
+                "value": found.values[objective],
                 "along": {
-                    number.key: {
-                        "at": number.value,
-                        "derivative": found.derivatives[figure, number.key],
-                        "units": _units(figure, number),
-                        "elasticity": found.elasticity(figure, number),
-                        "on_finer_film": found.finer.get((figure, number.key)),
-                        "method": METHODS[number.key in found.reduced],
+                    parameter.key: {
+                        "at": parameter.value,
+                        "derivative": found.derivatives[objective, parameter.key],
+                        "units": _units(objective, parameter),
+                        "elasticity": found.elasticity(objective, parameter),
+                        "on_finer_film": found.finer.get((objective, parameter.key)),
+                        "method": METHODS[parameter.key in found.reduced],
                     }
-                    for number in found.numbers
+                    for parameter in found.parameters
                 },
             }
-            for figure in found.figures
+            for objective in found.objectives
         },
         "processor_time_s": dict(found.seconds),
     }
 
 
-def _units(figure: Figure, number: Along) -> str:
+def _units(objective: Objective, parameter: ParameterPath) -> str:
     """Unit of a derivative, ``Pa/(rad/s)``."""
     from fenics_ehd.base.columns import split_unit
 
-    own = split_unit(figure.column)[1]
-    along = number.unit or "1"
-    return f"{own}/({along})" if re.search("[ /]", along) else f"{own}/{along}"
+    unit = split_unit(objective.column)[1]
+    along = parameter.unit or "1"
+    return f"{unit}/({along})" if re.search("[ /]", along) else f"{unit}/{along}"
 
 
-def _finer(found: SceneSensitivity, figure: Figure, number: Along) -> str:
-    """The change on a finer film, where it was looked for and there is one."""
-    slope, fine = (own.get((figure, number.key)) for own in (found.derivatives, found.finer))
+def _finer(found: SceneSensitivity, objective: Objective, parameter: ParameterPath) -> str:
+    """Change on a finer film, if it is known."""
+    slope = found.derivatives.get((objective, parameter.key))
+    fine = found.finer.get((objective, parameter.key))
     return f"{100 * (fine / slope - 1):+.2g} % on a finer film, " if fine and slope else ""
 
 
 def _table(scene: str, found: SceneSensitivity) -> str:
-    width = max(len(number.key) for number in found.numbers)
+    width = max(len(parameter.key) for parameter in found.parameters)
     lines = [f"{scene}: derivatives d q / d p, elasticities d ln q / d ln p"]
-    for figure in found.figures:
-        lines.append(f"  {figure.joint}.{figure.name} = {found.values[figure]:.6g}")
-        for number in found.numbers:
-            elasticity = found.elasticity(figure, number)
+    for objective in found.objectives:
+        lines.append(f"  {objective.joint}.{objective.name} = {found.values[objective]:.6g}")
+        for parameter in found.parameters:
+            elasticity = found.elasticity(objective, parameter)
             relative = "        -" if elasticity is None else f"{elasticity:9.4f}"
             lines.append(
-                f"    {number.key:{width}} = {number.value:<12.6g} "
-                f"{found.derivatives[figure, number.key]:12.5g} {_units(figure, number):12} "
-                f"{relative}  {_finer(found, figure, number)}"
-                f"{METHODS[number.key in found.reduced]}"
+                f"    {parameter.key:{width}} = {parameter.value:<12.6g} "
+                f"{found.derivatives[objective, parameter.key]:12.5g} "
+                f"{_units(objective, parameter):12} "
+                f"{relative}  {_finer(found, objective, parameter)}"
+                f"{METHODS[parameter.key in found.reduced]}"
             )
     seconds = ", ".join(f"{name} {value:.1f} s" for name, value in found.seconds.items() if value)
     return "\n".join([*lines, f"  time: {seconds}"])

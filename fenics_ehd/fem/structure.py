@@ -50,7 +50,7 @@ from fenics_ehd.reduction.bore import (
     surface_gram,
 )
 from fenics_ehd.reduction.matrices import inner, multiply, some_columns
-from fenics_ehd.reduction.mesh_error import Answers, smooth_answers
+from fenics_ehd.reduction.mesh_error import SmoothResponses, smooth_responses
 from fenics_ehd.reduction.static import StaticSolver, mean_diagonal
 from fenics_ehd.reduction.structure import Recovery, Structure
 
@@ -518,7 +518,7 @@ def part_answers(
     clamped: str | None,
     parameters: Mapping[str, float] | None = None,
     points: tuple[str, ...] = (),
-) -> tuple[Structure, Answers]:
+) -> tuple[Structure, SmoothResponses]:
     """A model assembled, and answers of its loaded bores; serial.
 
     Raises
@@ -528,4 +528,4 @@ def part_answers(
     """
     mesh = build_mesh(path, parameters, comm=MPI.COMM_SELF, bores=bores)
     structure = assemble_structure(mesh, material, bores=bores, attachments=points, clamped=clamped)
-    return structure, smooth_answers(StaticSolver(structure))
+    return structure, smooth_responses(StaticSolver(structure))

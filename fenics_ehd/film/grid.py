@@ -31,6 +31,7 @@ from fenics_ehd.base.arguments import (
     require_word,
 )
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
+from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.fields import FILM_ELEMENTS
 from fenics_ehd.reduction.elements import ELEMENTS
 
@@ -113,6 +114,11 @@ class FilmGrid:
         angle = np.interp(i, np.arange(len(self.angles)), self.angles)
         height = np.interp(j, np.arange(len(self.heights)), self.heights)
         return np.column_stack([angle, height])
+
+    @cached_property
+    def rows(self) -> FilmRows:
+        """Nodes in rows around, between which extremes are computed."""
+        return FilmRows.of(*self.node_positions.T)
 
     @property
     def nodes(self) -> np.ndarray:

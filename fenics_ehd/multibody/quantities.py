@@ -43,6 +43,7 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_callable, require_class
 from fenics_ehd.base.columns import with_unit
+from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
@@ -98,6 +99,11 @@ class JointStep:
     def nodes(self) -> np.ndarray:
         """Angle [rad] and height [m] of the film's nodes, shape (k, 2)."""
         return self.film.parameters.grid.node_positions
+
+    @property
+    def rows(self) -> FilmRows:
+        """Nodes of the film in rows around."""
+        return self.film.parameters.grid.rows
 
     @property
     def pressure(self) -> np.ndarray:
@@ -316,14 +322,14 @@ def feed_flows(joint: JointStep) -> dict[str, float]:
 
 @quantity("max_pressure", "Pa")
 def max_pressure(joint: JointStep) -> float:
-    """Largest pressure at a node."""
-    return joint.pressure.max()
+    """Peak oil film pressure (POFP), between the nodes."""
+    return joint.rows.largest(joint.pressure[None])[0][0]
 
 
 @quantity("min_film_thickness", "m")
 def min_film_thickness(joint: JointStep) -> float:
-    """Least film thickness at nodes and Gauss points; between rough surfaces nominal."""
-    return joint.gap.min()
+    """Minimum oil film thickness (MOFT), between the nodes; of rough surfaces the nominal one."""
+    return -joint.rows.largest(-joint.gap[None, -len(joint.nodes) :])[0][0]
 
 
 @quantity("max_pressure_angle", "deg")
@@ -412,8 +418,10 @@ def min_film_height(joint: JointStep) -> float:
 
 @quantity("max_contact_pressure", "Pa", with_contact)
 def max_contact_pressure(joint: JointStep) -> float:
-    """Largest contact pressure at a Gauss point."""
-    return joint.touch.pressure.max()
+    """Largest contact pressure, between the Gauss points."""
+    points = joint.film.points
+    rows = FilmRows.of(points.angle.ravel(), points.height.ravel())
+    return rows.largest(joint.touch.pressure[None])[0][0]
 
 
 @quantity("friction_torque", "N m", with_friction, mean=True)

@@ -51,31 +51,44 @@ class Run:
     def __init__(self, mechanism: Mechanism, steps: IntegratorOptions, span: float):
         if not span > 0.0:
             raise SettingsError(f"end or period = {span:g} s must be above 0")
-        system = self._system = System(mechanism)
-        self.solve = CoupledSteps(system)
-        self.equations = self.solve.equations
-        for film in self.equations.films:
+        system = System(mechanism)
+        solve = CoupledSteps(system)
+        equations = solve.equations
+        for film in equations.films:
             _check_density(film)
-        self.norm = StepNorm(self.equations)
+        norm = StepNorm(equations)
         # Order 3 amplifies modes of little damping, by 5 to 10 % a step of one radian of their
         # phase: a full interface without damping was 71 % off (`docs/extremes.md`). With
         # mass-conserving cavitation it overshoots at a node that has just filled
         # (`docs/real-films.md`), and compressible oil is a spring without damping.
-        damped = system.least_damping >= DAMPED and not self.equations.conserves_oil
+        damped = system.least_damping >= DAMPED and not equations.conserves_oil
         order = steps.order if damped else min(steps.order, 2)
-        self.control = attrs.evolve(steps, order=order, largest=steps.largest * span)
+        control = attrs.evolve(steps, order=order, largest=steps.largest * span)
         z, rates = assemble(system)
         check_inertia(system, z)
-        resting = self.equations.resting(z)
+        resting = equations.resting(z)
         x = np.concatenate([z, resting])
         rate = np.concatenate([rates, np.zeros(len(resting))])
-        self.state: IntegratorState[SolverState] = IntegratorState.begin(
-            self.norm, 0.0, x, rate, self.control
-        )
-        gaps = self.norm.film_gaps(self.state.observed[0])
+        self._begin(solve, norm, control, IntegratorState.begin(norm, 0.0, x, rate, control))
+        gaps = norm.film_gaps(self.state.observed[0])
         for binding, gap in zip(system.films, gaps, strict=True):
             if not binding.film.shape.plain:
                 _check_start(binding, float(gap.min()))
+
+    def _begin(
+        self,
+        solve: CoupledSteps,
+        norm: StepNorm,
+        control: IntegratorOptions,
+        state: IntegratorState[SolverState],
+    ) -> None:
+        """Begin in a state; a solver takes the steps, a norm measures their errors."""
+        self.solve = solve
+        self.equations = solve.equations
+        self._system = solve.system
+        self.norm = norm
+        self.control = control
+        self.state = state
 
     def with_mechanism(self, mechanism: Mechanism) -> Run:
         """Run of another mechanism at its start, with the formula and temperatures of this run."""

@@ -19,6 +19,7 @@ from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import Kind, write_whole
 from fenics_ehd.base.layout import Group, Value, read_declared
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.sealed_file import (
     UNREADABLE,
     digest,
@@ -39,7 +40,7 @@ from fenics_ehd.reduction.bore import (
 )
 from fenics_ehd.reduction.structure import check_surface
 
-#: Places of the translations and of the elastic modes among the fields of a body.
+#: Positions of the translations and of the elastic modes among the fields of a body.
 TRANSLATIONS = slice(1, 3)
 ELASTIC = slice(3, None)
 
@@ -90,22 +91,23 @@ class InertiaIntegrals:
 
 @dataclass(frozen=True, eq=False)
 class ResidualFlexibility:
-    """Bore flexibility beyond the coordinates, answered at once (M4).
+    """Bore flexibility beyond the coordinates, which follows the pressure quasi-statically (M4).
 
     Attributes
     ----------
     displacement
-        Of the nodes of all bores for unit amplitudes of the r patterns, shape (m, 3, r) [m/Pa].
+        Displacement of the nodes of all bores for unit amplitudes of the r patterns, shape
+        (m, 3, r) [m/Pa].
     patterns
         Orthonormal pressure patterns over all bores, shape (r, k): the amplitudes of nodal
         pressures w are ``patterns @ w`` [Pa].
     stiffness
-        Energy of unit amplitudes, twice: diagonal of ``V^T J^T G_res J V``, shape (r,),
+        Twice the energy of unit amplitudes: diagonal of ``V^T J^T G_res J V``, shape (r,),
         [J/Pa^2]. The generalised force of a pressure on an amplitude is this times the
         amplitude of the pressure.
     mass
-        Mass matrix of the patterns' displacements, shape (r, r) [kg m^2/Pa^2]: neglected by the
-        method, known for its error estimate; empty when not computed.
+        Mass matrix of the patterns' displacements, shape (r, r) [kg m^2/Pa^2]. The method neglects
+        it, its error estimate uses it; empty when not computed.
     """
 
     displacement: np.ndarray
@@ -126,14 +128,14 @@ class ModeRecord:
     Attributes
     ----------
     kind
-        What sort of mode.
+        ``"vibration"``, ``"static"`` and others, see `ReducedBody`.
     frequency
-        Natural frequency of the mode taken alone [Hz], infinite without mass.
+        Natural frequency of the mode alone [Hz], infinite without mass.
     participation
-        Its share of the bore's flexibility, the trace of ``J^T G J``; of the flexibility
-        listed when the whole is not known.
+        Share of the mode in the bore's flexibility, the trace of ``J^T G J``; in the sum of the
+        listed flexibilities if that of the part is not known.
     dropped
-        Why it was left out, empty when it was kept.
+        Reason why the mode was dropped, empty for a kept one.
     """
 
     kind: str
@@ -143,12 +145,12 @@ class ModeRecord:
 
 
 def unknown() -> np.ndarray:
-    """A matrix that was not given."""
+    """An empty matrix, for an unknown one."""
     return np.zeros((0, 0))
 
 
 class BoreRows(NamedTuple):
-    """One of a body's bores and where its nodes and pressure nodes are among those of all."""
+    """A bore of a body, with the ranges of its nodes and pressure nodes among those of all."""
 
     name: str
     surface: BoreSurface
@@ -156,6 +158,7 @@ class BoreRows(NamedTuple):
     pressures: slice
 
 
+@renamed_attributes(places="positions")
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
     """A part described by ``n`` modal coordinates.
@@ -193,8 +196,8 @@ class ReducedBody:
         Outward bore displacement per nodal pressure that the basis cannot
         follow, shape (m, k) [m/Pa]; empty when not computed.
     mesh_flexibility
-        Outward displacement that the part has more than its mesh under smooth pressures and
-        forces on its points, see `fenics_ehd.reduction.mesh_error`, at the nodes of `SAMPLED`
+        Outward displacement of the part in excess of that of its mesh, under smooth pressures and
+        forces on its points, see `fenics_ehd.reduction.mesh_error`. At the nodes of `SAMPLED`
         cells of every bore, k in all: shape (k, s + 2 a) [m/Pa], [m/N]; empty when unknown.
     rigid_mass, rigid_coupling
         ``R^T M R``, shape (6, 6), and ``R^T M T``, shape (6, n), of the unit translations
@@ -208,7 +211,7 @@ class ReducedBody:
     accuracy
         Figures of the reduction: rank, dropped columns, residuals.
     provenance
-        What the body was made from, text by name.
+        Model and settings from which the body was made, text by name.
     columns
         The part-size basis T, rows owned by this rank, when it was asked for; not in the
         body's file (see `save_basis`).
@@ -267,7 +270,7 @@ class ReducedBody:
         return self.bore.pressure_coordinates
 
     def each_bore(self) -> Iterator[BoreRows]:
-        """The bores, one after the other."""
+        """Every bore in turn."""
         nodes = pressures = 0
         for name, bore in self.bores.items():
             last = nodes + len(bore.coordinates)
@@ -282,14 +285,14 @@ class ReducedBody:
         Raises
         ------
         SettingsError
-            There is none of this name.
+            The body has no bore of this name.
         """
         for rows in self.each_bore():
             if rows.name == name:
                 return rows
         raise SettingsError(f"the reduced body has no bore {name!r}: {', '.join(self.bores)}")
 
-    def places(self, *, of_pressures: bool = False) -> np.ndarray:
+    def positions(self, *, of_pressures: bool = False) -> np.ndarray:
         """Positions of nodes or pressure nodes of all bores, from the origin, (m or k, 3) [m]."""
         name = "pressure_coordinates" if of_pressures else "coordinates"
         return np.vstack([bore.centre + getattr(bore, name) for bore in self.bores.values()])
@@ -325,21 +328,21 @@ class ReducedBody:
         return all_outward(self.bores, displacements)
 
     def basis_flexibility(self) -> np.ndarray:
-        """Outward bore displacement per nodal pressure that the body follows, (m, k) [m/Pa].
+        """Outward bore displacement of the body per nodal pressure, shape (m, k) [m/Pa].
 
-        Of a free part: to pressures made self-equilibrated by its rigid inertia,
-        less the rigid motion, whatever its frame.
+        The pressures on a free part are in equilibrium with its rigid inertia, and the rigid
+        motion is subtracted, independent of the frame.
         """
         return self.outward(self.bore_flexibility())
 
     def bore_flexibility(self) -> np.ndarray:
-        """Bore displacement per nodal pressure that the body follows, shape (m, 3, k) [m/Pa]."""
+        """Bore displacement of the body per nodal pressure, shape (m, 3, k) [m/Pa]."""
         m = len(self.bore_basis)
         shape = self.bore_basis.reshape(3 * m, -1)
         load = self.load_projection[ELASTIC]
         if self.frame != "clamped" and self.rigid_mass.size:
             share = np.linalg.solve(self.rigid_mass, self.rigid_coupling)
-            shape = shape - rigid_fields(self.places()) @ share
+            shape = shape - rigid_fields(self.positions()) @ share
             load = load - share.T @ self.rigid_load
         response = shape @ np.linalg.solve(self.stiffness, load)
         if self.residual is not None:
@@ -349,7 +352,7 @@ class ReducedBody:
 
 
 def bore_fields(body: ReducedBody) -> np.ndarray:
-    """Displacement of all bores' nodes, of coordinates and patterns, shape (m, 3, n + r)."""
+    """Displacement of all bores' nodes per coordinate and pattern, shape (m, 3, n + r)."""
     if body.residual is None:
         return body.bore_basis
     return np.concatenate([body.bore_basis, body.residual.displacement], axis=2)
@@ -419,14 +422,14 @@ LAYOUT = Group(
 
 
 def save_body(body: ReducedBody, path: str | Path) -> None:
-    """Write a body; an existing file is replaced only once the new one is whole."""
+    """Write a body to a file, atomically: a former file stays until the new one is complete."""
     require_class("body", body, ReducedBody)
     require_class("path", path, str, Path)
     save_tree(path, _tree(body), FORMAT, FORMAT_VERSION)
 
 
 def body_digest(body: ReducedBody) -> str:
-    """SHA-256 of all numbers of a body, the same before and after it was in a file."""
+    """SHA-256 of all numbers of a body, the same before it is stored and after it is read."""
     return digest(_tree(body))
 
 
@@ -441,7 +444,7 @@ def _tree(body: ReducedBody) -> dict[str, Any]:
     }
     return LAYOUT.tree(
         body,
-        # The order of the bores is that of their nodes, a file's that of their names.
+        # The order of the bores is that of their nodes; groups of a file are sorted by name.
         bore_names=tuple(body.bores),
         accuracy={name: float(value) for name, value in body.accuracy.items()},
         inventory=inventory,
@@ -480,7 +483,7 @@ ROUND_OFF = 1e-9
 
 
 def _require_sound(body: ReducedBody) -> None:
-    """Refuse a body whose numbers fit each other and are none of a part.
+    """Refuse a body whose arrays have the right shapes but cannot be those of a part.
 
     Raises
     ------
@@ -519,7 +522,7 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
     Raises
     ------
     ValueError
-        Naming it.
+        The message has the name of the matrix.
     """
     diagonal = np.diag(matrix)
     if diagonal.min(initial=0.0) < 0.0:
@@ -558,7 +561,7 @@ def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
 EXPORT_FORMAT = "fenics_ehd reduced body, exported"
 EXPORT_VERSION = 2
 
-#: Most bytes of the text that an export begins with.
+#: Most bytes of the label of an export.
 _LABEL = 4096
 
 
@@ -616,8 +619,8 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
     ``residual_displacement``, ``residual_patterns``, ``residual_stiffness``, ``residual_mass``
         `ResidualFlexibility` (M4), shapes (m, 3, r) [m/Pa], (r, k), (r,) [J/Pa^2] and (r, r)
         [kg m^2/Pa^2] or empty: the bores' displacement is ``bore_basis @ q +
-        residual_displacement @ residual_patterns @ p`` of coordinates q and pressures p. Not
-        there without.
+        residual_displacement @ residual_patterns @ p`` of coordinates q and pressures p. Only of
+        bodies with residual flexibility.
 
     Parameters
     ----------
@@ -641,7 +644,7 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
 
 
 def contents(body: ReducedBody) -> dict[str, np.ndarray]:
-    """Everything an export may hold, by the names of `export_npz`."""
+    """Arrays of an export by the names of `export_npz`."""
     every = list(body.each_bore())
     bores = list(body.bores.values())
     points = np.array(list(body.points.values())).reshape(-1, 3, 3 + body.modes)
@@ -659,11 +662,11 @@ def contents(body: ReducedBody) -> dict[str, np.ndarray]:
         "bore_width": [bore.width for bore in bores],
         "bore_centre": [bore.centre for bore in bores],
         "bore_sizes": [(len(b.coordinates), len(b.pressure_coordinates)) for b in bores],
-        "bore_nodes": body.places(),
+        "bore_nodes": body.positions(),
         "bore_basis": body.bore_basis,
         "bore_cells": np.vstack([r.nodes.start + r.surface.cells for r in every]),
         "bore_family": bores[0].family,
-        "pressure_nodes": body.places(of_pressures=True),
+        "pressure_nodes": body.positions(of_pressures=True),
         "pressure_cells": np.vstack([r.pressures.start + r.surface.pressure_cells for r in every]),
         "pressure_family": bores[0].pressure_family,
         "load_projection": body.load_projection[ELASTIC],

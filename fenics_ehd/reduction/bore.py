@@ -1,7 +1,7 @@
 """Lubricated bores of a part: cylinders along z with their surface meshes, and rigid motion.
 
-Of a foreign part load matrix (15) and mean motion come from the faces of its surface. The faces may
-leave holes, as that of an oil passage: their rims, places and sizes are found.
+Load matrix (15) and mean motion of a foreign part are computed from the faces of its surface. The
+faces may have holes, an oil passage for instance, whose rims, positions and sizes are computed.
 """
 
 from __future__ import annotations
@@ -59,25 +59,27 @@ BORE = "bore"
 
 
 def make_row_major(record: Any) -> None:
-    """Have the arrays of a dataclass in the memory order of a file, part-size columns apart.
+    """Store the arrays of a dataclass in row-major order, as files have it; not part-size columns.
 
-    Products round differently for another one, and a body that was in a file must give the same
-    run to the last bit.
+    Products of arrays in another order round differently, and a body from a file must give the
+    same run to the last bit.
     """
     for name, value in vars(record).items():
         if isinstance(value, np.ndarray) and name != "columns":
             object.__setattr__(record, name, np.ascontiguousarray(value))
 
 
-#: Waves around a bore and Legendre polynomials along it; their products are the smooth pressures.
+#: Most waves around a bore in the smooth pressures.
 WAVES = 9
+
+#: Legendre polynomials along the bore, whose products with the waves are the smooth pressures.
 HEIGHTS = 3
 SMOOTH = (2 * WAVES + 1) * HEIGHTS
 
-#: Quadratic cells around and along a bore at whose nodes displacements are kept.
+#: Quadratic cells around and along a bore at whose nodes displacements are stored.
 SAMPLED = 40, 8
 
-#: Nodes of these cells.
+#: Number of nodes of these cells.
 SAMPLED_NODES = 2 * SAMPLED[0] * (2 * SAMPLED[1] + 1)
 
 
@@ -88,7 +90,7 @@ def no_cells() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoreSurface:
-    """Surface of a bore; positions are counted from its centre.
+    """Surface of a bore; positions are relative to its centre.
 
     Attributes
     ----------
@@ -106,8 +108,8 @@ class BoreSurface:
     pressure_cells, pressure_family
         The same of the pressure nodes.
     centre
-        Of the bore, from the origin of the part, shape (3,) [m]. The origin is the centre of
-        the part's first bore.
+        Centre of the bore relative to the origin of the part, shape (3,) [m]. The origin is the
+        centre of the part's first bore.
     """
 
     radius: float
@@ -124,7 +126,7 @@ class BoreSurface:
         make_row_major(self)
 
     def surface(self) -> BoreSurface:
-        """The surface alone, without what a `Bore` adds."""
+        """The surface without the further attributes of a `Bore`."""
         return BoreSurface(**{f.name: getattr(self, f.name) for f in fields(BoreSurface)})
 
 
@@ -138,7 +140,7 @@ class Bore(BoreSurface):
         Global node numbers, shape (m,), sorted by z, then angle, the same on every rank.
     load
         J = M_ss of (15), (3 nodes) x k: nodal forces [N] of unit nodal pressures
-        [Pa], pushing the bore outward. Whatever `as_matrix` takes; in a `Structure` it is
+        [Pa], pushing the bore outward. Any source of `as_matrix`; in a `Structure` it is
         a PETSc matrix with the rows of K.
     reference
         Mean motion of the bore, its centre C2: ``sum_ic reference[i, c, k] u[i, c]`` is for
@@ -200,7 +202,7 @@ def outward(nodes: np.ndarray, displacements: np.ndarray) -> np.ndarray:
 
 
 def all_outward(bores: Mapping[str, BoreSurface], displacements: np.ndarray) -> np.ndarray:
-    """Radial component at the nodes of all bores in turn, each away from its own axis."""
+    """Radial component at the nodes of all bores in turn, relative to the axis of each."""
     nodes = np.vstack([bore.coordinates for bore in bores.values()])
     return outward(nodes, displacements)
 
@@ -247,7 +249,7 @@ def mean_motion(coordinates: np.ndarray, weights: Any) -> np.ndarray:
 # Faces
 
 
-#: Edges that a rim has at least: fewer are those of a face or two that a mesh lacks.
+#: Fewest edges of a rim: fewer are those of one or two faces that a mesh lacks.
 FEWEST_EDGES = 6
 
 #: Slack in deciding whether an edge lies at an end of the bore, over its width.
@@ -261,15 +263,16 @@ class BoreHole:
     Attributes
     ----------
     rim
-        Its nodes one after the other, those in the middle of edges too.
+        Nodes around the hole in order, midpoints of edges included.
     polygon
-        Their angle [rad], within half a turn of the first one's, and height [m], shape (r, 2).
+        Angle of these nodes [rad], within half a turn of the first one, and height [m], shape
+        (r, 2).
     angle, height
-        Middle of its area [rad], [m].
+        Centroid of the hole [rad], [m].
     diameter
-        Of the circle of its area on the unwrapped bore [m].
+        Diameter of the circle of the same area on the unwrapped bore [m].
     radius
-        Of the bore [m].
+        Radius of the bore [m].
     """
 
     rim: np.ndarray
@@ -281,7 +284,7 @@ class BoreHole:
 
     @property
     def area(self) -> float:
-        """[rad m]."""
+        """Area in the plane of angle and height [rad m]."""
         return abs(_moments(self.polygon)[0])
 
     def straight(self) -> BoreHole:
@@ -320,7 +323,7 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
         A rim does not close around a hole, or is one of `FEWEST_EDGES` or fewer edges.
     """
     radius = float(np.linalg.norm(coordinates[:, :2], axis=1).mean())
-    found = []
+    holes = []
     for rim in _rims(coordinates, cells, family):
         angle = np.unwrap(np.arctan2(coordinates[rim, 1], coordinates[rim, 0]))
         polygon = np.column_stack([angle, coordinates[rim, 2]])
@@ -333,12 +336,12 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
             )
         area, x, z = _moments(polygon)
         diameter = float(np.sqrt(4 * radius * abs(area) / np.pi))
-        found.append(BoreHole(rim, polygon, float(x), float(z), diameter, radius))
-    return sorted(found, key=lambda hole: (round(hole.height / radius, 6), hole.angle))
+        holes.append(BoreHole(rim, polygon, float(x), float(z), diameter, radius))
+    return sorted(holes, key=lambda hole: (round(hole.height / radius, 6), hole.angle))
 
 
 def _moments(polygon: np.ndarray) -> tuple[float, float, float]:
-    """Area of a polygon, with its sense, and the middle of the area."""
+    """Signed area of a polygon, and its centroid."""
     first = polygon[0]
     a = polygon - first
     b = np.roll(polygon, -1, axis=0) - first
@@ -349,7 +352,7 @@ def _moments(polygon: np.ndarray) -> tuple[float, float, float]:
 
 
 def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.ndarray]:
-    """Nodes around every hole: edges of one cell alone that lie at no end of the bore."""
+    """Nodes around every hole: along edges of a single cell that are not at an end of the bore."""
     kind = ELEMENTS[family]
     ends, first, uses, at_end = _edges(coordinates, cells, family)
     count = len(kind.edges)
@@ -368,22 +371,28 @@ def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.nd
         )
     graph = summed(np.ones(len(ways)), ways[:, 0], ways[:, 1], (len(coordinates),) * 2)
     loops = []
-    left = set(corners.ravel().tolist())
-    while left:
-        loops.append(csgraph.depth_first_order(graph, min(left), False, False))
-        left -= set(loops[-1].tolist())
+    unvisited = set(corners.ravel().tolist())
+    while unvisited:
+        loops.append(csgraph.depth_first_order(graph, min(unvisited), False, False))
+        unvisited -= set(loops[-1].tolist())
     return loops
 
 
 def _edges(
     coordinates: np.ndarray, cells: np.ndarray, element: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Ends of every cell's edges; of each edge the first of these, its cells, if it is at an end.
+    """Edges of a surface mesh.
 
     Returns
     -------
-    ends, first, uses, at_end
-        shape (cells edges, 2), then (edges,) each.
+    ends
+        End nodes of every edge of every cell, shape (cells edges, 2).
+    first
+        Row in `ends` of each distinct edge, shape (edges,).
+    uses
+        Number of its cells, shape (edges,).
+    at_end
+        Whether it is at an end of the bore, shape (edges,).
     """
     ends = cells[:, ELEMENTS[element].edges].reshape(-1, 2)
     _, first, uses = np.unique(np.sort(ends, axis=1), axis=0, return_index=True, return_counts=True)
@@ -394,9 +403,12 @@ def _edges(
     return ends, first, uses, at_end
 
 
-#: Gauss points a direction. A load is polynomial, of degree 7 in each variable on 9 nodes and 6
-#: in both on 6: exact. An area is not, and needs more where a cell is bent by 30 degrees.
+#: Gauss points in each direction for load matrices, whose integrands are polynomials of degree 7 in
+#: each variable with 9 nodes, and of degree 6 with 6 nodes: the rule is exact.
 _LOAD_POINTS = 4
+
+#: Gauss points in each direction for areas, which are no polynomials: enough for a cell bent by 30
+#: degrees.
 _AREA_POINTS = 8
 
 #: Largest distance of a bore node from the cylinder, relative to its radius.
@@ -413,8 +425,7 @@ def bore_load_matrix(nodes: np.ndarray, faces: np.ndarray, element: str) -> spar
     faces
         Global numbers of the nodes of each face, shape (c, k): corners, then edge midpoints and
         centre, each in any order (`package_order` finds it), or corners and midpoints in turn.
-        Which side of a face is its outer one does not matter: the force points away from the
-        axis.
+        The orientation of a face does not matter: the force points away from the axis.
     element
         A key of `elements.ELEMENTS`: ``"serendipity"`` (8 nodes), ``"lagrange"``
         (9), ``"triangle"`` (6), ``"bilinear"`` (4) or ``"linear triangle"`` (3).
@@ -448,18 +459,18 @@ def bore_from_faces(
     nodes, faces, element
         As in `bore_load_matrix`. Pressures have the nodes and shape functions of the faces.
     centre
-        Of the bore [m].
+        Centre of the bore [m].
 
     Returns
     -------
     Bore
-        Nodes sorted by z, then angle, with `load` as SciPy matrix and `reference`. No film
-        knows a mesh of linear triangles: its family stays unknown.
+        Nodes sorted by z, then angle, with `load` as SciPy matrix and `reference`. The family of
+        linear triangles stays unknown: films have no such elements.
 
     Raises
     ------
     StructureError
-        The faces are no whole cylinder along z about the centre, half of it on either side.
+        The faces are not a complete cylinder along z, centred at the centre.
     """
     nodes, faces, _ = _checked(nodes, faces, element, np.asarray(centre, dtype=float))
     numbers, cells = _ordered(nodes, faces)
@@ -511,7 +522,7 @@ def surface_gram(coordinates: np.ndarray, cells: np.ndarray, element: str) -> sp
 def _checked(
     nodes: np.ndarray, faces: np.ndarray, element: str, centre: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, NodalElement]:
-    """Nodes from the centre, and faces in the order of the package."""
+    """Nodes relative to the centre, faces in the package's order of nodes, and their element."""
     nodes = np.asarray(nodes, dtype=float)
     faces = np.asarray(faces)
     kind = surface_element(element, faces)
@@ -535,7 +546,7 @@ def _checked(
 
 
 def _unrolled(x: np.ndarray) -> np.ndarray:
-    """Nodes of faces (c, k, 3) on the cylinder unrolled, (c, k, 2) [m]."""
+    """Nodes of faces, shape (c, k, 3), on the unrolled cylinder, shape (c, k, 2) [m]."""
     angle = np.arctan2(x[:, :, 1], x[:, :, 0])
     middle = x.mean(axis=1, keepdims=True)
     angle = np.mod(angle - np.arctan2(middle[:, :, 1], middle[:, :, 0]) + np.pi, 2 * np.pi)
@@ -545,12 +556,13 @@ def _unrolled(x: np.ndarray) -> np.ndarray:
 def in_order(
     numbers: np.ndarray, x: np.ndarray, faces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Order of a bore's nodes by z, then angle, and the places of the faces' nodes in it.
+    """Order of a bore's nodes by z, then angle, and the faces in positions of that order.
 
     Parameters
     ----------
     numbers, x
-        Of the nodes, shape (m,), and their positions from the bore's centre, (m, 3) [m].
+        Numbers of the nodes, shape (m,), and positions relative to the bore's centre, shape
+        (m, 3) [m].
     faces
         Numbers of the nodes of each face, shape (c, k).
     """
@@ -562,7 +574,7 @@ def in_order(
 
 
 def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the faces by z, then angle, and the faces in these positions."""
+    """Nodes of the faces by z, then angle, and the faces in positions of that order."""
     numbers = np.unique(faces)
     order, cells = in_order(numbers, nodes[numbers], faces)
     return numbers[order], cells
@@ -571,7 +583,7 @@ def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _area_vectors(
     nodes: np.ndarray, faces: np.ndarray, kind: NodalElement, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions (q, k) at the Gauss points, and normals times area there, (c, q, 3)."""
+    """Shape functions at the Gauss points, shape (q, k), and normals times area, (c, q, 3)."""
     points, weights = kind.rule(count)
     values, derivatives = kind.tabulate(points)
     along, across = np.einsum("dqk,ckx->dcqx", derivatives, nodes[faces])
@@ -605,12 +617,12 @@ def require_cylinder(
     x, cells, element
         Nodes (m, 3) [m], and the surface mesh of them.
     numbers, name
-        Of the nodes and the bore, for the messages.
+        Numbers of the nodes and name of the bore, for messages.
 
     Raises
     ------
     StructureError
-        They are no whole cylinder but for holes, half of it on either side of z = 0.
+        The nodes are not a complete cylinder, apart from holes, centred at z = 0.
     """
     radii = np.linalg.norm(x[:, :2], axis=1)
     radius = float(radii.mean())
@@ -627,10 +639,10 @@ def require_cylinder(
             f"{name} must be centred at z = 0, its middle is at z = {middle:.3e} m"
         )
     ends, first, uses, at_end = _edges(x, cells, element)
-    # Two faces at every edge, but one at the edges of the two ends and of holes.
+    # Every edge has two faces, those of the two ends and of holes have one.
     wrong = np.flatnonzero(uses != np.where(at_end, 1, 2))
     if len(wrong) >= FEWEST_EDGES and (uses[wrong] == 1).all():
-        bore_holes(x, cells, element)  # refuses what is no hole
+        bore_holes(x, cells, element)  # refuses gaps that are no holes
     elif len(wrong):
         one, other = numbers[ends[first[wrong[0]]]]
         raise StructureError(

@@ -1,7 +1,7 @@
 """Lowest modes of a part by SLEPc: fixed-boundary ones (20), free-floating ones (27), (28).
 
-Those with boundary points held need responses of the held part, (18) and (19). A, the boundary
-points, and C2, the bore's centre, are means over surfaces: holding them is ``C^T x = 0``. With G
+Modes with boundary points held need responses of the held part, (18) and (19). The boundary points
+A and the bore's centre C2 are means over surfaces, so that holding them is ``C^T x = 0``. With G
 the elastic flexibility of (29) and U the rigid-body modes, the response to f is
 ``G (f - C mu) + U alpha`` where
 
@@ -26,20 +26,22 @@ from fenics_ehd.reduction.structure import Structure
 with in_neutral_folder():  # slepc4py looks for petsc.cfg, as petsc4py does
     from slepc4py import SLEPc
 
-#: Tolerance of SLEPc's residual, and of our own check of it, relative to the eigenvalue.
+#: Tolerance of SLEPc's residual, relative to the eigenvalue.
 EIGEN_TOLERANCE = 1e-10
+
+#: Largest residual of a mode in the check of the result, relative to the eigenvalue.
 RESIDUAL_TOLERANCE = 1e-6
 
-#: Tolerance of the eigenvalue that tells whether one was missed. Loose: a missed mode lies well
-#: below the highest one found, and the modes above that are close to each other.
+#: Tolerance of the eigenvalue that is compared with the highest one, to detect missed modes. Loose:
+#: a missed mode is well below the highest one, and the modes above that are close to each other.
 COUNT_TOLERANCE = 1e-2
 
-#: Attempts to complete the modes.
+#: Most attempts to add missed modes.
 ROUNDS = 4
 
 
 class _Inverse:
-    """Python preconditioner that applies a flexibility: exact on what its support admits."""
+    """Python preconditioner that applies a flexibility, exact on motions its support admits."""
 
     def __init__(self, flexibility: Flexibility):
         self._flexibility = flexibility
@@ -103,7 +105,7 @@ def lowest_modes(
 
 
 class LowestModes:
-    """Lowest modes for any count: a smaller one is cut from the largest asked for so far."""
+    """Lowest modes for any count; those of a smaller count are taken from a former larger one."""
 
     def __init__(self, flexibility: Flexibility, options_prefix: str):
         self._flexibility = flexibility
@@ -127,7 +129,7 @@ def _solve(
     tolerance: float,
     options_prefix: str,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues, ascending, and modes as SLEPc gives them, M-orthogonal to `deflated`."""
+    """Ascending eigenvalues and modes of SLEPc, M-orthogonal to `deflated`."""
     structure = flexibility.structure
     eps = SLEPc.EPS().create(structure.stiffness.comm)
     eps.setOperators(structure.stiffness, flexibility.mass.matrix)
@@ -137,7 +139,7 @@ def _solve(
     # Few more vectors than modes: orthogonalising long bases costs as much as the solves.
     eps.setDimensions(count, min(count + int(np.clip(count, 15, 45)), structure.size))
     eps.setTolerances(tolerance, 500)
-    # One more product with the inverse for every mode; `admissible` does what it is for.
+    # Purification costs one more product with the inverse for every mode; `admissible` replaces it.
     eps.setPurify(False)
     vectors = [column_vectors(structure.stiffness, columns) for columns in (start, deflated)]
     eps.setInitialSpace(vectors[0])
@@ -164,7 +166,7 @@ def _solve(
             eigenvalues[i] = eps.getEigenpair(i, vector).real
             modes[:, i] = vector.array
     finally:
-        # By hand, the solver before its parts: what Python lets go of last PETSc keeps to the end,
+        # Destroyed explicitly, the solver before its parts: otherwise PETSc keeps them until exit,
         # and with the preconditioner the factors, which must not outlive the interpreter.
         for owned in [eps, transform, ksp, vector, *vectors[0], *vectors[1]]:
             owned.destroy()
@@ -173,14 +175,17 @@ def _solve(
 
 
 def _scattered(structure: Structure, phase: float) -> np.ndarray:
-    """Loads like random ones, so that no mode is orthogonal to them, on any number of ranks."""
-    angle = structure.coordinates / structure.reach @ np.array([12.9898, 78.233, 37.719]) + phase
+    """Pseudo-random loads, the same on any number of ranks: no mode is orthogonal to them."""
+    angle = (
+        structure.coordinates / structure.largest_coordinate @ np.array([12.9898, 78.233, 37.719])
+        + phase
+    )
     scattered = [1e4 * np.sin(angle + component) for component in (0.3, 1.7, 3.1)]
     return np.mod(np.stack(scattered, axis=1), 1.0).ravel() - 0.5
 
 
 def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
-    """Residual of every mode; that they are orthonormal the basis made of them is checked for."""
+    """Check the residual of every mode; orthonormality is checked for the basis made of them."""
     structure = flexibility.structure
     inertia = flexibility.mass.multiply(modes) * eigenvalues
     defect = flexibility.without_reactions(multiply(structure.stiffness, modes) - inertia)
@@ -195,10 +200,10 @@ def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray
 def _with_missed(
     flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray, options_prefix: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest modes again, with those that were missed: one start finds one mode of a pair.
+    """The lowest modes with missed ones added: one start vector finds one mode of a pair.
 
-    The lowest mode orthogonal to those found, from another start, must not lie below them.
-    While it does, as many modes again are sought beside them and the lowest kept.
+    The lowest mode orthogonal to the known ones, from another start vector, must not be below
+    them. While it is, as many further modes are computed and the lowest of all are kept.
     """
     structure = flexibility.structure
     count = len(eigenvalues)
@@ -206,26 +211,28 @@ def _with_missed(
         return eigenvalues, modes
     start = flexibility.apply(_scattered(structure, 0.5)[:, None])
     for _ in range(ROUNDS):
-        found = np.hstack([flexibility.rigid_modes, modes])
-        lowest, _ = _solve(flexibility, 1, start, found, COUNT_TOLERANCE, options_prefix)
-        # What the iteration finds lies above the eigenvalue: a tie can be told from a missed mode.
+        known = np.hstack([flexibility.rigid_modes, modes])
+        lowest, _ = _solve(flexibility, 1, start, known, COUNT_TOLERANCE, options_prefix)
+        # Ritz values are above the eigenvalue: a tie differs from a missed mode.
         if lowest[0] > (1.0 - 1e-6) * eigenvalues[-1]:
             return eigenvalues, modes
-        more = _solve(flexibility, count, start, found, EIGEN_TOLERANCE, options_prefix)
-        values = np.concatenate([eigenvalues, more[0]])
+        further, further_modes = _solve(
+            flexibility, count, start, known, EIGEN_TOLERANCE, options_prefix
+        )
+        values = np.concatenate([eigenvalues, further])
         order = np.argsort(values)[:count]
         eigenvalues = values[order]
-        modes = np.hstack([modes, more[1]])[:, order]
+        modes = np.hstack([modes, further_modes])[:, order]
     frequencies = np.sqrt([lowest[0], eigenvalues[-1]]) / (2 * np.pi)
     raise VerificationError(
         f"SLEPc misses modes: {frequencies[0]:.6g} Hz below {frequencies[1]:.6g} Hz, the highest "
-        f"it found, after {ROUNDS} attempts: raise -{options_prefix}eps_ncv"
+        f"one, after {ROUNDS} attempts: raise -{options_prefix}eps_ncv"
     )
 
 
 def _orient(structure: Structure, modes: np.ndarray) -> np.ndarray:
-    """Fix the sign of each mode by its product with a field of no symmetry."""
-    x, y, z = (structure.coordinates / structure.reach).T
+    """Fix the sign of each mode by its product with a field without symmetry."""
+    x, y, z = (structure.coordinates / structure.largest_coordinate).T
     field = np.stack([x + y**2, x**2 + 2 * y - z, 3 * z + x * y], axis=1).reshape(-1, 1)
     signs = np.sign(inner(modes, field, structure.comm)[:, 0])
     return modes * np.where(signs == 0, 1.0, signs)
@@ -264,7 +271,7 @@ class FixedBoundary:
         self._responses = support.apply(constraints)
         flexibility = inner(constraints, self._responses, comm)
         self._lever = inner(constraints, rigid, comm)
-        # Flexibilities are 1e-9 and lever arms 1: without a scale the system looks singular.
+        # Flexibilities are 1e-9 and lever arms 1: the unscaled system is numerically singular.
         sizes = np.sqrt(np.abs(np.diag(flexibility)))
         self._sizes = np.where(sizes > 0, sizes, 1.0)
         lever = self._lever / self._sizes[:, None]
@@ -317,21 +324,24 @@ class FixedBoundary:
         reactions, motion = self._hold(-prescribed, np.zeros((rigid.shape[1], prescribed.shape[1])))
         return combine(rigid, motion) - combine(self._responses, reactions)
 
-    def _apart(self, columns: np.ndarray) -> np.ndarray:
-        """Columns less a combination of the constraints that makes them orthogonal to these."""
-        given = self._constraints
+    def _orthogonal(self, columns: np.ndarray) -> np.ndarray:
+        """Columns made orthogonal to the constraints by subtracting a combination of them."""
+        constraints = self._constraints
         comm = self.structure.comm
-        share = np.linalg.solve(inner(given, given, comm), inner(given, columns, comm))
-        return columns - combine(given, share)
+        gram = inner(constraints, constraints, comm)
+        share = np.linalg.solve(gram, inner(constraints, columns, comm))
+        return columns - combine(constraints, share)
 
     def admissible(self, columns: np.ndarray) -> np.ndarray:
-        """Columns less the motion of the boundary, taken out by forces there."""
-        return self._apart(columns if self._lever.size else self._support.admissible(columns))
+        """Columns without motion of the boundary, which forces there remove."""
+        return self._orthogonal(columns if self._lever.size else self._support.admissible(columns))
 
     def without_reactions(self, forces: np.ndarray) -> np.ndarray:
-        """Forces less the reactions of the boundary (least squares)."""
-        return self._apart(forces if self._lever.size else self._support.without_reactions(forces))
+        """Forces minus the reactions of the boundary (least squares)."""
+        return self._orthogonal(
+            forces if self._lever.size else self._support.without_reactions(forces)
+        )
 
 
-#: Supports of a part with their answers to loads.
+#: Static response of a part, on its supports or with a held boundary.
 Flexibility = StaticSolver | FixedBoundary

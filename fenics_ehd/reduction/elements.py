@@ -113,9 +113,9 @@ class NodalElement:
         if self.corners == dimension + 1:
             # The cube with sides collapsed to edges and a point.
             for axis in range(1, dimension):
-                left = 1 - points[:, axis]
-                points[:, :axis] *= left[:, None]
-                weights = weights * left**axis
+                shrinkage = 1 - points[:, axis]
+                points[:, :axis] *= shrinkage[:, None]
+                weights = weights * shrinkage**axis
         return points, weights
 
     def tabulate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,8 +181,8 @@ def summed(
     blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
 ) -> sparse.csr_matrix:
     """Sparse matrix of cells' blocks, whose row and column numbers are broadcast to them."""
-    places = tuple(np.broadcast_to(a, blocks.shape).ravel() for a in (rows, columns))
-    return sparse.coo_matrix((blocks.ravel(), places), shape=shape).tocsr()
+    indices = tuple(np.broadcast_to(a, blocks.shape).ravel() for a in (rows, columns))
+    return sparse.coo_matrix((blocks.ravel(), indices), shape=shape).tocsr()
 
 
 def surface_element(name: str, cells: np.ndarray, label: str = "faces") -> NodalElement:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.reduction.body import ReducedBody
@@ -90,7 +91,7 @@ def craig_bampton(
 
 
 def _boundary(reductor: Reductor) -> tuple[np.ndarray | None, np.ndarray, LowestModes]:
-    """Constraints of C2, static modes of the boundary dofs, modes with both held."""
+    """Constraints of C2, static modes of the boundary dofs, and modes with both held."""
     centre = centre_constraints(reductor.structure) if reductor.free else None
     support, constraint_modes = hold(reductor.static, centre, reductor.points)
     return centre, constraint_modes, LowestModes(support, f"{reductor.options_prefix}modes_")
@@ -124,7 +125,7 @@ def hold(
     Returns
     -------
     support : Flexibility
-        With ``C^T x = 0``; the given one if there is nothing to hold.
+        Flexibility with ``C^T x = 0``; the argument itself if there is nothing to hold.
     constraint_modes : numpy.ndarray
         Static modes of unit boundary dofs with C2 held, shape (owned dofs, n_b).
     """
@@ -149,7 +150,7 @@ def boundary_basis(
     Raises
     ------
     VerificationError
-        The blocks are not decoupled in stiffness, or the boundary is not where it should be.
+        The blocks are coupled in stiffness, or the boundary moves in a fixed-boundary mode.
     """
     structure = reductor.structure
     points = reductor.points
@@ -172,7 +173,11 @@ def boundary_basis(
         ),
     }
     if centre is not None:
-        moved = np.repeat([1.0, structure.reach], 3)[:, None] * inner(centre, columns, comm) / sizes
+        moved = (
+            np.repeat([1.0, structure.largest_coordinate], 3)[:, None]
+            * inner(centre, columns, comm)
+            / sizes
+        )
         defects["centre_motion"] = np.abs(moved).max(initial=0.0)
     mass[:n, :n] = np.eye(n)
     kinds = ("fixed-boundary",) * n + ("constraint",) * constraint_modes.shape[1]
@@ -181,7 +186,7 @@ def boundary_basis(
 
 # M2
 
-#: Largest share of a boundary point's weights off the bores that counts as none.
+#: Largest share of a boundary point's weights off the bores that is treated as zero.
 ON_BORE = 1e-12
 
 
@@ -250,11 +255,11 @@ class FirstStep:
     Attributes
     ----------
     support
-        The interior, with the boundary points held.
+        Flexibility of the interior, with the boundary points held.
     bore
         The dofs of all bores.
     on_bore
-        Which of all boundary dofs are means of bores, shape (all,).
+        True for boundary dofs that are means of bores, shape (all boundary dofs,).
     modes
         Number v of interior modes.
     columns
@@ -295,7 +300,7 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     comm = structure.comm
     bore = BoreColumns(structure)
     others = np.hstack([modes, boundary_modes])
-    # What is known of the bores' columns by symmetry is left out, and filled in at the end.
+    # Entries that follow from symmetry are filled in at the end.
     o = others.shape[1]
     p = 3 * len(nodes)
     stiffness = np.zeros((o + p,) * 2)
@@ -319,12 +324,18 @@ def _on_bore(reductor: Reductor) -> np.ndarray:
     """Mask of the boundary dofs that are means over nodes of the bores alone, shape (b,)."""
     points = reductor.points
     comm = reductor.structure.comm
-    there = np.sum(bore_rows(reductor.structure, points) ** 2, axis=(0, 1))
-    return there >= (1 - ON_BORE) * comm.allreduce(np.sum(points**2, axis=0))
+    on_bores_squared = np.sum(bore_rows(reductor.structure, points) ** 2, axis=(0, 1))
+    return on_bores_squared >= (1 - ON_BORE) * comm.allreduce(np.sum(points**2, axis=0))
 
 
 def _held_weights(reductor: Reductor) -> np.ndarray:
-    """Weights at the bores that the second step holds: C2 of a free part, then means, (3 m, w)."""
+    """Weights at the bores of the motions held in the second step: C2 of a free part, then means.
+
+    Returns
+    -------
+    numpy.ndarray
+        shape (3 m, w).
+    """
     structure = reductor.structure
     points = reductor.points[:, _on_bore(reductor)]
     means = bore_rows(structure, points).reshape(3 * len(structure.bore_nodes), -1)
@@ -343,13 +354,11 @@ def _second_step(
     angular, modes, constraint_modes
         shape (n,), (v + b + 3 m, n), (v + b + 3 m, all boundary dofs).
     """
-    from scipy import linalg
-
     v = first.modes
     o = first.columns.shape[1]
     size = len(first.stiffness)
     b = o - v
-    # Bore displacements of which nothing held moves: what is orthogonal to its weights.
+    # Bore displacements without held motion: those orthogonal to the weights.
     free = np.linalg.qr(held, mode="complete")[0][:, held.shape[1] :]
     admissible = np.zeros((size, v + free.shape[1]))
     admissible[:v, :v] = np.eye(v)
@@ -362,7 +371,7 @@ def _second_step(
     stiffness, mass = (
         admissible.T @ matrix @ admissible for matrix in (first.stiffness, first.mass)
     )
-    # Interior modes are in sqrt(kg) m and bore dofs in m: made of unit stiffness alike.
+    # Interior modes are in sqrt(kg) m and bore dofs in m: both are scaled to unit stiffness.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     stiffness, mass = (matrix * np.outer(scale, scale) for matrix in (stiffness, mass))
     last = len(scale) - 1
@@ -386,7 +395,7 @@ def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
 
 
 class BoreColumns:
-    """The bore dofs of a part: their columns of K, and between them and part-size fields.
+    """The bore dofs of a part: their columns of K, and products between them and part-size fields.
 
     Attributes
     ----------
@@ -414,5 +423,5 @@ class BoreColumns:
 
     def rows(self, columns: np.ndarray) -> np.ndarray:
         """Bore rows of part-size columns on every rank, shape (3 m, w)."""
-        found = bore_rows(self.structure, columns)
-        return found.reshape(3 * len(found), -1)
+        rows = bore_rows(self.structure, columns)
+        return rows.reshape(3 * len(rows), -1)

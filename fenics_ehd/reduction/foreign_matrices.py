@@ -24,6 +24,7 @@ from scipy import sparse
 
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import reorder
@@ -41,6 +42,7 @@ _ONE_SIDED = 1e-10
 Entries = tuple[np.ndarray, np.ndarray]
 
 
+@renamed_attributes(places="indices")
 @dataclass(frozen=True, eq=False)
 class ForeignMatrices:
     """K and M of a part, degree of freedom ``3 * place + component``.
@@ -50,33 +52,33 @@ class ForeignMatrices:
     stiffness, mass
         SciPy matrices, shape (3 n, 3 n), in the units of the other program.
     numbers
-        The other program's number of the node at each place, shape (n,).
+        Number of every node in the other program, shape (n,).
     """
 
     stiffness: sparse.csr_matrix
     mass: sparse.csr_matrix
     numbers: np.ndarray
 
-    def places(self, numbers: ArrayLike) -> np.ndarray:
-        """Places of nodes, of faces say, by the other program's numbers; of the same shape.
+    def indices(self, numbers: ArrayLike) -> np.ndarray:
+        """Indices of nodes from their numbers in the other program, of the same shape.
 
         Raises
         ------
         StructureError
             A node has no row in the matrices.
         """
-        places, missing = _looked_up(self.numbers, np.asarray(numbers))
+        indices, missing = _looked_up(self.numbers, np.asarray(numbers))
         if len(missing):
             raise StructureError(
-                f"node {missing[0]} has no row in the matrices: if it is held, name all nodes "
+                f"node {missing[0]} has no row in the matrices: if it is held, list all nodes "
                 "of the part with numbers= when reading them"
             )
-        return places
+        return indices
 
     def turned(self, turn: ArrayLike) -> ForeignMatrices:
-        """Matrices of the part turned, whose point x is at ``turn @ x``; shape (3, 3)."""
-        whole = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
-        k, m = ((whole @ matrix @ whole.T).tocsr() for matrix in (self.stiffness, self.mass))
+        """Matrices of the rotated part: point x of the part is at ``turn @ x``, shape (3, 3)."""
+        rotation = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
+        k, m = ((rotation @ matrix @ rotation.T).tocsr() for matrix in (self.stiffness, self.mass))
         return ForeignMatrices(k, m, self.numbers)
 
 
@@ -88,8 +90,8 @@ def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignM
     job
         Name of the job, with its folder: ``JOB.sti``, ``JOB.mas`` and ``JOB.dof`` are read.
     numbers
-        Numbers of all nodes, in the order they shall have; None: of those with rows, ascending.
-        Held degrees of freedom have no rows: see `reorder`.
+        Numbers of all nodes in the wanted order; None: nodes with rows, in ascending order. Held
+        degrees of freedom have no rows, see `reorder`.
 
     Raises
     ------
@@ -115,9 +117,9 @@ def read_abaqus(
         Files, ``JOB_STIF1.mtx`` and ``JOB_MASS1.mtx`` say, both of ``FORMAT=MATRIX INPUT`` or both
         of ``FORMAT=COORDINATE``. One or both triangles.
     numbers
-        Numbers of all nodes, in the order they shall have; None: of those with rows, ascending.
-        The second format does not have them: there it is the order of the nodes in the file, None
-        for 1, 2, ...
+        Numbers of all nodes in the wanted order; None: nodes with rows, in ascending order. The
+        second format has no numbers: there it is the order of the nodes in the file, None for
+        1, 2, ...
 
     Raises
     ------
@@ -136,7 +138,7 @@ def read_abaqus(
         )
     if width == 3:
         entries = [_entries(file, table) for file, table in zip(files, tables, strict=True)]
-        size = 1 + max(places.max() for places, _ in entries)
+        size = 1 + max(indices.max() for indices, _ in entries)
         nodes = np.arange(1, -(-size // 3) + 1) if numbers is None else np.asarray(numbers)
         if size != 3 * len(nodes):
             raise StructureError(
@@ -150,7 +152,7 @@ def read_abaqus(
         ]
         labels, rows = np.unique(np.concatenate(named_pairs), axis=0, return_inverse=True)
         split = np.split(rows.reshape(-1, 2), [len(tables[0])])
-        entries = [(places, table[:, 4]) for places, table in zip(split, tables, strict=True)]
+        entries = [(indices, table[:, 4]) for indices, table in zip(split, tables, strict=True)]
     return _in_order(files, entries, labels, numbers)
 
 
@@ -174,17 +176,20 @@ def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) ->
 
 
 def _whole(file: Path, table: np.ndarray) -> np.ndarray:
-    """Numbers of nodes, directions or rows, which are whole and begin at 1."""
-    whole = table.astype(np.int64)
-    wrong = np.flatnonzero((whole != table).any(axis=1))
+    """Numbers of nodes, directions or rows: whole numbers from 1 on."""
+    numbers = table.astype(np.int64)
+    wrong = np.flatnonzero((numbers != table).any(axis=1))
     if len(wrong):
-        raise StructureError(f"{file}, entry {wrong[0] + 1}: {table[wrong[0]]} are no places")
-    if whole.min() < 1:
         raise StructureError(
-            f"{file} has node or row {whole.min()}, the first is 1: internal nodes of elements "
+            f"{file}, entry {wrong[0] + 1}: {table[wrong[0]]} are no numbers of nodes, directions "
+            "or rows"
+        )
+    if numbers.min() < 1:
+        raise StructureError(
+            f"{file} has node or row {numbers.min()}, the first is 1: internal nodes of elements "
             "(hybrid, incompatible modes) cannot be used"
         )
-    return whole
+    return numbers
 
 
 def _entries(file: Path, table: np.ndarray) -> Entries:
@@ -205,16 +210,16 @@ def _labels(file: Path, table: np.ndarray) -> np.ndarray:
     return labels - [0, 1]
 
 
-def _square(file: Path, places: np.ndarray, values: np.ndarray, size: int) -> sparse.csr_matrix:
-    """Symmetric matrix of one triangle, in whatever order, or of both."""
-    if places.max() >= size:
-        raise StructureError(f"{file} has row {places.max() + 1}, there are {size}")
-    rows, columns = places.T
+def _square(file: Path, indices: np.ndarray, values: np.ndarray, size: int) -> sparse.csr_matrix:
+    """Symmetric matrix from one triangle or both, in any order."""
+    if indices.max() >= size:
+        raise StructureError(f"{file} has row {indices.max() + 1}, there are {size}")
+    rows, columns = indices.T
     keys, uses = np.unique(rows * size + columns, return_counts=True)
     if uses.max() > 1:
         row, column = divmod(int(keys[np.argmax(uses)]), size)
         raise StructureError(
-            f"{file}: the entry of row {row + 1}, column {column + 1} stands twice"
+            f"{file}: the entry of row {row + 1}, column {column + 1} is there twice"
         )
     matrix = sparse.coo_matrix((values, (rows, columns)), shape=(size, size)).tocsr()
     off = rows != columns
@@ -225,17 +230,17 @@ def _square(file: Path, places: np.ndarray, values: np.ndarray, size: int) -> sp
     if alone[worst] and abs(values[worst]) > _ONE_SIDED * np.abs(values).max():
         raise StructureError(
             f"{file} has row {rows[worst] + 1}, column {columns[worst] + 1}, but not its mirror "
-            "image, while others have theirs: write one triangle or both"
+            "image, as other entries have: write one triangle or both"
         )
     return matrix
 
 
 def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of wanted numbers among others, of the same shape, and those that are not there."""
+    """Positions of wanted numbers among others, and the wanted numbers that are missing."""
     order = np.argsort(numbers)
-    found = np.searchsorted(numbers, wanted, sorter=order)
-    places = order[np.minimum(found, len(order) - 1)]
-    return places, wanted[numbers[places] != wanted]
+    positions = np.searchsorted(numbers, wanted, sorter=order)
+    indices = order[np.minimum(positions, len(order) - 1)]
+    return indices, wanted[numbers[indices] != wanted]
 
 
 def _in_order(
@@ -243,19 +248,20 @@ def _in_order(
 ) -> ForeignMatrices:
     """K and M, whose rows have labels (node, component), in the order of this package."""
     stiffness, mass = (
-        _square(file, *given, len(labels)) for file, given in zip(files, entries, strict=True)
+        _square(file, indices, values, len(labels))
+        for file, (indices, values) in zip(files, entries, strict=True)
     )
     nodes = np.unique(labels[:, 0]) if numbers is None else np.asarray(numbers)
     if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
         raise StructureError("numbers: give the number of every node once, as whole numbers")
-    places, unknown = _looked_up(nodes, labels[:, 0])
+    rows, unknown = _looked_up(nodes, labels[:, 0])
     if len(unknown):
-        raise StructureError(f"{files[0]}: node {unknown[0]} is not among the numbers given")
+        raise StructureError(f"{files[0]}: node {unknown[0]} is not in `numbers`")
     diagonal = stiffness.diagonal()
     smallest = diagonal.min(initial=np.inf, where=diagonal > 0)
     free = np.flatnonzero(diagonal <= _PENALTY * smallest)
     dofs = np.full((len(nodes), 3), -1)
-    dofs[places[free], labels[free, 1]] = np.arange(len(free))
+    dofs[rows[free], labels[free, 1]] = np.arange(len(free))
     if (dofs >= 0).sum() != len(free):
         raise StructureError(f"{files[0]}: a node's direction has two rows")
     return ForeignMatrices(
@@ -265,8 +271,8 @@ def _in_order(
 
 # Mass of 10-node tetrahedra
 
-#: Gauss points a direction: on a curved cell the integrand is of degree 4 + 3, and collapsing
-#: the cube adds 2.
+#: Gauss points in each direction: on a curved cell the integrand is of degree 4 + 3, and the map
+#: from the cube adds 2.
 _POINTS = 5
 
 
@@ -278,10 +284,10 @@ def tetrahedron_mass(nodes: np.ndarray, cells: np.ndarray, density: float) -> sp
     nodes
         Positions, shape (n, 3) [m].
     cells
-        Places of the nodes of each cell, shape (c, 10): corners, then the edges 12, 23, 31, 14,
+        Indices of the nodes of each cell, shape (c, 10): corners, then the edges 12, 23, 31, 14,
         24, 34, as in Abaqus, CalculiX and VTK.
     density
-        [kg/m^3].
+        Density [kg/m^3].
 
     Returns
     -------

@@ -1,9 +1,11 @@
 """M3: load-dependent dual basis, (26)-(35); with every pressure kept, the full interface.
 
-Its static modes come in diagonal form: orthonormal in mass, uncoupled in stiffness.
+Its static modes are orthonormal in mass and uncoupled in stiffness.
 
 Residual modes are selected, (31) and (32), from the responses to pressure distributions: those of
-(34) and (35), or given ones, trained on snapshots of a former run for instance.
+(34) and (35), or any others, trained on snapshots of a former run for instance.
+
+Imports inside functions: scipy.linalg is needed for pressure sets by name alone.
 """
 
 from __future__ import annotations
@@ -29,10 +31,10 @@ from fenics_ehd.reduction.structure import Structure
 #: Directions whose energy is below this fraction of the largest are linearly dependent.
 RANK_TOLERANCE = 1e-11
 
-#: Share of the largest singular value below which a combination of pressures is none.
+#: Share of the largest singular value below which a combination of pressures is redundant.
 REDUNDANT = 1e-8
 
-#: Energy of a combination, relative to its size times the trace of ``K_cc``, that means nothing.
+#: Energy of a combination, relative to its size times the trace of ``K_cc``, that is round-off.
 ROUND_OFF = 1e-14
 
 #: A column with less than this fraction of the largest energy is round-off.
@@ -44,11 +46,11 @@ SELECTIONS = ("smallest-eigenvalue", "largest-eigenvalue", "lowest-frequency", "
 
 
 def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
-    """Combinations of the candidates of reduced matrices ``K_cc``, ``M_cc``, the best first.
+    """Combinations of the candidates with reduced matrices ``K_cc``, ``M_cc``, the best first.
 
-    ``"smallest-eigenvalue"`` is (31), (32) to the letter, ``"largest-eigenvalue"`` has the most
-    flexible pressure patterns first, both of ``K_cc`` alone; ``"lowest-frequency"`` is of both,
-    within the range of ``K_cc``; ``"every-column"`` the candidates in their own order.
+    ``"smallest-eigenvalue"`` follows (31), (32) literally, ``"largest-eigenvalue"`` has the most
+    flexible pressure patterns first; both use ``K_cc`` alone. ``"lowest-frequency"`` uses both
+    matrices, within the range of ``K_cc``. ``"every-column"`` is the candidates in their order.
     """
     if selection == "every-column":
         return np.eye(len(stiffness))
@@ -61,9 +63,9 @@ def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np
 
 
 def without_redundancy(patterns: np.ndarray) -> np.ndarray:
-    """Patterns as few as the given ones' rank, with the same ``P P^T``.
+    """Linearly independent patterns with the same ``P P^T``.
 
-    Selections by energy or frequency find the same modes in them, after fewer solves.
+    Selections by energy or frequency give the same modes from them, with fewer solves.
 
     Parameters
     ----------
@@ -73,19 +75,20 @@ def without_redundancy(patterns: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        shape (k, rank); the given patterns if they are independent.
+        shape (k, rank); the argument itself if its columns are independent.
     """
-    left, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
+    vectors, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
     kept = sizes > REDUNDANT * sizes.max(initial=0.0)
     if kept.sum() == patterns.shape[1]:
         return patterns
-    return left[:, kept] * sizes[kept]
+    return vectors[:, kept] * sizes[kept]
 
 
 def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Combinations of candidates but those whose energy is the round-off of ``K_cc``.
+    """Combinations of candidates without those whose energy is round-off of ``K_cc``.
 
-    Pressures of a richer element than the displacement's have combinations that push no node.
+    Pressures of a richer element than that of the displacement have combinations without any
+    nodal force.
     """
     energy = np.einsum("ij,ij->j", combinations, stiffness @ combinations)
     size = np.sum(combinations**2, axis=0) * np.trace(stiffness)
@@ -93,7 +96,7 @@ def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.nda
 
 
 def lowest_first(stiffness: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvectors of unit strain energy within its range, and the modal mass of each, falling."""
+    """Modal masses, descending, and eigenvectors of unit strain energy in the range of K."""
     basis = energy_orthonormal(stiffness)
     values, vectors = falling_eigenpairs(basis.T @ mass @ basis)
     return values, basis @ vectors
@@ -123,8 +126,10 @@ def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:
     return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
 
 
-#: Mean pressure of the long and peak pressure of the short bearing solution, section 4.2.
+#: Mean pressure of the long-bearing solution, section 4.2.
 LONG_BEARING_PRESSURE = 1.0
+
+#: Peak pressure of the short-bearing solution, section 4.2.
 SHORT_BEARING_PRESSURE = 1.5
 
 #: Scatter of the angles of nodes at one position [rad].
@@ -134,7 +139,7 @@ ANGLE_TOLERANCE = 1e-5
 JOURNAL_ECCENTRICITIES = (0.5, 0.8, 0.9, 0.95)
 AXIAL_POWERS = (0.5, 1.0)
 
-#: Circumferential positions on an unstructured bore, those of the paper's.
+#: Circumferential positions on an unstructured bore, as many as in the paper.
 HAT_POSITIONS = 40
 
 
@@ -188,23 +193,23 @@ def _hats(angle: np.ndarray) -> np.ndarray:
 
     At the nodes of a structured bore with as many positions they are `_columns`.
     """
-    place = angle / (2 * np.pi) * HAT_POSITIONS
-    distance = place[:, None] - np.arange(HAT_POSITIONS)
+    position = angle / (2 * np.pi) * HAT_POSITIONS
+    distance = position[:, None] - np.arange(HAT_POSITIONS)
     distance -= HAT_POSITIONS * np.round(distance / HAT_POSITIONS)
     return np.maximum(1.0 - np.abs(distance), 0.0)
 
 
 def journal_shapes(bore: Bore) -> np.ndarray:
-    """Pressures that journals make: short-bearing solutions at every angle, not only their pieces.
+    """Short-bearing pressures of a journal at every angle.
 
-    Half-Sommerfeld pressures of several eccentricities, turning either way, with a parabola
-    along the bore and a flatter profile that a bent bore has. Smooth, as real pressures are: the
-    most energetic combinations of their responses need fewer modes than those of (35).
+    Half-Sommerfeld pressures of several eccentricities and both directions of rotation, with a
+    parabola along the bore and a flatter profile, as in a bent bore. They are smooth, as real
+    pressures are: the most energetic combinations of their responses need fewer modes than (35).
 
     Returns
     -------
     numpy.ndarray
-        shape (k, 16 `HAT_POSITIONS`), of a much lower rank.
+        shape (k, 16 `HAT_POSITIONS`), of much lower rank.
     """
     x, y, z = bore.pressure_coordinates.T
     parabola = np.maximum(1.0 - (2.0 * z / bore.width) ** 2, 0.0)
@@ -230,7 +235,7 @@ PRESSURE_SETS = {
 
 
 def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> np.ndarray:
-    """Pressure patterns ``P_c`` by name, or the given columns if they fit.
+    """Pressure patterns ``P_c`` of a named set, or checked columns.
 
     Returns
     -------
@@ -270,12 +275,11 @@ EQUAL = 1e-6
 def proper_orthogonal(snapshots: np.ndarray, count: int) -> np.ndarray:
     """Proper orthogonal decomposition of recorded pressures, largest share first.
 
-    Equal singular values belong to a space, and its basis is round-off of the linear algebra
-    library: what `count` would cut is kept whole, so there may be more patterns than asked for.
+    Patterns of equal singular values span a space whose basis is arbitrary round-off of the linear
+    algebra library. Such a space is not cut: there may be more patterns than `count`.
 
-    The columns are nodal pressures of equal weight; the
-    directions of least squares error keep what the pressures were and
-    know nothing of the part. (Largest eigenvalues of ``K_cc`` are the same
+    The columns are nodal pressures of equal weight. The patterns minimise the least squares error
+    of the pressures and do not depend on the part. (Largest eigenvalues of ``K_cc`` are the same
     decomposition in the norm of the strain energy, after solving for every column.)
 
     Parameters
@@ -290,11 +294,11 @@ def proper_orthogonal(snapshots: np.ndarray, count: int) -> np.ndarray:
     numpy.ndarray
         Orthonormal patterns, shape (k, r): `count` or more, or fewer if the rank is.
     """
-    left, sizes, _ = np.linalg.svd(snapshots, full_matrices=False)
+    vectors, sizes, _ = np.linalg.svd(snapshots, full_matrices=False)
     rank = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
     while 0 < count < rank and sizes[count] > (1.0 - EQUAL) * sizes[count - 1]:
         count += 1
-    return left[:, : min(count, rank)]
+    return vectors[:, : min(count, rank)]
 
 
 def load_dependent(
@@ -312,8 +316,8 @@ def load_dependent(
     Parameters
     ----------
     part
-        The part, free or clamped, or a `Reductor` that shares what has been computed of it and has
-        other options: `attachment_directions`, `solver`, `options_prefix`.
+        The part, free or clamped, or a `Reductor` of it, which shares results and has further
+        options: `attachment_directions`, `solver`, `options_prefix`.
     n_vibration
         Vibration modes ``n_v`` (27).
     n_residual
@@ -366,10 +370,10 @@ def full_interface(
     *,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """Keep the response to every nodal pressure: the reference.
+    """Reduce a part with the response to every nodal pressure: the reference.
 
-    `load_dependent` with all columns of ``P_c1`` (34). It misses no flexibility, so its
-    error estimate is zero; parameters as there.
+    `load_dependent` with all columns of ``P_c1`` (34) and its parameters. No flexibility is
+    missing, so that its error estimate is zero.
     """
     reductor = Reductor.of(part)
     every = reductor.structure.pressures, "pc1", "every-column"
@@ -386,7 +390,7 @@ def _basis(
         modes = reductor.vibration(n_vibration)
         return StaticResponses(reductor.static, reductor.points, patterns, *modes)
 
-    # Of one rank, or some might have to solve while the others have not.
+    # The checksum of one rank, so that all ranks solve or none.
     digest = reductor.structure.comm.bcast(sha256(patterns.tobytes()).digest())
     responses = reductor.once("responses", (n_vibration, digest), respond)
     a = reductor.points.shape[1]
@@ -409,18 +413,18 @@ def dual_basis(
     requested: int,
     dropped: tuple[ModeRecord, ...] = (),
 ) -> Basis:
-    """Vibration modes and ``X @ weights`` together, checked against their diagonal form.
+    """Basis of the vibration modes and of ``X @ weights``, checked for its diagonal form.
 
     Parameters
     ----------
     responses
-        X, less what the vibration modes cover.
+        X, without the part that the vibration modes cover.
     weights
-        Combinations wanted, shape (count, r); nearly dependent directions are dropped.
+        Combinations of responses, shape (count, r); nearly dependent directions are dropped.
     requested
-        Static modes that were asked for, for the record.
+        Number of static modes requested, for the record.
     dropped
-        Inventory of what was not selected.
+        Inventory of the modes that were not selected.
 
     Raises
     ------
@@ -433,8 +437,8 @@ def dual_basis(
     modes = responses.modes
     exact = weights.T @ responses.stiffness @ weights
     columns = combine(responses.columns, weights @ energy_orthonormal(exact))
-    # Twice: the first pass orthonormalises in products of solved columns, whose round-off
-    # is as large as the smallest direction kept; the second in the columns themselves.
+    # Twice: the products of solved columns in the first pass have round-off as large as the
+    # smallest direction kept.
     for _ in range(2):
         columns, static = _diagonalise(responses, columns)
     # Largest part of the responses' energy that the static modes lack.
@@ -479,25 +483,25 @@ def dropped_patterns(
     combinations: np.ndarray,
     kept: int,
 ) -> tuple[ModeRecord, ...]:
-    """Inventory lines of the selected-against combinations of the candidates.
+    """Inventory of the combinations of candidates that were not selected.
 
     Parameters
     ----------
     responses
         All static responses.
     candidates
-        Where the pressure patterns are among them.
+        Range of the pressure patterns among the responses.
     mass
-        Of these; None when unknown.
+        Mass matrix of the pressure patterns; None when unknown.
     combinations
-        Every combination that the selection ranked, best first, shape (candidates, c).
+        All ranked combinations, best first, shape (candidates, c).
     kept
-        How many of them were kept.
+        Number of combinations that were kept.
     """
-    left = combinations[:, kept:]
-    energy = np.einsum("ij,ij->j", left, responses.stiffness[candidates, candidates] @ left)
-    inertia = np.zeros(len(energy)) if mass is None else np.einsum("ij,ij->j", left, mass @ left)
-    work = np.sum((responses.nodal_work[:, candidates] @ left) ** 2, axis=0)
+    rest = combinations[:, kept:]
+    energy = np.einsum("ij,ij->j", rest, responses.stiffness[candidates, candidates] @ rest)
+    inertia = np.zeros(len(energy)) if mass is None else np.einsum("ij,ij->j", rest, mass @ rest)
+    work = np.sum((responses.nodal_work[:, candidates] @ rest) ** 2, axis=0)
     records = []
     for e, i, w in zip(energy, inertia, work, strict=True):
         if not e > 0:

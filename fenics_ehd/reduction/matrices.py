@@ -1,8 +1,10 @@
 """Matrices of any finite-element program as distributed PETSc matrices, and products with them.
 
-Degrees of freedom are ``3 * node + component``; each rank owns whole nodes. What one rank finds
-wrong all ranks raise. Products are of tall arrays, of which each rank holds its own rows; those
-with a mass matrix use a third of it when it is the same for x, y and z.
+Degrees of freedom are ``3 * node + component``; each rank owns all three of its nodes. An error on
+one rank is raised on all. Products are of tall arrays, whose rows are distributed over the ranks;
+those with a mass matrix use a third of it if it is the same for x, y and z.
+
+Imports inside functions: scipy.io and gzip are needed for files of their formats alone.
 """
 
 from __future__ import annotations
@@ -30,31 +32,31 @@ FILE_TYPES = ".mtx, .mtx.gz, .npz, .dat, .bin, .petsc, .h5, .hdf5"
 #: First number of a matrix in PETSc's binary format.
 _BINARY_MATRIX = 1211216
 
-#: Shape of a matrix that lies somewhere, and its CSR rows from one to before another: a SciPy
-#: matrix, or data, column numbers and row pointers.
+#: Shape of a matrix, and a function that returns a range of its rows in CSR form: as a SciPy
+#: matrix, or as data, column numbers and row pointers.
 Opened = tuple[tuple[int, int], Callable[[int, int], Any]]
 
 
 def agree(comm: MPI.Comm, problem: str | None, cause: Exception | None = None) -> None:
-    """Raise on every rank what any rank found; on the rank itself because of `cause`.
+    """Raise the problem of any rank on every rank; on the rank itself with its `cause`.
 
     Raises
     ------
     StructureError
         A rank has a problem; the message is that of the lowest such rank.
     """
-    for found in comm.allgather(problem):
-        if found is not None:
-            raise StructureError(found) from cause
+    for message in comm.allgather(problem):
+        if message is not None:
+            raise StructureError(message) from cause
 
 
 def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
-    """Call a function that may fail on some ranks only, a missing file say, and fail on all.
+    """Result of a function; an error on some ranks, a missing file for instance, is raised on all.
 
     Raises
     ------
     StructureError
-        `function` raised one, or anything else: `name` is put before its message.
+        `function` raised it, or another exception, whose message follows `name`.
     """
     result = None
     problem = None
@@ -64,7 +66,7 @@ def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
     except StructureError as error:
         problem = str(error)
         cause = error
-    except Exception as error:  # whatever it is, the other ranks must not wait for this one
+    except Exception as error:  # of any kind: the other ranks must not wait for this one
         first_line = next(iter(str(error).splitlines()), type(error).__name__)
         problem = f"{name}: {first_line}"
         cause = error
@@ -73,7 +75,7 @@ def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
 
 
 def even_range(count: int, comm: MPI.Comm) -> tuple[int, int]:
-    """First and last + 1 of the things this rank owns, as PETSc deals out `count` of them."""
+    """First and last + 1 of `count` items that this rank owns, as PETSc distributes them."""
     each, rest = divmod(count, comm.size)
     first = comm.rank * each + min(comm.rank, rest)
     return first, first + each + (comm.rank < rest)
@@ -85,34 +87,34 @@ def before(count: int, comm: MPI.Comm) -> int:
 
 
 def owned_range(
-    total: int, comm: MPI.Comm, name: str, rows: int | None, own: int | None = None
+    total: int, comm: MPI.Comm, name: str, rows: int | None, owned: int | None = None
 ) -> tuple[int, int]:
     """First and last + 1 of the rows of a matrix or vector that this rank owns.
 
     Parameters
     ----------
     total, name
-        Rows of all ranks, and the name for the messages.
+        Number of rows on all ranks, and the name for messages.
     rows
-        Those of the stiffness matrix on this rank; None: as many as it has, or an even share of
-        whole nodes.
-    own
-        Those that it has, if they are shared out already.
+        Number of rows of the stiffness matrix on this rank; None: `owned`, or an even distribution
+        of nodes.
+    owned
+        Number of rows on this rank if they are distributed already.
 
     Raises
     ------
     StructureError
-        There are not three rows for every node, or not as many as of the stiffness matrix.
+        The rows are not three for every node, or not as many as those of the stiffness matrix.
     """
     if total % 3 or not total:
         raise StructureError(f"{name} has {total} rows, not 3 for every node")
     share = 3 * int(np.diff(even_range(total // 3, comm))[0])
-    wanted = next(count for count in (rows, own, share) if count is not None)
-    whole = comm.allreduce(wanted)
-    if whole != total:
-        raise StructureError(f"{name} has {total} rows, the stiffness matrix has {whole}")
-    split = own is not None and (own % 3 != 0 or own != wanted)
-    problem = f"{name}: a rank owns {own} rows, not 3 for every node that it has of the part"
+    wanted = next(count for count in (rows, owned, share) if count is not None)
+    of_stiffness = comm.allreduce(wanted)
+    if of_stiffness != total:
+        raise StructureError(f"{name} has {total} rows, the stiffness matrix has {of_stiffness}")
+    split = owned is not None and (owned % 3 != 0 or owned != wanted)
+    problem = f"{name}: a rank owns {owned} rows, not 3 for every node that it has of the part"
     agree(comm, problem if split else None)
     first = before(wanted, comm)
     return first, first + wanted
@@ -121,12 +123,12 @@ def owned_range(
 def as_matrix(
     source: Any, comm: MPI.Comm, name: str = "matrix", *, rows: int | None = None
 ) -> PETSc.Mat:
-    """PETSc matrix of whatever holds one.
+    """PETSc matrix from any source.
 
     Parameters
     ----------
     source
-        A PETSc matrix, returned as it is when its format is AIJ; a SciPy sparse
+        A PETSc matrix, returned unchanged when its format is AIJ; a SciPy sparse
         matrix, the same on every rank; or the path of a file: Matrix Market
         (``.mtx``, ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``), PETSc
         binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``; a group in
@@ -136,27 +138,27 @@ def as_matrix(
     comm
         Ranks that share the rows; a PETSc matrix keeps its own.
     name
-        What the messages call it.
+        Name of the matrix in messages.
     rows
-        Rows this rank shall own, those of another matrix of the part; None for an
-        even distribution of whole nodes.
+        Number of rows on this rank, as of another matrix of the part; None for an even
+        distribution of nodes.
 
     Returns
     -------
     PETSc.Mat
-        Format AIJ; one made here has block size 3 when square.
+        Format AIJ; a new square matrix has block size 3.
 
     Raises
     ------
     StructureError
-        The file or the type cannot be read, the numbers are complex, or the rows are not
-        three for every node or not as many as the ranks want.
+        The source cannot be read, its numbers are complex, or its rows are not three for every
+        node or not as many as requested.
     """
     if isinstance(source, PETSc.Mat):
         owned_range(source.size[0], source.comm.tompi4py(), name, rows, source.local_size[0])
         return source if source.getType() in ("seqaij", "mpiaij") else _converted(source, name)
     if hasattr(source, "tocsr"):
-        shape, read = _whole(source.tocsr())
+        shape, read = _in_memory(source.tocsr())
     elif isinstance(source, str | Path):
         name = f"{name}, file {source}"
         shape, read = together(comm, name, lambda: _open(str(source)))
@@ -180,11 +182,11 @@ def as_matrix(
 
 
 def assemble(block: sparse.csr_matrix, comm: MPI.Comm) -> PETSc.Mat:
-    """PETSc matrix of the rows that each rank holds; entries given twice are summed in them.
+    """PETSc matrix from the rows of each rank; repeated entries are summed.
 
-    Its columns are dealt out like the rows when it is square, else evenly.
+    Its columns are distributed like the rows if it is square, else evenly.
     """
-    # PETSc's own ways from CSR arrays keep the last of two entries.
+    # PETSc would keep the last of two entries of CSR arrays.
     block.sum_duplicates()
     owned, width = block.shape
     height = comm.allreduce(owned)
@@ -207,8 +209,8 @@ def _converted(matrix: PETSc.Mat, name: str) -> PETSc.Mat:
         ) from error
 
 
-def _whole(matrix: sparse.csr_matrix) -> Opened:
-    """Rows of a matrix in memory, which stays as it is."""
+def _in_memory(matrix: sparse.csr_matrix) -> Opened:
+    """Shape and rows of a matrix in memory; the rows are copies."""
     return matrix.shape, lambda first, last: matrix[first:last].copy()
 
 
@@ -224,16 +226,16 @@ def _open(path: str) -> Opened:
         raise ValueError(f"its name ends in none of {FILE_TYPES}")
     from scipy import io
 
-    # Newer SciPy says of a missing file that it is no Matrix Market file.
+    # Newer SciPy reports a missing file as no Matrix Market file.
     Path(path).stat()
     npz = path.lower().endswith(".npz")
     if not npz:
         _require_matrix_market(path)
-    found = sparse.load_npz(path) if npz else io.mmread(path)
-    if npz and found.format in ("csr", "csc", "bsr"):
-        # SciPy would read and write wherever a wrong number points to.
-        found.check_format(full_check=True)
-    return _whole(sparse.csr_matrix(found))
+    matrix = sparse.load_npz(path) if npz else io.mmread(path)
+    if npz and matrix.format in ("csr", "csc", "bsr"):
+        # SciPy would read and write beyond its arrays with wrong indices.
+        matrix.check_format(full_check=True)
+    return _in_memory(sparse.csr_matrix(matrix))
 
 
 def csr_layout(rows: str, entries: str = "entries") -> Group:
@@ -242,7 +244,7 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
     Parameters
     ----------
     rows, entries
-        Their numbers, as in a `Value`.
+        Numbers of rows and of entries, as axes of a `Value`.
     """
     return Group(
         {
@@ -255,12 +257,12 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
 
 
 def _require_matrix_market(path: str) -> None:
-    """Refuse a file of another format with the same ending; SciPy's message would not name it.
+    """Refuse a file of another format with the same ending; SciPy's message would be obscure.
 
     Raises
     ------
     ValueError
-        It does not begin as a file of Matrix Market does.
+        The file does not begin like one of Matrix Market.
     """
     import gzip
 
@@ -307,9 +309,9 @@ def _shape(csr: h5py.Group) -> tuple[int, int]:
 
 
 def _in_binary(path: str) -> Opened:
-    """PETSc's own format: header, row lengths, column numbers, values, all big-endian.
+    """PETSc's binary format: header, row lengths, column numbers, values, all big-endian.
 
-    PETSc itself believes the column numbers.
+    It is read here, since PETSc would not check the column numbers.
     """
     number = np.dtype(PETSc.IntType).newbyteorder(">")
     kind, height, width, entries = map(int, np.fromfile(path, number, 4))
@@ -324,9 +326,9 @@ def _in_binary(path: str) -> Opened:
         raise ValueError(f"rows of {indptr[-1]} entries do not make its {entries} entries")
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        own = slice(indptr[first], indptr[last])
-        data = reals[own].astype(float)
-        indices = columns[own].astype(PETSc.IntType)
+        entries = slice(indptr[first], indptr[last])
+        data = reals[entries].astype(float)
+        indices = columns[entries].astype(PETSc.IntType)
         return data, indices, indptr[first : last + 1] - indptr[first]
 
     return (height, width), read
@@ -340,25 +342,25 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     matrix
         K or M, SciPy sparse, as the program numbers it, shape (d, d).
     dofs
-        Number of each node's degree of freedom along x, y and z there, shape
-        (nodes, 3); -1 where it is held and the program has left it out.
+        Number of each node's degree of freedom along x, y and z there, shape (nodes, 3); -1 for a
+        held one that the program has left out.
 
     Returns
     -------
     scipy.sparse.csr_matrix
-        shape (3 nodes, 3 nodes). A held degree of freedom is coupled to nothing and has
-        the mean diagonal entry of `matrix`: the part stays clamped there, but its inertia
-        integrals count that mass as well.
+        shape (3 nodes, 3 nodes). A held degree of freedom is not coupled to others and has the mean
+        diagonal entry of `matrix`: the part stays clamped there, but its inertia integrals include
+        that mass.
 
     Raises
     ------
     StructureError
         `matrix` is not square, or `dofs` does not name each of its rows once.
     """
-    given = matrix.tocsr()
+    foreign = matrix.tocsr()
     numbers = np.asarray(dofs)
-    if given.shape[0] != given.shape[1]:
-        raise StructureError(f"a matrix of shape {given.shape} cannot be reordered: not square")
+    if foreign.shape[0] != foreign.shape[1]:
+        raise StructureError(f"a matrix of shape {foreign.shape} cannot be reordered: not square")
     if numbers.ndim != 2 or numbers.shape[1] != 3 or numbers.dtype.kind not in "iu":
         raise StructureError(
             f"dofs of shape {numbers.shape} and type {numbers.dtype}: three whole numbers for "
@@ -366,30 +368,30 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
         )
     flat = numbers.ravel()
     free = np.flatnonzero(flat != -1)
-    size = given.shape[0]
+    size = foreign.shape[0]
     named, uses = np.unique(flat[free], return_counts=True)
     if not np.array_equal(named, np.arange(size)) or uses.max(initial=1) > 1:
         wrong = [*named[uses > 1], *np.setxor1d(named, np.arange(size))][0]
         raise StructureError(f"dofs must name each of the {size} rows once: see row {wrong}")
-    place = sparse.csr_matrix((np.ones(len(free)), (free, flat[free])), shape=(len(flat), size))
+    order = sparse.csr_matrix((np.ones(len(free)), (free, flat[free])), shape=(len(flat), size))
     held = np.ones(len(flat))
     held[free] = 0.0
-    return (place @ given @ place.T + sparse.diags(held * given.diagonal().mean())).tocsr()
+    return (order @ foreign @ order.T + sparse.diags(held * foreign.diagonal().mean())).tocsr()
 
 
 # Products
 
-#: Size of the blocks of columns that are worked on at once [bytes].
+#: Size of the blocks of columns that are processed at once [bytes].
 BLOCK_BYTES = 1.5e8
 
-#: Most columns of a block; solvers gain nothing from more.
+#: Most columns of a block; larger ones make solvers no faster.
 BLOCK_COLUMNS = 128
 
 
 def blocks(count: int, rows: int, comm: MPI.Comm) -> list[slice]:
     """Slices of `count` columns, so narrow that a block of the owned rows stays small.
 
-    The same on every rank, whatever it owns.
+    The same on every rank.
     """
     largest = max(comm.allreduce(rows, op=MPI.MAX), 1)
     width = int(np.clip(BLOCK_BYTES / (8 * largest), 8, BLOCK_COLUMNS))
@@ -512,8 +514,8 @@ class MassOperator:
         self._nodal: PETSc.Mat | None = mass.createSubMatrix(rows, rows)
         x = np.cos(0.3 * np.arange(first, last) ** 2.0)[:, None]
         product = multiply(mass, x)
-        found = np.hstack([product, self.multiply(x) - product])
-        largest, defect = np.max(comm.allgather(np.abs(found).max(axis=0, initial=0.0)), axis=0)
+        both = np.hstack([product, self.multiply(x) - product])
+        largest, defect = np.max(comm.allgather(np.abs(both).max(axis=0, initial=0.0)), axis=0)
         if not defect <= SAME_TOLERANCE * largest:
             self._nodal.destroy()
             self._nodal = None

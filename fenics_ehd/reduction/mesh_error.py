@@ -1,19 +1,21 @@
 """Discretisation error of the bores' flexibility, by another mesh of the same part.
 
 Both meshes are loaded with the same smooth pressures, waves around times Legendre polynomials
-along every bore, and with unit forces on the boundary points, which hold against the pressure what
-inertia does not: without them the bore of a rod with a heavy piston is said to lack another shape.
-Of both each mesh has the compliance ``C_ij``, the work of pressure i on what load j displaces, and
-the displacement of its bore. It needs a solve for each. With n and n' degrees of freedom the exact
-part is estimated to have
+along every bore, and with unit forces on the boundary points, which balance pressures that inertia
+does not: without them the estimated shape of the error is wrong for a rod with a heavy piston. Each
+mesh has the compliance ``C_ij``, the work of pressure i on the displacement under load j, and the
+displacement of its bore; it needs a solve for each load. With n and n' degrees of freedom the
+excess of the exact compliance over that of the first mesh is estimated as
 
     (C' - C) / (1 - (n / n')^(p / 3)),   p = 2,
 
-more than the first mesh, and of displacements likewise: read between the nodes of both, as a thin
-film feels what is shorter than their cells more than what is smooth. Re-entrant edges leave errors
-of order 1.09 (Williams' exponent is 0.5445 at a right angle), smooth solutions of quadratic cells
-order 4: from cells two thirds as large the estimate is within 1.6 of either. From larger cells it
-would be within 3, which is why the other mesh is a finer one wherever that can be paid.
+and that of displacements likewise. These are evaluated between the nodes of both meshes, too: a
+thin film responds to shapes shorter than their cells more than to smooth ones. Re-entrant edges
+have errors of order 1.09 (Williams' exponent is 0.5445 at a right angle), smooth solutions with
+quadratic cells of order 4. With cells two thirds as large the estimate is within a factor of 1.6 of
+either; with larger cells it would be within 3, hence the other mesh is a finer one if affordable.
+
+Imports inside functions: runs read stored errors and solve nothing, so that they need no PETSc.
 """
 
 from __future__ import annotations
@@ -31,17 +33,20 @@ from fenics_ehd.reduction.bore import HEIGHTS, SMOOTH, WAVES, BoreSurface, all_o
 if TYPE_CHECKING:
     from fenics_ehd.reduction.static import StaticSolver
 
-#: Order of the compliance's error, size of a mesh's cells over that of the other's, and largest
-#: mesh that is compared with a finer one [degrees of freedom]: that has three times as many, the
-#: factors of which take 1.2 s for 33 000, 29 s for 223 000.
+#: Order of the error of the compliance.
 ORDER = 2.0
+
+#: Size of cells over that of the finer mesh.
 FINER = 1.5
+
+#: Largest mesh that is compared with a finer one [degrees of freedom]. The finer one has three
+#: times as many; its factorisation takes 1.2 s for 33 000, 29 s for 223 000.
 MOST_REFINED = 60_000
 
-#: Order of what lies between the nodes of quadratic cells.
+#: Order of the interpolation error between the nodes of quadratic cells.
 BETWEEN_NODES = 3.0
 
-#: Least change of the number of degrees of freedom that tells one mesh from another.
+#: Smallest ratio of the numbers of degrees of freedom of two meshes that can be compared.
 ANOTHER = 1.3
 
 
@@ -57,15 +62,15 @@ def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
 
 def _summit() -> np.ndarray:
     """Waves of ``exp(4 cos phi - 4)``, which are modified Bessel functions of 4."""
-    found = np.zeros(SMOOTH)
-    found[0] = ive(0, 4)
-    found[1 : 2 * WAVES : 2] = 2 * ive(np.arange(1, WAVES + 1), 4)
-    return found
+    amplitudes = np.zeros(SMOOTH)
+    amplitudes[0] = ive(0, 4)
+    amplitudes[1 : 2 * WAVES : 2] = 2 * ive(np.arange(1, WAVES + 1), 4)
+    return amplitudes
 
 
 _SINGLE = np.eye(SMOOTH)
 
-#: Pressures that errors are told of: the harmonics that bend a bore, and a sharper one.
+#: Pressures whose errors are reported: the harmonics that bend a bore, and a sharper one.
 PATTERNS = {
     "cos 2 phi": _SINGLE[3],
     "sin 2 phi": _SINGLE[4],
@@ -75,10 +80,10 @@ PATTERNS = {
 }
 
 
-class Answers(NamedTuple):
-    """Responses to the smooth pressures in all s / `SMOOTH` bores, then to forces.
+class SmoothResponses(NamedTuple):
+    """Responses to the smooth pressures in all s / `SMOOTH` bores, then to unit forces.
 
-    These are along x and y on each of a boundary points, in the order of their names.
+    The forces are along x and y on each of a boundary points, in the order of their names.
 
     Attributes
     ----------
@@ -92,9 +97,8 @@ class Answers(NamedTuple):
     outward: np.ndarray
 
 
-def smooth_answers(solver: StaticSolver) -> Answers:
+def smooth_responses(solver: StaticSolver) -> SmoothResponses:
     """Responses of a mesh to the smooth pressures and unit forces; collective."""
-    # Runs read what was left of these, and solve nothing.
     from fenics_ehd.reduction.matrices import inner, load_columns
     from fenics_ehd.reduction.reductor import bore_rows
 
@@ -106,16 +110,16 @@ def smooth_answers(solver: StaticSolver) -> Answers:
     forces = [force.array for point in points for force in point]
     moved = solver.solve(np.column_stack([loads, *forces]))
     work = inner(solver.equilibrate(loads), moved, part.comm)
-    return Answers(work, all_outward(part.bores, bore_rows(part, moved)))
+    return SmoothResponses(work, all_outward(part.bores, bore_rows(part, moved)))
 
 
 def point_columns(points: Collection[str], wanted: Collection[str], smooth: int) -> list[int]:
-    """Columns of `Answers` of some boundary points alone, behind the smooth pressures.
+    """Columns of `SmoothResponses` of the smooth pressures and of some boundary points.
 
     Raises
     ------
     ValueError
-        One is not among the points.
+        One of `wanted` is not among the points.
     """
     known = sorted(points)
     first = [smooth + 2 * known.index(name) for name in sorted(wanted)]
@@ -123,36 +127,45 @@ def point_columns(points: Collection[str], wanted: Collection[str], smooth: int)
 
 
 def excess(size: int, other: int, order: float = ORDER) -> float:
-    """Excess of the exact part over a mesh, relative to that of another mesh, by their sizes.
+    """Excess of the exact part over a mesh, divided by that of another mesh over it.
 
     Parameters
     ----------
     size, other
-        Degrees of freedom.
+        Degrees of freedom of the mesh and of the other one.
     order
-        Of the error.
+        Order of the error.
 
     Raises
     ------
     StructureError
-        Their numbers of degrees of freedom are too much alike.
+        The sizes are too similar.
     """
     if not max(size / other, other / size) > ANOTHER:
-        raise StructureError(f"meshes of {size} and {other} unknowns tell nothing of either")
+        raise StructureError(
+            f"meshes of {size} and {other} unknowns are too similar to estimate an error: their "
+            f"ratio must be above {ANOTHER:g}"
+        )
     return 1.0 / (1.0 - (size / other) ** (order / 3.0))
 
 
-def compliance_errors(missing: np.ndarray, own: np.ndarray) -> dict[str, float]:
-    """Relative error of the work of each of `PATTERNS`, the largest of all bores."""
-    starts = range(0, len(own), SMOOTH)
-    blocks = [[m[i : i + SMOOTH, i : i + SMOOTH] for m in (missing, own)] for i in starts]
-    return {
-        name: max(float(abs(c @ lacks @ c) / (c @ has @ c)) for lacks, has in blocks)
-        for name, c in PATTERNS.items()
-    }
+def compliance_errors(missing: np.ndarray, compliance: np.ndarray) -> dict[str, float]:
+    """Relative error of the work of each of `PATTERNS`, the largest of all bores.
+
+    Parameters
+    ----------
+    missing, compliance
+        Excess of the exact compliance, and the compliance of the mesh, shape (s, s).
+    """
+    parts = [slice(start, start + SMOOTH) for start in range(0, len(compliance), SMOOTH)]
+
+    def error(c: np.ndarray, bore: slice) -> float:
+        return float(abs(c @ missing[bore, bore] @ c) / (c @ compliance[bore, bore] @ c))
+
+    return {name: max(error(c, bore) for bore in parts) for name, c in PATTERNS.items()}
 
 
 def smooth_part(bores: Mapping[str, BoreSurface]) -> np.ndarray:
     """Amplitudes of the smooth pressures in nodal ones on all bores, shape (s, k)."""
-    found = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores.values()]
-    return np.asarray(block_diag(*map(np.linalg.pinv, found)))
+    fields = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores.values()]
+    return np.asarray(block_diag(*map(np.linalg.pinv, fields)))

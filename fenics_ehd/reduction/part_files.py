@@ -104,14 +104,14 @@ LAYOUT = Group(
 
 
 class Rows(NamedTuple):
-    """Rows of a rank that are made block by block.
+    """Rows of a rank that are computed block by block.
 
     Attributes
     ----------
     shape
-        Of all of them.
+        Shape of all rows of the rank.
     blocks
-        Some rows each.
+        Blocks of rows, one after the other.
     """
 
     shape: tuple[int, ...]
@@ -124,52 +124,55 @@ def save_by_ranks(
     begin: Callable[[h5py.File], None],
     tables: Mapping[str, np.ndarray | Rows],
 ) -> None:
-    """Write a sealed file of rows that the ranks hold; collective, rank after rank.
+    """Write a sealed file of distributed rows; collective, rank after rank.
 
     Parameters
     ----------
     path
-        The same on every rank; replaced only once the new file is whole.
+        The same on every rank; a former file stays until the new one is complete.
     comm
         Ranks that write to it.
     begin
-        Called on the first rank with the empty file.
+        Function that is called on the first rank with the empty file.
     tables
-        Datasets by name, this rank's rows; float64 where they come in blocks.
+        Datasets by name, this rank's rows; in blocks of float64, or as an array.
 
     Raises
     ------
     StructureError
-        On every rank what any rank could not do; a former file stays then.
+        A rank could not write, raised on every rank; a former file stays.
     """
     rows = {n: a if isinstance(a, Rows) else Rows(a.shape, [a]) for n, a in tables.items()}
-    counts = comm.allgather({name: own.shape[0] for name, own in rows.items()})
+    counts = comm.allgather({name: owned.shape[0] for name, owned in rows.items()})
     label = f"file {path} cannot be written"
 
     def on_first(act: Callable[[], Any]) -> Any:
         return together(comm, label, lambda: None if comm.rank else act())
 
     def write_first() -> None:
-        shapes = {n: (sum(c[n] for c in counts), *own.shape[1:]) for n, own in rows.items()}
+        shapes = {
+            name: (sum(count[name] for count in counts), *owned.shape[1:])
+            for name, owned in rows.items()
+        }
         require_room(partial, BOOKKEEPING + sum(8 * int(np.prod(s)) for s in shapes.values()))
         with h5py.File(partial, "w", userblock_size=HEAD) as file:
             begin(file)
             for name, shape in shapes.items():
                 file.create_dataset(name, shape, getattr(tables[name], "dtype", float))
 
-    def write_own() -> None:
+    def write_owned() -> None:
         with h5py.File(partial, "r+") as file:
-            for name, own in rows.items():
-                place = sum(count[name] for count in counts[: comm.rank])
-                for block in own.blocks:
-                    file[name][place : place + len(block)] = block
-                    place += len(block)
+            for name, owned in rows.items():
+                first = sum(count[name] for count in counts[: comm.rank])
+                for block in owned.blocks:
+                    file[name][first : first + len(block)] = block
+                    first += len(block)
 
     partial = comm.bcast(on_first(lambda: new_part(path)))
     try:
         on_first(write_first)
         for turn in range(comm.size):
-            together(comm, label, write_own if turn == comm.rank else lambda: None)
+            together(comm, label, write_owned if turn == comm.rank else lambda: None)
         on_first(lambda: seal(partial, path))
     except BaseException:
         if not comm.rank:
@@ -179,9 +182,9 @@ def save_by_ranks(
 
 
 def save_structure(structure: Structure, path: str | Path) -> None:
-    """Write a part; an existing file is replaced only once the new one is whole.
+    """Write a part to a file, atomically: a former file stays until the new one is complete.
 
-    Collective, rank after rank. Elements for drawing (`Structure.recovery`) are left out.
+    Collective, rank after rank. Elements (`Structure.recovery`) are not stored.
 
     Raises
     ------
@@ -241,7 +244,7 @@ def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structu
 
 
 def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
-    """Everything but the large matrices; of the coordinates this rank's."""
+    """Content of a file without the large matrices; coordinates of this rank's nodes."""
     with _opened(path, comm) as file:
         LAYOUT.check(file, "", {})
         nodes = len(file["coordinates"])
@@ -261,7 +264,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
 
 
 def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
-    """Nodes with their weights, or where the matrix is."""
+    """Nodes with their weights, or the path of a matrix."""
     if "nodes" not in group:
         return matrix
     if "weights" not in group:
@@ -270,7 +273,7 @@ def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
 
 
 def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
-    """The file; one rank reads all of it, for the digest."""
+    """The opened file; the first rank checks its digest."""
     if comm.rank:
         return open_hdf5(path)
     return open_sealed(path, FORMAT, FORMAT_VERSION, remedy="write it again", foreign=True)
@@ -336,9 +339,9 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
 def save_basis(
     path: str | Path, structure: Structure, columns: np.ndarray, *, stress: bool = True
 ) -> None:
-    """Write the basis of a part; an existing file is replaced only once the new one is whole.
+    """Write the basis of a part, atomically: a former file stays until the new one is complete.
 
-    Collective. The ranks write one after the other, each its own rows.
+    Collective. The ranks write their rows one after the other.
 
     Parameters
     ----------
@@ -349,7 +352,7 @@ def save_basis(
     columns
         Displacements of unit modal coordinates, owned rows of shape (owned dofs, n) [m].
     stress
-        Also write the modal stresses, the larger part, if the structure knows them.
+        Also write the modal stresses, which are larger, if the structure has elements.
 
     Raises
     ------
@@ -429,12 +432,12 @@ class BasisFile(AbstractContextManager["BasisFile"]):
                 raise
 
     def _require_layout(self) -> None:
-        """Refuse other shapes, and cells of nodes that are not there.
+        """Refuse other shapes, and cells with unknown nodes.
 
         Raises
         ------
         ValueError
-            Naming a dataset.
+            The message has the dataset.
         """
         BASIS_LAYOUT.check(self._file, "", {})
         if ("stress" in self._file) != ("stress_points" in self._file):

@@ -1,8 +1,8 @@
 """Quantities that the reductions of one part share, each of them computed once.
 
-Loads whose static responses make a basis, the small products of those responses, and the projection
-of the part onto a basis, with which every method ends. The smallest reduction is here too: a part
-taken as rigid, its inertia and bores without elastic coordinates.
+These are static responses to loads, their small products, and the projection of the part onto a
+basis, with which every method ends. The smallest reduction is here too: a rigid part with inertia
+and bores, without elastic coordinates.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ FORM_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Part-size columns T of a reduction with what is known about them.
+    """Part-size columns T of a reduction with their reduced matrices and checks.
 
     Attributes
     ----------
@@ -69,24 +69,30 @@ class Basis:
     accuracy: Mapping[str, float]
 
 
-def _own_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Mask of the bores' nodes that this rank owns, and their places among its own."""
+def _owned_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Mask of the bores' nodes that this rank owns, and their local indices."""
     local = structure.bore_nodes - structure.node_range[0]
     mine = (local >= 0) & (local < len(structure.coordinates))
     return mine, local[mine]
 
 
 def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
-    """Rows of the nodes of all bores of part-size columns, on every rank, shape (m, 3, n)."""
-    mine, local = _own_nodes(structure)
+    """Rows of part-size columns at the nodes of all bores, on every rank, shape (m, 3, n)."""
+    mine, local = _owned_nodes(structure)
     rows = np.zeros((len(mine), 3, columns.shape[1]))
     rows[mine] = columns[3 * local[:, None] + np.arange(3)]
     return structure.comm.allreduce(rows, op=MPI.SUM)
 
 
 def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
-    """Owned rows (owned dofs, n) of fields that are zero but at the bores' nodes, (m, 3, n)."""
-    mine, local = _own_nodes(structure)
+    """Part-size fields with values at the bores' nodes, shape (m, 3, n), and zero elsewhere.
+
+    Returns
+    -------
+    numpy.ndarray
+        Owned rows, shape (owned dofs, n).
+    """
+    mine, local = _owned_nodes(structure)
     columns = np.zeros((len(structure.coordinates), 3, values.shape[2]))
     columns[local] = values[mine]
     return np.asfortranarray(columns.reshape(-1, values.shape[2]))
@@ -98,10 +104,10 @@ def product(
     right: np.ndarray,
     comm: MPI.Comm,
 ) -> np.ndarray:
-    """``left^T A right`` on every rank, of owned rows; a block of A right in memory at a time."""
+    """``left^T A right`` on every rank, of owned rows; computed in blocks of columns of A right."""
     parts = blocks(right.shape[1], len(right), comm)
-    found = [inner(left, operator(right[:, part]), comm) for part in parts]
-    return np.hstack([np.zeros((left.shape[1], 0)), *found])
+    products = [inner(left, operator(right[:, part]), comm) for part in parts]
+    return np.hstack([np.zeros((left.shape[1], 0)), *products])
 
 
 def gram_matrices(
@@ -116,12 +122,12 @@ def gram_matrices(
 
 
 def require_small(defects: Mapping[str, float]) -> dict[str, float]:
-    """The defects, all below `FORM_TOLERANCE`.
+    """The defects, checked to be below `FORM_TOLERANCE`.
 
     Raises
     ------
     VerificationError
-        One is not, by its name.
+        The message has the name of a larger one.
     """
     for name, value in defects.items():
         if not value <= FORM_TOLERANCE:
@@ -134,7 +140,7 @@ def require_small(defects: Mapping[str, float]) -> dict[str, float]:
 def inertia_integrals(
     structure: Structure, mass: MassOperator, fields: np.ndarray
 ) -> InertiaIntegrals:
-    """Inertia coupling of the given fields, owned rows (owned dofs, 3 + n)."""
+    """Inertia coupling of fields, owned rows (owned dofs, 3 + n)."""
     spun = turned(fields, 2)
     comm = structure.comm
     spin = product(spun, mass.multiply, fields, comm).T
@@ -148,7 +154,7 @@ def inertia_integrals(
 def _inventory(
     body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
 ) -> tuple[ModeRecord, ...]:
-    """Kept modes and dropped ones with their shares of `total`, or of the sum of all."""
+    """Kept and dropped modes with their shares in `total`, or in the sum of all if it is None."""
     load = body.load_projection[ELASTIC]
     if body.frame != "clamped" and body.modes:
         load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
@@ -168,20 +174,21 @@ def _inventory(
 
 
 class StaticResponses:
-    """Static responses ``X = G L`` of (29), less what given modes cover (30).
+    """Static responses ``X = G L`` of (29), without the part that known modes cover (30).
 
-    Columns of L are given fields, then pressure patterns of the bores (33).
+    Columns of L are fields of forces, then pressure patterns of the bores (33).
 
     Parameters
     ----------
     solver
-        Free or clamped part.
+        Static responses of the part.
     fields
-        Loads given by their owned rows, shape (owned dofs, a) [N].
+        Owned rows of the forces, shape (owned dofs, a) [N].
     pressures
         Patterns ``P_c``, the same on every rank, shape (k, p) [Pa].
     angular, modes
-        Modes to be filtered out, mass-normalised and uncoupled in stiffness; kept.
+        Angular frequencies [rad/s] and modes that are filtered out, mass-normalised and uncoupled
+        in stiffness.
 
     Attributes
     ----------
@@ -236,12 +243,12 @@ class StaticResponses:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """``X^T M X``, shape (count, count), a block of M X in memory at a time; collective."""
+        """``X^T M X``, shape (count, count), computed in blocks of columns of M X; collective."""
         mass = np.zeros((self.count,) * 2)
         for part in blocks(self.count, len(self.columns), self.solver.structure.comm):
             inertia = self.solver.mass.multiply(self.columns[:, part])
-            left = slice(part.stop)
-            mass[left, part] = inner(self.columns[:, left], inertia, self.solver.structure.comm)
+            above = slice(part.stop)
+            mass[above, part] = inner(self.columns[:, above], inertia, self.solver.structure.comm)
         return np.triu(mass) + np.triu(mass, 1).T
 
 
@@ -249,16 +256,16 @@ T = TypeVar("T")
 
 
 class Reductor:
-    """A part with what its reductions share: give it to any of them in place of the structure.
+    """A part with the results that its reductions share, to be passed to them as the part.
 
         part = Reductor(structure)
         bodies = [craig_bampton(part, 37), load_dependent(part, 6, 31), full_interface(part)]
 
-    Nothing is computed before a reduction asks for it, nothing twice: factors of the stiffness
-    matrix, and of its interior for M2; the flexibility of the bore; modes, of which a smaller
-    number is cut from a larger one (ask for the largest first); the first step of M2; the basis
-    of M4. Of static responses to pressure sets, as tall as the part, those asked for last are
-    kept: reductions with the same set in turn share them.
+    Every result is computed when it is first needed, and once: factors of the stiffness matrix, and
+    of its interior for M2; the flexibility of the bore; modes, of which a smaller number is taken
+    from a larger one (compute the largest first); the first step of M2; the basis of M4. Of static
+    responses to pressure sets, as tall as the part, the last ones are kept: consecutive reductions
+    with the same set share them.
 
     Parameters
     ----------
@@ -270,7 +277,7 @@ class Reductor:
     solver
         ``"direct"``, ``"iterative"`` or ``"auto"``, by size.
     options_prefix
-        Put before the prefixes ``static_``, ``modes_`` and ``interior_`` of the PETSc options.
+        Beginning of the prefixes ``static_``, ``modes_`` and ``interior_`` of the PETSc options.
 
     Raises
     ------
@@ -296,7 +303,7 @@ class Reductor:
 
     @staticmethod
     def of(part: Structure | Reductor) -> Reductor:
-        """The given one, or one of a structure, made without options."""
+        """The argument if it is a reductor, or a reductor of a structure with default options."""
         require_class("part", part, Structure, Reductor)
         return Reductor(part) if isinstance(part, Structure) else part
 
@@ -337,7 +344,8 @@ class Reductor:
         Returns
         -------
         displacement, energy : numpy.ndarray
-            Of the bore nodes, shape (m, 3, k) [m/Pa]; ``J^T G J``, shape (k, k) [J/Pa^2].
+            Displacement of the bore nodes, shape (m, 3, k) [m/Pa]; ``J^T G J``, shape (k, k)
+            [J/Pa^2].
         """
         load = self.structure.load
         identity = np.eye(load.size[1])
@@ -366,9 +374,9 @@ class Reductor:
         estimate_error: bool = True,
         keep_basis: bool = False,
     ) -> ReducedBody:
-        """Reduced body of a basis, whose columns it holds if `keep_basis`.
+        """Reduced body of a basis, with the columns of the basis if `keep_basis`.
 
-        Parameters as in `ReducedBody` and `load_dependent`; the frame is that of a free part.
+        Parameters as in `ReducedBody` and `load_dependent`; `frame` is used for a free part.
         """
         structure = self.structure
         mass = self.mass
@@ -425,17 +433,16 @@ def rigid(
     estimate_error: bool = False,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """Body without elastic coordinates; nothing is factorised unless the error is asked for.
+    """Body without elastic coordinates; a factorisation is made for the error estimate alone.
 
     Parameters
     ----------
     part
         The part, free or clamped, or a `Reductor` of it.
     estimate_error
-        Also compute the bore flexibility that is left out, one static solve per
-        pressure node.
+        Also compute the neglected bore flexibility, one static solve per pressure node.
     keep_basis
-        Leave the basis of no columns in the body.
+        Store the basis, without columns, in the body.
     """
     reductor = Reductor.of(part)
     nothing = np.zeros((0, 0))

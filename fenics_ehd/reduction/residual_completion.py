@@ -1,19 +1,19 @@
-"""M4: a few dynamic modes, all remaining bore flexibility answered at once.
+"""M4: a few dynamic modes, and the remaining bore flexibility as a quasi-static response.
 
-A residual mode of M3 has a frequency of up to 700 kHz and carries no dynamics. Here
-the pressure meets the whole flexibility ``G_c = G J`` of the bore, of which the
-coordinates q keep what they cover:
+A residual mode of M3 has a frequency of up to 700 kHz and is without dynamics. M4 uses the complete
+flexibility ``G_c = G J`` of the bore: the coordinates q have a part of it, the residual S_res the
+rest,
 
     u_bore = Psi q + S_res w,   S_res = G_c - T K_r^-1 T^T J,   w + zeta dw/dt = P.
 
-The same of the whole part and of any load, the static answer that a basis misses,
+For the complete part and any load f the static response that a basis misses is
 
-    (G - T K_r^-1 T^T) f,
+    (G - T K_r^-1 T^T) f.
 
-added to the displacement ``T q`` makes a recovery of what the loads balance statically: the mode
-acceleration method (T. Irvine, The mode acceleration method, 2014, scribd.com/document/659487661).
-Of a free part f is made self-equilibrated first. The answer is right but for a rigid motion, which
-is another one in another frame and has no stress.
+Added to the displacement ``T q`` it recovers the static response to the loads: the mode
+acceleration method (T. Irvine, The mode acceleration method, 2014,
+scribd.com/document/659487661). Loads of a free part are made self-equilibrated first. The
+displacement is correct up to a rigid motion, which depends on the frame and causes no stress.
 """
 
 from __future__ import annotations
@@ -48,35 +48,35 @@ from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 
 
-def missing_answers(
+def missing_response(
     static: StaticSolver,
     body: ReducedBody,
     columns: np.ndarray,
     loads: Callable[[slice], np.ndarray],
     count: int,
 ) -> np.ndarray:
-    """Static answers less what the basis answers, owned rows (owned dofs, count); collective.
+    """Static response minus that of the basis, owned rows (owned dofs, count); collective.
 
     Parameters
     ----------
     static
-        Of the part.
+        Static responses of the part.
     body
-        Its reduction.
+        Reduction of the part.
     columns
         The part-size basis T, owned rows, shape (owned dofs, n).
     loads
-        Some of the loads, owned rows [N].
+        Function that returns a range of the loads, owned rows [N].
     count
-        How many there are.
+        Number of loads.
     """
     comm = static.structure.comm
     fields = np.empty((len(columns), count))
     for some in blocks(count, len(columns), comm):
-        given = loads(some)
-        work = inner(columns, static.equilibrate(given), comm)
-        answered = combine(columns, np.linalg.solve(body.stiffness, work))
-        fields[:, some] = static.solve(given) - answered
+        forces = loads(some)
+        work = inner(columns, static.equilibrate(forces), comm)
+        covered = combine(columns, np.linalg.solve(body.stiffness, work))
+        fields[:, some] = static.solve(forces) - covered
     return fields
 
 
@@ -96,17 +96,17 @@ def missing_fields(
 ) -> np.ndarray:
     """Displacements that a basis misses under forces on bores and under rotation, in any frame.
 
-    Forces of boundary points are in every basis. The rigid inertia that balances them in M1's and
-    M2's frame, and that of elastic motion, stay left out.
+    Every basis has the response to forces on boundary points. The rigid inertia that balances them
+    in the frame of M1 and M2, and the inertia of elastic motion, are neglected.
 
     Parameters
     ----------
     structure, body, columns
-        As in `missing_answers`.
+        As in `missing_response`.
     forces
-        On the nodes of all bores, shape (c, m, 3) [N].
+        Forces on the nodes of all bores, shape (c, m, 3) [N].
     speeds
-        Of the part about z, shape (c,) [rad/s].
+        Angular speeds of the part about z, shape (c,) [rad/s].
 
     Returns
     -------
@@ -119,25 +119,25 @@ def missing_fields(
     def loads(some: slice) -> np.ndarray:
         return on_bores(structure, np.moveaxis(forces[some], 0, 2)) + turning * speeds[some] ** 2
 
-    return missing_answers(static, body, columns, loads, len(speeds))
+    return missing_response(static, body, columns, loads, len(speeds))
 
 
-#: Largest difference of the two bodies, relative.
+#: Largest relative difference of two reductions of the same part.
 SAME_BASIS = 1e-6
 
 
 def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.ndarray:
-    """The basis T of a body whose file does not hold it, from the same part reduced again.
+    """Basis T of a body that was stored without it, from the same part reduced again.
 
-    On another machine the signs of modes may differ, and modes of one frequency be other
-    combinations of the same: the coordinates' meaning is read off the bores and points.
+    On another machine the signs of modes may differ, and modes of equal frequency may be other
+    combinations. The displacements of bores and points determine the relation of the coordinates.
 
     Parameters
     ----------
     body
-        As it was.
+        The stored body.
     made
-        As it is now.
+        The body of the new reduction.
     columns
         The basis of `made`, owned rows, shape (owned dofs, n).
 
@@ -146,8 +146,8 @@ def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.nd
     VerificationError
         They are not reductions of the same part by the same method.
     """
-    old = _seen(body)
-    new = _seen(made)
+    old = _displacements(body)
+    new = _displacements(made)
     if old.shape != new.shape:
         raise VerificationError(
             f"the part made again has {made.modes} modes and {len(made.bore_basis)} bore nodes, "
@@ -159,9 +159,9 @@ def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.nd
     scale = np.linalg.norm(new, axis=0)
     turn = np.linalg.lstsq(new / scale, old, rcond=None)[0] / scale[:, None]
     defects = [np.abs(new @ turn - old).max() / size]
-    for matrix, own in ((made.stiffness, body.stiffness), (made.mass, body.mass)):
-        root = np.sqrt(np.diag(own))
-        defects.append(np.abs((turn.T @ matrix @ turn - own) / np.outer(root, root)).max())
+    for matrix, stored in ((made.stiffness, body.stiffness), (made.mass, body.mass)):
+        root = np.sqrt(np.diag(stored))
+        defects.append(np.abs((turn.T @ matrix @ turn - stored) / np.outer(root, root)).max())
     if not max(defects) <= SAME_BASIS:
         raise VerificationError(
             f"the part made again differs from its run's body by {max(defects):.1e}, above "
@@ -170,8 +170,8 @@ def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.nd
     return columns @ turn
 
 
-def _seen(body: ReducedBody) -> np.ndarray:
-    """Displacements of bores and points by each coordinate, shape (rows, n)."""
+def _displacements(body: ReducedBody) -> np.ndarray:
+    """Displacements of bores and points for unit coordinates, shape (rows, n)."""
     points = [field[:, 3:] for field in body.points.values()]
     return np.vstack([body.bore_basis.reshape(-1, body.modes), *points])
 
@@ -189,7 +189,7 @@ def residual_flexibility(
     estimate_error: bool = True,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """M4: reduce a part to vibration and static modes with the rest of the bore quasi-static.
+    """M4: reduce a part to vibration and static modes, with the residual flexibility quasi-static.
 
     Parameters
     ----------
@@ -198,11 +198,11 @@ def residual_flexibility(
     n_vibration
         Vibration modes.
     truncation
-        Residual pressure patterns that move no bore node by more than this fraction of what
-        the first pattern does are dropped; 0 keeps all that are not round-off.
+        Largest bore displacement of dropped residual pressure patterns, relative to that of the
+        first pattern; 0 drops round-off alone.
     centrifugal
         Also keep the static response to the centrifugal load ``M x`` (x and y components) of
-        a part that turns about z.
+        a part that rotates about z.
     estimate_error
         Also compute the inertia of the residual patterns, which the method neglects.
     keep_basis
@@ -211,7 +211,7 @@ def residual_flexibility(
     Returns
     -------
     ReducedBody
-        With `residual`; its missing flexibility is what the truncation dropped.
+        With `residual`; its missing flexibility is that of the dropped patterns.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def residual_flexibility(
     if not n_vibration + reductor.points.shape[1] + centrifugal:
         raise SettingsError("vibration_modes 0, no boundary point and no centrifugal mode: no mode")
     basis, residual = reductor.once(
-        "m4", (n_vibration, centrifugal), lambda: _whole(reductor, n_vibration, centrifugal)
+        "m4", (n_vibration, centrifugal), lambda: _complete(reductor, n_vibration, centrifugal)
     )
     residual = _truncated(reductor, residual, truncation)
     if estimate_error:
@@ -234,10 +234,10 @@ def residual_flexibility(
     return reductor.project(basis, "m4", residual=residual, keep_basis=keep_basis)
 
 
-def _whole(
+def _complete(
     reductor: Reductor, n_vibration: int, centrifugal: bool
 ) -> tuple[Basis, ResidualFlexibility]:
-    """Vibration modes and static responses, and all that is left of the bore's flexibility."""
+    """Vibration modes and static responses, and the complete residual flexibility of the bore."""
     fields = reductor.points
     if centrifugal:
         fields = np.hstack([fields, centrifugal_load(reductor.structure, reductor.mass)])
@@ -250,11 +250,11 @@ def _whole(
 def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
     """``S_res`` by the eigenvectors of ``J^T S_res``, the most flexible first, without mass.
 
-    ``J^T S_res`` is symmetric and positive semidefinite: its eigenvectors V are pressure
-    patterns that store energy apart from each other, ``S_res = (S_res V) V^T``.
+    ``J^T S_res`` is symmetric and positive semidefinite. Its eigenvectors V are pressure patterns
+    without mutual energy, ``S_res = (S_res V) V^T``.
     """
     structure = reductor.structure
-    (displacement, energy) = reductor.flexibility
+    displacement, energy = reductor.flexibility
     load = transpose_multiply(structure.load, basis.columns).T
     covered = np.linalg.solve(basis.stiffness, load)
     shape = bore_rows(structure, basis.columns)
@@ -268,9 +268,9 @@ def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
 def _truncated(
     reductor: Reductor, residual: ResidualFlexibility, truncation: float
 ) -> ResidualFlexibility:
-    """Patterns up to the last that moves the bore, but no round-off."""
+    """Patterns up to the last one above the truncation, without round-off."""
     sizes = np.abs(all_outward(reductor.structure.bores, residual.displacement)).max(axis=0)
-    # Round-off of the covered part leaves eigenvalues of either sign at the end.
+    # Round-off of the covered part causes small eigenvalues of either sign at the end.
     largest = np.abs(np.diag(reductor.flexibility[1])).max()
     real = np.sum(residual.stiffness > 1e-13 * largest * len(sizes))
     wanted = np.flatnonzero(sizes[:real] > truncation * sizes.max())
@@ -297,19 +297,19 @@ def pattern_fields(
     columns: np.ndarray,
     amplitudes: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Displacements of amplitudes of the residual patterns V.
+    """Part-size displacements of the residual patterns V.
 
         (G_c - T K_r^-1 T^T J) V
 
-    A body keeps their bore rows only, `ResidualFlexibility.displacement`; this solves for all
-    rows again, one solve per pattern or combination of them. Collective.
+    A body stores their bore rows only, `ResidualFlexibility.displacement`. All rows are solved for
+    again, one solve per pattern or combination of patterns. Collective.
 
     Parameters
     ----------
     structure
         The part.
     body
-        Its reduction with M4.
+        Reduction of the part with M4.
     columns
         The part-size basis T, owned rows, shape (owned dofs, n).
     amplitudes
@@ -330,4 +330,4 @@ def pattern_fields(
     def loads(some: slice) -> np.ndarray:
         return load_columns(structure.load, pressures[:, some])
 
-    return missing_answers(StaticSolver(structure), body, columns, loads, pressures.shape[1])
+    return missing_response(StaticSolver(structure), body, columns, loads, pressures.shape[1])

@@ -1,8 +1,10 @@
 """Static responses of a free or clamped part, (29), and its rigid-body modes, (26).
 
-The latter come from geometry. A stiffness matrix is solved for many loads by one factorisation, or
-by algebraic multigrid. What does not fit into memory goes to a file: factors, and tall columns
-while more of them are made.
+Rigid-body modes are computed from the geometry. Static responses to many loads need one
+factorisation of the stiffness matrix, or algebraic multigrid. Large factors and many part-size
+columns are stored in temporary files.
+
+Imports inside functions: scipy.linalg is needed for free parts alone.
 """
 
 from __future__ import annotations
@@ -55,8 +57,8 @@ def rigid_body_modes(structure: Structure) -> np.ndarray:
 
 SOLVERS = ("auto", "direct", "iterative")
 
-#: Degrees of freedom above which factors go to disk: those of parts as thick as they are wide
-#: outgrow 16 GB with the matrices there (measured: 1.1 GB at 134 000, 15.6 GB at 1 081 000).
+#: Degrees of freedom above which factors are stored on disk: those of compact parts and the
+#: matrices exceed 16 GB there (measured: 1.1 GB at 134 000, 15.6 GB at 1 081 000).
 IN_CORE_LIMIT = 700_000
 
 #: Degrees of freedom above which ``"auto"`` iterates: factors of 40 GB and more.
@@ -66,35 +68,35 @@ DIRECT_OPTIONS: dict[str, object] = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "mumps",
-    # Right-hand sides that MUMPS takes at once.
+    # Right-hand sides that MUMPS solves at once.
     "mat_mumps_icntl_27": 64,
 }
 
-#: Read from the disk once forward and once back in every solve.
+#: Options for factors on disk, which every solve reads twice.
 OUT_OF_CORE = {"mat_mumps_icntl_22": 1}
 
-#: INFOG(1) of MUMPS.
+#: INFOG(1) of MUMPS if there is no room on the disk.
 NO_ROOM_ON_DISK = -90
 
-#: Variable that names the folder of MUMPS's factors; it would take ``/tmp``.
+#: Variable with the folder of MUMPS's factors, whose default is ``/tmp``.
 FACTORS_FOLDER = "MUMPS_OOC_TMPDIR"
 
-#: Smoothed aggregation on the rigid motions of the part; conjugate gradients to a residual between
-#: what round-off leaves of a smooth load (1e-9 of it at 70 000 degrees of freedom) and the check of
-#: the responses.
+#: Smoothed aggregation on the rigid motions of the part, and conjugate gradients. Their tolerance
+#: is between the round-off of a smooth load (1e-9 of it at 70 000 degrees of freedom) and that of
+#: the check of the responses.
 ITERATIVE_OPTIONS: dict[str, object] = {
     "ksp_type": "cg",
     "ksp_rtol": 3e-9,
-    # Of the true residual, which the responses are checked by.
+    # The true residual, which the check of the responses uses as well.
     "ksp_norm_type": "unpreconditioned",
     "ksp_max_it": 1000,
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.02,
-    # Chebyshev and Jacobi, as PETSc has it: an aggregate of one node leaves zeros on the diagonal
+    # Chebyshev and Jacobi, PETSc's default: an aggregate of one node causes zeros on the diagonal
     # of a coarse matrix, on which Gauss-Seidel fails.
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
-    # The coarse matrix is as singular as the part is free.
+    # The coarse matrix is singular if the part is free.
     "mg_coarse_pc_type": "redundant",
     "mg_coarse_redundant_pc_type": "svd",
 }
@@ -115,13 +117,13 @@ def is_direct(solver: str, size: int) -> bool:
 
 @contextmanager
 def _factors_on_disk() -> Iterator[None]:
-    """Put MUMPS's factors into the scratch folder, unless it was told one of its own."""
-    given = FACTORS_FOLDER in os.environ
+    """Set MUMPS's folder of factors to the scratch folder, unless the user has set it."""
+    is_set = FACTORS_FOLDER in os.environ
     os.environ.setdefault(FACTORS_FOLDER, scratch_folder())
     try:
         yield
     finally:
-        if not given:
+        if not is_set:
             del os.environ[FACTORS_FOLDER]
 
 
@@ -131,8 +133,7 @@ class LinearSolver:
     Parameters
     ----------
     matrix
-        Symmetric positive definite; semidefinite for an iterative solver if `kernel`
-        spans what it does not see.
+        Symmetric positive definite matrix; with `kernel` and an iterative solver, semidefinite.
     direct
         Factorise, or iterate.
     near_kernel
@@ -176,7 +177,7 @@ class LinearSolver:
             ) from None
         self._factor: PETSc.Mat | None = None
         if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
-            # The factors need neither the solver around them nor, what counts, the matrix.
+            # The factors outlive the solver, and the matrix, whose memory is thus freed.
             self._factor = ksp.pc.getFactorMatrix()
             destroy_with(self, self._factor)
             _check_factors(self._factor, ksp.pc.getFactorSolverType(), options_prefix)
@@ -212,7 +213,7 @@ class LinearSolver:
 
 
 def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -> None:
-    """Tell the multigrid hierarchy which fields cost next to nothing, the solver which nothing."""
+    """Set the near null space for the multigrid hierarchy, and the null space for the solver."""
     gram = inner(near_kernel, near_kernel, matrix.comm.tompi4py())
     orthonormal = np.linalg.solve(np.linalg.cholesky(gram), near_kernel.T).T
     vectors = column_vectors(matrix, orthonormal)
@@ -223,7 +224,7 @@ def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -
 
 
 def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None:
-    """Raise if MUMPS failed or met a negative pivot; other packages say so themselves."""
+    """Raise if MUMPS failed or found a negative pivot; other packages raise errors themselves."""
     if package != "mumps":
         return
     failure, detail, negative = (factor.getMumpsInfog(i) for i in (1, 2, 12))
@@ -246,30 +247,30 @@ def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None
 
 # Room for columns
 
-#: Columns up to which they stay in memory.
+#: Most columns that are stored in memory.
 KEPT_COLUMNS = 128
 
 
 def scratch_folder() -> str:
     """Folder of large temporary files: TMPDIR, else /var/tmp, since /tmp may be memory."""
-    given = os.environ.get("TMPDIR")
-    if given:
-        return given
+    folder = os.environ.get("TMPDIR")
+    if folder:
+        return folder
     return "/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir()
 
 
 def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
-    """Column-major array (rows, count), in memory while columns are few, else in a file.
+    """Column-major array (rows, count), in memory for few columns, else in a temporary file.
 
-    A block for every bore node would be as large as everything else of a reduction together.
-    Each rank has a file of its own, without a name and gone with the array.
+    Columns for every bore node would need as much memory as all other data of a reduction. Each
+    rank has a file, without a name, which is deleted with the array.
 
     Parameters
     ----------
     rows
-        Owned rows.
+        Number of owned rows.
     count
-        Columns.
+        Number of columns.
     comm
         Ranks that share the columns.
 
@@ -284,7 +285,7 @@ def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
     failure = ""
     file = tempfile.TemporaryFile(dir=scratch_folder())
     try:
-        os.posix_fallocate(file.fileno(), 0, size)  # a mapped file that finds no room kills
+        os.posix_fallocate(file.fileno(), 0, size)  # a mapped file without room ends the process
     except OSError as error:
         failure = error.strerror or str(error)
     failures = [text for text in comm.allgather(failure) if text]
@@ -296,20 +297,20 @@ def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
     return np.ndarray((rows, count), buffer=mmap(file.fileno(), size), order="F")
 
 
-#: Largest relative residual of a static solve, in the 2-norm of one random combination of the
-#: columns: a wrong column hides from it with probability zero.
+#: Largest relative residual of a static solve, in the 2-norm of a random combination of the
+#: columns, which detects a wrong column with probability one.
 RESIDUAL_TOLERANCE = 1e-8
 
-#: Largest response to random loads in balance, as stiffness of its diagonal times displacement over
-#: load. Slender parts reach 1e8; a part with a further free motion 1e15 and more.
+#: Largest response to balanced loads: mean diagonal of K times displacement over load. Slender
+#: parts have 1e8; a part with a further free motion 1e15 and more.
 COMPLIANCE_LIMIT = 1e13
 
 
 def supporting_rows(modes: np.ndarray, comm: MPI.Comm) -> np.ndarray:
-    """Global dofs that hold every rigid mode exactly once: pivots of their rows.
+    """Global dofs of a statically determinate support: pivot rows of the rigid modes.
 
-    A statically determinate support: loads in equilibrium cause no reaction
-    there, so holding these dofs changes the response by a rigid motion only.
+    Loads in equilibrium cause no reactions there, so that holding these dofs changes the response
+    by a rigid motion only.
     """
     from scipy import linalg
 
@@ -320,11 +321,11 @@ def supporting_rows(modes: np.ndarray, comm: MPI.Comm) -> np.ndarray:
 class StaticSolver:
     """Applies the elastic flexibility of a part: the ``G`` block of (29).
 
-    The load is made self-equilibrated with the inertia of its rigid
-    acceleration, solved on a determinate support, and the rigid motion removed,
-    which is the saddle-point system (29) without its dense rows. A clamped part
-    has no rigid modes, and the same lines are a plain solve. An iterative solver
-    sees the unsupported, singular matrix instead: point supports slow it down.
+    The load is made self-equilibrated with the inertia of its rigid acceleration, the response is
+    solved for on a determinate support, and its rigid motion is removed. The result is that of the
+    saddle-point system (29) without its dense rows. A clamped part has no rigid modes, and the same
+    lines are a plain solve. An iterative solver uses the singular matrix without a support: point
+    supports slow it down.
 
     Parameters
     ----------
@@ -335,10 +336,10 @@ class StaticSolver:
     options_prefix
         Prefix of the PETSc options of the linear solver.
     mass
-        Products with M, if there are some already.
+        Products with M, to be shared; None: they are set up.
     clamped
-        Global numbers of nodes that are held besides, the same on every rank: the flexibility is
-        then that of ``K_ii`` of (21), and nothing is rigid.
+        Global numbers of nodes that are held in addition, the same on every rank: the flexibility
+        is then that of ``K_ii`` of (21), without rigid modes.
 
     Attributes
     ----------
@@ -369,7 +370,7 @@ class StaticSolver:
         matrix = structure.stiffness.copy()
         direct = is_direct(solver, structure.size)
         rows = structure.stiffness.local_size[0]
-        (first, last) = matrix.getOwnershipRange()
+        first, last = matrix.getOwnershipRange()
         self.rigid_modes = np.zeros((rows, 0))
         held = np.zeros(0, dtype=np.int32)
         if clamped is not None:
@@ -395,7 +396,7 @@ class StaticSolver:
         self._check_compliance()
 
     def equilibrate(self, loads: np.ndarray) -> np.ndarray:
-        """Loads less the inertia of the rigid acceleration they cause, and less those on clamps."""
+        """Loads minus the inertia of the rigid acceleration they cause; zero at clamps."""
         moved = inner(self.rigid_modes, loads, self.structure.comm)
         balanced = loads - combine(self._mass_rigid, moved)
         balanced[self._clamped] = 0.0
@@ -408,7 +409,7 @@ class StaticSolver:
         elastic[self._clamped] = 0.0
         return elastic
 
-    #: Part of the forces that an elastic response answers.
+    #: Part of the forces that causes an elastic response.
     without_reactions = equilibrate
 
     def apply(self, loads: np.ndarray) -> np.ndarray:
@@ -443,7 +444,7 @@ class StaticSolver:
         structure = self.structure
         first = structure.stiffness.getOwnershipRange()[0]
         rows = structure.stiffness.local_size[0]
-        # Two steps of inverse iteration find a motion that costs nothing.
+        # Two steps of inverse iteration find a motion without energy.
         load = np.cos(0.7 * np.arange(first, first + rows) ** 2.0)[:, None]
         for _ in range(2):
             load = self.equilibrate(load)
@@ -477,7 +478,7 @@ def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndar
     """
     if not loads.shape[1]:
         return
-    # Of unit size each, so that small columns count as much as large ones.
+    # Scaled to unit size, so that small columns matter as much as large ones.
     sizes = np.sqrt(structure.comm.allreduce(np.sum(loads**2, axis=0)))
     signs = np.random.default_rng(0).choice([-1.0, 1.0], loads.shape[1])
     weights = signs / np.where(sizes > 0, sizes, 1.0)

@@ -1,8 +1,8 @@
-"""The part as a reduction takes it: K, M, bores and points, whichever program made them.
+"""The part as input of a reduction: K, M, bores and points, from any program.
 
-Boundary points are load vectors, made from whatever describes their mean displacement. Before work
-is spent on a part its matrices are checked. That is cheap: 15 to 35 products with a matrix on one
-rank, twice as many on several, no factorisation.
+Boundary points are load vectors, made from nodes, weights or matrices. The matrices of a part are
+checked before any reduction. The checks are cheap: 15 to 35 products with a matrix on one rank,
+twice as many on several, no factorisation.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.reduction.bore import (
     BORE,
     CYLINDER_TOLERANCE,
@@ -55,7 +56,7 @@ class PointWeights(NamedTuple):
     nodes
         Global node numbers, shape (k,).
     weights
-        Their weights, shape (k,); only the ratios count. One named twice counts twice.
+        Weights of the nodes, shape (k,); only their ratios matter. A repeated node counts twice.
     """
 
     nodes: np.ndarray
@@ -88,8 +89,8 @@ def load_vectors(
         if len(source) != 3:
             raise StructureError(f"{label} has {len(source)} load vectors, not 3")
         for vector in source:
-            own, total = vector.getSizes()
-            owned_range(total, vector.comm.tompi4py(), label, stiffness.local_size[0], own)
+            owned, total = vector.getSizes()
+            owned_range(total, vector.comm.tompi4py(), label, stiffness.local_size[0], owned)
         return tuple(source)
     if not (isinstance(source, str | Path | PETSc.Mat) or hasattr(source, "tocsr")):
         nodes, weights = _weights(source, stiffness.size[0] // 3, label)
@@ -106,7 +107,7 @@ def load_vectors(
 
 
 def _weights(source: Any, count: int, label: str) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of sum one."""
+    """Node numbers, and weights whose sum is one."""
     pair = isinstance(source, tuple) and len(source) == 2
     nodes = np.asarray(source[0] if pair else source)
     if nodes.ndim != 1 or not len(nodes) or nodes.dtype.kind not in "iu":
@@ -136,15 +137,16 @@ class Recovery:
         Global node numbers of the cells this rank owns, shape (cells, 20 or 10),
         in the order of VTK's quadratic hexahedron or tetrahedron.
     stress
-        From displacements, owned rows of shape (owned dofs, n) [m], to the stresses
-        [Pa] in these cells, as a `fenics_ehd.fem.stress.StressField` or anything else with
-        its `shape`, `positions` and `block`; collective. None: they are unknown.
+        Function of displacements, owned rows of shape (owned dofs, n) [m], that returns the
+        stresses [Pa] in these cells, as a `fenics_ehd.fem.stress.StressField` or another class
+        with `shape`, `positions` and `block`; collective. None: stresses are unknown.
     """
 
     cells: np.ndarray
     stress: Callable[[np.ndarray], Any] | None = None
 
 
+@renamed_attributes(reach="largest_coordinate")
 @dataclass(frozen=True, eq=False)
 class Structure:
     """Linear structure ``M x'' + K x = f`` (16) with lubricated bores.
@@ -152,8 +154,8 @@ class Structure:
     Degrees of freedom are ``3 * node + component``; rows are distributed over
     the ranks of `comm` by whole nodes.
 
-    The arguments may come from any finite-element program; the attributes hold what is
-    described first, ready for use.
+    The arguments may come from any finite-element program and in several forms; the attributes have
+    the form that is described first.
 
     Attributes
     ----------
@@ -173,19 +175,19 @@ class Structure:
         displacement are dual. Given as those, as node numbers, or as nodes with weights, see
         `load_vectors`.
     recovery
-        Elements, when displacement fields are to be drawn.
+        Elements, for displacement and stress fields.
     owner
-        Whatever must outlive the matrices; dolfinx frees the communicator they
-        live on together with the mesh.
+        Object that must outlive the matrices: dolfinx frees their communicator together with the
+        mesh.
     comm
-        MPI communicator (mpi4py) of the matrices. Its ranks share out those that come from
-        SciPy or files; PETSc matrices have their own.
+        MPI communicator (mpi4py) of the matrices. Its ranks share matrices from SciPy or files;
+        PETSc matrices have their own communicator.
 
     Raises
     ------
     StructureError
-        Something cannot be read, or cannot belong to the stiffness matrix. What fits but
-        makes no sense `check_structure` finds.
+        An argument cannot be read, or does not fit the stiffness matrix. `check_structure` checks
+        the values.
     """
 
     stiffness: PETSc.Mat
@@ -203,12 +205,12 @@ class Structure:
             comm = self.stiffness.comm.tompi4py()
         stiffness = as_matrix(self.stiffness, comm, "stiffness")
         rows = stiffness.local_size[0]
-        given = {BORE: self.bores} if isinstance(self.bores, Bore) else self.bores
+        bores = {BORE: self.bores} if isinstance(self.bores, Bore) else self.bores
         converted = {
             "stiffness": stiffness,
             "mass": as_matrix(self.mass, comm, "mass", rows=rows),
             "coordinates": _owned_rows(self.coordinates, stiffness),
-            "bores": {name: _converted(name, bore, comm, rows) for name, bore in given.items()},
+            "bores": {name: _converted(name, bore, comm, rows) for name, bore in bores.items()},
             "attachments": {
                 name: load_vectors(source, stiffness, name)
                 for name, source in self.attachments.items()
@@ -233,7 +235,7 @@ class Structure:
         return only(self.bores, "structure")
 
     def every_bore(self) -> list[Bore]:
-        """All bores, of which a part that is loaded by pressure has at least one.
+        """All bores; a part that is loaded by pressure has at least one.
 
         Raises
         ------
@@ -266,7 +268,7 @@ class Structure:
         return assemble(sparse.hstack(blocks, format="csr"), self.comm)
 
     @cached_property
-    def reach(self) -> float:
+    def largest_coordinate(self) -> float:
         """Largest coordinate of any node [m]; collective."""
         return self.comm.allreduce(np.abs(self.coordinates).max(initial=0.0), op=MPI.MAX)
 
@@ -293,24 +295,24 @@ def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
     positions = np.asarray(coordinates, dtype=float)
     first, last = (row // 3 for row in stiffness.getOwnershipRange())
     count = stiffness.size[0] // 3
-    given = len(positions)
+    rows = len(positions)
     problem = None
-    if positions.ndim != 2 or positions.shape[1] != 3 or given not in (last - first, count):
+    if positions.ndim != 2 or positions.shape[1] != 3 or rows not in (last - first, count):
         problem = (
             f"coordinates have shape {positions.shape}, the stiffness matrix is one of {count} "
             f"nodes: give ({count}, 3), or on each rank its own nodes' rows"
         )
     agree(stiffness.comm.tompi4py(), problem)
-    return positions if given == last - first else positions[first:last]
+    return positions if rows == last - first else positions[first:last]
 
 
 # Checks
 
-#: Largest strain energy of a rigid-body mode, relative to that of the same
-#: nodal values taken node by node (the diagonal of K).
+#: Largest strain energy of a rigid-body mode, relative to that of the same nodal values with the
+#: diagonal of K.
 FREE_TOLERANCE = 1e-9
 
-#: Smallest energy of any rigid motion of a clamped part, relative to that node by node.
+#: Smallest energy of any rigid motion of a clamped part, relative to that with the diagonal of K.
 HELD = 1e-12
 
 
@@ -325,15 +327,14 @@ def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
     Returns
     -------
     fields : numpy.ndarray
-        Owned rows (owned dofs, 6), scaled so that the same nodal values, taken node by node,
-        have an energy of one.
+        Owned rows (owned dofs, 6), scaled to unit energy with the diagonal of K.
     free : bool
-        Whether all of them store no energy.
+        Whether none of them stores energy.
 
     Raises
     ------
     StructureError
-        All nodes lie in one place, or on an axis; the part is neither free nor clamped.
+        All nodes lie at one point, or on an axis; the part is neither free nor clamped.
     """
     fields = rigid_fields(structure.coordinates)
     comm = structure.comm
@@ -382,9 +383,9 @@ _MISSED = 1e-2
 #: Largest force of a translation on a node far from supports, relative to the diagonal entry.
 _UNLOADED = 1e-6
 
-#: Mass over the volume of a box around the nodes that no part has: in SI units a frame of thin
-#: bars has 10 kg/m3, in millimetres and tonnes gold has 2e-8; in millimetres and kilograms a solid
-#: block of steel has 8e-6.
+#: Range of mass over the volume of a box around the nodes that no part has: in SI units a frame of
+#: thin bars has 10 kg/m3, in millimetres and tonnes gold has 2e-8; in millimetres and kilograms a
+#: solid block of steel has 8e-6.
 IMPOSSIBLE = (3e-8, 0.1)
 
 #: Largest defect of the mean displacement that a boundary point has under unit translations.
@@ -445,7 +446,7 @@ def check_structure(structure: Structure) -> None:
 
 
 def _require(holds: bool | np.bool_, problem: str) -> None:
-    """Refuse a part of which something does not hold."""
+    """Refuse a part for which a condition does not hold."""
     if not holds:
         raise StructureError(problem)
 
@@ -481,12 +482,12 @@ def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
 
 
 def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
-    """What one random vector works on another it must do the other way round."""
+    """The work of one random vector on another must be symmetric."""
     comm = matrix.comm.tompi4py()
     scale = 1.0 / np.sqrt(matrix.getDiagonal().array)[:, None]
-    given = scale * _random(matrix, 2)
-    product = multiply(matrix, given)
-    work = inner(given, product, comm)
+    vectors = scale * _random(matrix, 2)
+    product = multiply(matrix, vectors)
+    work = inner(vectors, product, comm)
     defect = abs(work[0, 1] - work[1, 0]) / norm(scale * product, comm)
     _require(
         defect <= SYMMETRY_TOLERANCE,
@@ -501,10 +502,10 @@ MINOR_TOLERANCE = 1e-6
 
 
 def _check_minors(stiffness: PETSc.Mat) -> None:
-    """Every pair of degrees of freedom has a stiffness that is not negative.
+    """Every principal minor of two degrees of freedom must be non-negative.
 
-    This costs a pass over the entries. A matrix that passes and still has a negative eigenvalue is
-    found by its factorisation (`fenics_ehd.reduction.static.LinearSolver`).
+    The check is one pass over the entries. The factorisation refuses a matrix that passes and still
+    has a negative eigenvalue (`fenics_ehd.reduction.static.LinearSolver`).
     """
     comm = stiffness.comm.tompi4py()
     roots = np.sqrt(np.concatenate(comm.allgather(stiffness.getDiagonal().array)))
@@ -524,12 +525,12 @@ def _check_minors(stiffness: PETSc.Mat) -> None:
 
 
 def _check_order(structure: Structure) -> None:
-    """Translations load only the nodes at supports, unless the degrees of freedom have no nodes."""
+    """Degrees of freedom must be numbered node by node: then translations load supports alone."""
     stiffness = structure.stiffness
     comm = structure.comm
     limit = _UNLOADED * stiffness.getDiagonal().array
     rows = np.arange(*stiffness.getOwnershipRange())
-    along = np.sqrt([[1.0], [2.0], [3.0]])  # no plane of symmetry has it
+    along = np.sqrt([[1.0], [2.0], [3.0]])  # a direction outside every plane of symmetry
     by_node, by_component = (
         comm.allreduce(int((np.abs(multiply(stiffness, along[order])[:, 0]) <= limit).sum()))
         for order in (rows % 3, rows // (stiffness.size[0] // 3))
@@ -543,7 +544,7 @@ def _check_order(structure: Structure) -> None:
 
 
 def _check_units(structure: Structure) -> None:
-    """Mass and nodes make a density that a part may have; in any units motions are rigid ones."""
+    """Mass over the volume of a box around the nodes must be possible; other checks miss units."""
     comm = structure.comm
     along = rigid_fields(structure.coordinates)[:, :1]
     sides = np.ptp(np.vstack(comm.allgather(structure.coordinates)), axis=0)
@@ -558,10 +559,10 @@ def _check_units(structure: Structure) -> None:
 
 
 def _check_definite(mass: PETSc.Mat) -> None:
-    """No hidden null vector: ``M x = f`` is solved for a random f by conjugate gradients.
+    """M must have no null vector: ``M x = f`` is solved for a random f by conjugate gradients.
 
-    A null vector is a part of f that no iterate removes, and until it does the
-    Ritz values close in on the eigenvalue zero, negative ones too.
+    The component of f along a null vector never vanishes from the residual, and the Ritz values
+    approach the eigenvalue zero, or negative ones.
     """
     x, force = mass.createVecs()
     force.array = np.sqrt(mass.getDiagonal().array) * _random(mass)[:, 0]
@@ -572,8 +573,8 @@ def _check_definite(mass: PETSc.Mat) -> None:
         "ksp_type": "cg",
         "ksp_rtol": _MISSED / np.sqrt(mass.size[0]),
         "ksp_max_it": 300,
-        # Symmetric Gauss-Seidel, included in the price of a product on one rank; on several
-        # PETSc 3.18 has no such arrangement.
+        # Symmetric Gauss-Seidel at the cost of one product on one rank; PETSc 3.18 has no such
+        # variant on several ranks.
         "pc_type": "eisenstat" if mass.getType() == "seqaij" else "sor",
     }
     with configured(ksp, "mass_check_", options):
@@ -595,7 +596,7 @@ def _check_definite(mass: PETSc.Mat) -> None:
 
 
 def _check_attachments(structure: Structure) -> None:
-    """Mean displacements, and no two of them the same."""
+    """Boundary points must be mean displacements, and distinct."""
     translations = rigid_fields(structure.coordinates)[:, :3]
     comm = structure.comm
     units = {}
@@ -628,7 +629,7 @@ def check_surface(bore: BoreSurface, name: str) -> None:
     Raises
     ------
     StructureError
-        Naming the array.
+        The message has the array.
     """
     nodes = len(bore.coordinates)
     pressures = len(bore.pressure_coordinates)
@@ -658,14 +659,14 @@ def check_surface(bore: BoreSurface, name: str) -> None:
         x = getattr(bore, f"{prefix}coordinates")
         cells = getattr(bore, f"{prefix}cells")
         family = getattr(bore, f"{prefix}family")
-        if cells.size or family:  # having none is right
+        if cells.size or family:  # a mesh may be unknown
             surface_element(family, cells, f"{name}.{prefix}cells")
             _require(
                 cells.dtype.kind in "iu" and np.array_equal(np.unique(cells), np.arange(len(x))),
                 f"{name}.{prefix}cells must use each of the {len(x)} nodes",
             )
-        beside = np.abs(np.linalg.norm(x[:, :2], axis=1) - bore.radius)
-        off = np.maximum(beside, np.abs(x[:, 2]) - 0.5 * bore.width)
+        radial = np.abs(np.linalg.norm(x[:, :2], axis=1) - bore.radius)
+        off = np.maximum(radial, np.abs(x[:, 2]) - 0.5 * bore.width)
         _require(
             off.max() <= CYLINDER_TOLERANCE * bore.radius,
             f"{name}.{prefix}coordinates: node {np.argmax(off)} lies {off.max():.1e} m off the "
@@ -673,11 +674,11 @@ def check_surface(bore: BoreSurface, name: str) -> None:
             f"at z = 0, limit {CYLINDER_TOLERANCE:.0e} radii",
         )
         if family:
-            bore_holes(x, cells, family)  # refuses a mesh that lacks a face or two
+            bore_holes(x, cells, family)  # refuses a mesh with missing faces
 
 
 def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
-    """Node numbers of the part, where it has these nodes, and a mean motion of them."""
+    """Node numbers must be those of nodes at these positions; the mean motion is checked too."""
     lowest = bore.nodes.min()
     highest = bore.nodes.max()
     last = structure.size // 3 - 1
@@ -687,21 +688,21 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
     )
     local = bore.nodes - structure.node_range[0]
     mine = np.flatnonzero((local >= 0) & (local < len(structure.coordinates)))
-    there = bore.centre + bore.coordinates[mine]
-    apart = np.linalg.norm(structure.coordinates[local[mine]] - there, axis=1)
+    positions = bore.centre + bore.coordinates[mine]
+    distances = np.linalg.norm(structure.coordinates[local[mine]] - positions, axis=1)
     problem = None
-    if apart.max(initial=0.0) > PLACE_TOLERANCE * bore.radius:
-        worst = int(np.argmax(apart))
+    if distances.max(initial=0.0) > PLACE_TOLERANCE * bore.radius:
+        worst = int(np.argmax(distances))
         problem = (
-            f"{name}.nodes: node {bore.nodes[mine[worst]]} of the part lies {apart[worst]:.1e} m "
-            f"from where {name}.coordinates has it: do the numbers begin at 0?"
+            f"{name}.nodes: node {bore.nodes[mine[worst]]} of the part lies {distances[worst]:.1e} "
+            f"m from where {name}.coordinates has it: do the numbers begin at 0?"
         )
     agree(structure.comm, problem)
     if bore.reference is None:
         return
     moved = rigid_fields(bore.coordinates).reshape(bore.reference.shape)
     motion = np.einsum("ick,icl->kl", bore.reference, moved)
-    # Rotations are small where lengths are, so compare them at the bore's surface.
+    # Rotations are compared by displacements of the bore's surface.
     lever = np.r_[np.ones(3), np.full(3, bore.radius)]
     defect = np.abs(motion * lever[:, None] / lever - np.eye(6)).max()
     _require(
@@ -712,7 +713,7 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
 
 
 def _check_load(structure: Structure, bore: Bore, name: str) -> None:
-    """A uniform pressure sweeps the lateral area when the bore grows, and loads nothing else."""
+    """The work of a uniform pressure on a growing bore must be that of its area, on bore nodes."""
     columns = bore.load.size[1]
     pressures = len(bore.pressure_coordinates)
     _require(
@@ -724,13 +725,13 @@ def _check_load(structure: Structure, bore: Bore, name: str) -> None:
     force = load_columns(bore.load, np.ones((columns, 1))).reshape(-1, 3)
     on_bore = np.isin(np.arange(*structure.node_range), bore.nodes)
     work = np.sum(force[on_bore, :2] * x[on_bore, :2]) / bore.radius
-    there, elsewhere = (
+    largest, elsewhere = (
         comm.allreduce(np.abs(force[rows]).max(initial=0.0), op=MPI.MAX)
         for rows in (on_bore, ~on_bore)
     )
     swept = comm.allreduce(work) / (2 * np.pi * bore.radius * bore.width)
     _require(
-        elsewhere <= ROUND_OFF * there,
+        elsewhere <= ROUND_OFF * largest,
         f"{name}.load has forces on nodes that are not in {name}.nodes",
     )
     _require(
@@ -741,7 +742,7 @@ def _check_load(structure: Structure, bore: Bore, name: str) -> None:
 
 
 def _check_centres(structure: Structure) -> None:
-    """The first bore is at the origin, and every node is of one bore, once."""
+    """The first bore must be at the origin, and every node must belong to one bore."""
     first = structure.every_bore()[0]
     _require(
         np.abs(first.centre).max() <= CYLINDER_TOLERANCE * first.radius,

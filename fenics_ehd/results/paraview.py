@@ -23,9 +23,10 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import claim
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import Body, FlexibleBody
-from fenics_ehd.multibody.history import FilmResult, History
+from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import bore_surface
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
+from fenics_ehd.multibody.recorded_quantities import FilmResult
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.reduction.body import ReducedBody, bore_fields
 from fenics_ehd.reduction.part_files import BasisFile
@@ -102,7 +103,7 @@ def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
     Residual patterns (M4) are not in such a file: they move the bores' nodes only.
     """
     nodes, moved = file.nodes, bore_fields(body)
-    distance, bore = cKDTree(nodes).query(body.places())
+    distance, bore = cKDTree(nodes).query(body.positions())
     if distance.max() > 1e-9 or not len(file.cells) or file.modes != body.modes:
         return None
     basis = np.moveaxis(file.displacement(np.eye(file.modes)), 0, -1)
@@ -195,7 +196,7 @@ def moved_along(
 def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
     """A flexible body by the nodes of its part, with the films' pressure on its bores."""
     body = replay.part(name)
-    distance, nearest = cKDTree(body.places(of_pressures=True)).query(part.nodes)
+    distance, nearest = cKDTree(body.positions(of_pressures=True)).query(part.nodes)
     on_bore = distance < _SAME * min(bore.radius for bore in body.bores.values())
     pressure = np.where(on_bore, replay.bore_pressure(name)[:, nearest], 0.0)
     states = zip(*replay.elastic(name), strict=True)

@@ -44,10 +44,10 @@ from fenics_ehd.reduction.mesh_error import (
     MOST_REFINED,
     ORDER,
     SMOOTH,
-    Answers,
+    SmoothResponses,
     compliance_errors,
     excess,
-    smooth_answers,
+    smooth_responses,
 )
 from fenics_ehd.reduction.reductor import Reductor, rigid
 from fenics_ehd.reduction.residual_completion import basis_of, residual_flexibility
@@ -353,8 +353,8 @@ class ElasticPart:
             moved /= settings.material.youngs_modulus
         else:
             other = self._other_mesh(part, with_counts(settings, "body"))
-            there = smooth_answers(StaticSolver(other, solver=settings.reduction.solver))
-            errors, moved = missed(part, smooth_answers(reductor.static), other, there)
+            there = smooth_responses(StaticSolver(other, solver=settings.reduction.solver))
+            errors, moved = missed(part, smooth_responses(reductor.static), other, there)
             error = max(errors.values())
         accuracy = {**body.accuracy, "flexibility_mesh_error": error}
         return replace(body, mesh_flexibility=moved, accuracy=accuracy)
@@ -374,7 +374,7 @@ class ElasticPart:
 
 
 def missed(
-    part: Structure, own: Answers, other: Structure, there: Answers
+    part: Structure, own: SmoothResponses, other: Structure, there: SmoothResponses
 ) -> tuple[dict[str, float], np.ndarray]:
     """Errors of a part's mesh by another mesh of the same part; collective.
 

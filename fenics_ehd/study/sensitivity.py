@@ -1,4 +1,4 @@
-"""Derivatives of what a scene answers along its numbers."""
+"""Derivatives of extremes and means of a scene along its parameters."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from time import process_time
 
 import numpy as np
 
-from fenics_ehd.analysis.replay import Course, recorded
+from fenics_ehd.analysis.replay import Trajectory, recorded
 from fenics_ehd.analysis.sensitivity import (
-    Figure,
-    Number,
+    Objective,
+    Parameter,
     check_periods,
+    columns_of,
     derivatives,
-    figure_of,
-    look,
+    objective_of,
     settled,
 )
 from fenics_ehd.base.errors import EhdError, SensitivityError, SettingsError
@@ -41,17 +41,21 @@ COMPONENTS = ("x", "y")
 
 
 @dataclass(frozen=True)
-class Along:
-    """A number of a scene.
+class ParameterPath:
+    """A number of a scene, by its key.
 
     Attributes
     ----------
     key
-        Full key, of a component of a pair with ``.x`` or ``.y`` behind.
-    value, scale
-        And what changes of it are shares of.
-    setting, component
-        The setting's own key, and which of its numbers it is, None for the only one.
+        Full key; of a component of a pair it ends with ``.x`` or ``.y``.
+    value
+        In the scene.
+    scale
+        Changes are shares of this number, in the unit of the value.
+    setting
+        Key of the setting, without a component.
+    component
+        Index of the component of a pair; None: the setting is one number.
     unit
         Empty of a ratio.
     """
@@ -65,7 +69,7 @@ class Along:
 
     @property
     def relative(self) -> bool:
-        """True where a share of it means something: zero is not a matter of a scale, as 0 C is."""
+        """True if a share of the value has a meaning: the zero of its unit is no convention (C)."""
         return self.unit not in SCALES
 
     def change(self, scene: Scene, share: float) -> Scene:
@@ -80,44 +84,47 @@ class Along:
 
 @dataclass(frozen=True, eq=False)
 class SceneSensitivity:
-    """Derivatives of a scene's figures.
+    """Derivatives of objectives of a scene.
 
     Attributes
     ----------
-    figures, values
-        What was asked for, and its value.
-    numbers
-        Along which.
-    derivatives, finer
-        By figure and key, on the films as they are and on finer ones; where there are none, the
-        latter has nothing.
+    objectives
+        Extremes and means that were differentiated.
+    values
+        Of the objectives in the run.
+    parameters
+        Numbers of the scene to differentiate along.
+    derivatives
+        By objective and key, on the films as they are.
+    finer
+        The same on finer films; those that do not exist are missing.
     reduced
         Keys along which a body was reduced anew.
     seconds
         Processor time of the run and of the derivatives [s].
-    course
+    trajectory
         Of the scene's run, or its last cycle.
     """
 
-    figures: Sequence[Figure]
-    values: Mapping[Figure, float]
-    numbers: Sequence[Along]
-    derivatives: Mapping[tuple[Figure, str], float]
-    finer: Mapping[tuple[Figure, str], float]
+    objectives: Sequence[Objective]
+    values: Mapping[Objective, float]
+    parameters: Sequence[ParameterPath]
+    derivatives: Mapping[tuple[Objective, str], float]
+    finer: Mapping[tuple[Objective, str], float]
     reduced: Sequence[str]
     seconds: Mapping[str, float]
-    course: Course
+    trajectory: Trajectory
 
-    def elasticity(self, figure: Figure, number: Along) -> float | None:
-        """``d ln q / d ln p``; None where one of them is 0, or the number a temperature."""
-        value = self.values[figure]
-        if not value or not number.value or not number.relative:
+    def elasticity(self, objective: Objective, parameter: ParameterPath) -> float | None:
+        """``d ln q / d ln p``; None if one of them is 0, or the parameter a temperature."""
+        value = self.values[objective]
+        if not value or not parameter.value or not parameter.relative:
             return None
-        return self.derivatives[figure, number.key] * number.value / value
+        return self.derivatives[objective, parameter.key] * parameter.value / value
 
 
-def number_of(scene: Scene, name: str) -> Along:
-    """The number of a key, which may be given by its end.
+def parameter_path(scene: Scene, name: str) -> ParameterPath:
+    """Number of a scene by its key, or the end of its key.
 
     Raises
     ------
@@ -138,7 +145,7 @@ def number_of(scene: Scene, name: str) -> Along:
     value = scene_values(scene)[0][key]
     if key.partition(".")[0] in ("time", "output"):
         raise SensitivityError(
-            f"{key} says how the scene is run, not what it is of: ask along numbers of bodies, "
+            f"{key} is a setting of the run, not of the machine: ask along numbers of bodies, "
             "joints, drives, forces or lubricants"
         )
     pair = isinstance(value, tuple | list) and len(value) == len(COMPONENTS)
@@ -148,28 +155,28 @@ def number_of(scene: Scene, name: str) -> Along:
         raise SensitivityError(f"{key} = {numbers} is a pair: ask along {key}.x or {key}.y")
     if not small or pair != (component is not None):
         raise SensitivityError(
-            f"{key} = {value!r} is no number that changes a little: there is no derivative along it"
+            f"{key} = {value!r} is not a continuous parameter: no derivative exists along it"
         )
     scale = float(np.linalg.norm(numbers))
     unit = _unit(scene, key)
     if not scale or (unit in SCALES and value == NO_TEMPERATURE):
         raise SensitivityError(
-            f"{key} = {value!r} stands for what is off or not given, and says no size of a "
-            "small change: give it another value"
+            f"{key} = {value!r} means that the setting is off or not given, and has no size that a "
+            "small change could be a share of: give it another value"
         )
     full = key if component is None else f"{key}.{last}"
-    return Along(full, numbers[component or 0], scale, key, component, unit)
+    return ParameterPath(full, numbers[component or 0], scale, key, component, unit)
 
 
 def _unit(scene: Scene, key: str) -> str:
     """Unit of a setting, or of all in its table; empty of a ratio."""
-    told = {name: field.metadata.get("help", "") for name, field, _ in walk(scene)}
-    return unit_of(told.get(key) or told.get(key.rpartition(".")[0], ""))
+    helps = {name: field.metadata.get("help", "") for name, field, _ in walk(scene)}
+    return unit_of(helps.get(key) or helps.get(key.rpartition(".")[0], ""))
 
 
-def reduced_anew(scene: Scene, number: Along) -> str:
-    """The elastic body that a number changes the reduction of; none: empty."""
-    table, _, rest = number.setting.partition(".")
+def reduced_anew(scene: Scene, parameter: ParameterPath) -> str:
+    """Elastic body whose reduction depends on a parameter; empty: there is none."""
+    table, _, rest = parameter.setting.partition(".")
     name, _, setting = rest.partition(".")
     if table != "bodies" or setting in MOVING:
         return ""
@@ -185,67 +192,70 @@ def scene_sensitivity(
     bodies: Mapping[str, ReducedBody] | None = None,
     finer: bool = False,
 ) -> SceneSensitivity:
-    """Run a scene, and find derivatives of its figures; serial.
+    """Run a scene, and compute derivatives of its objectives; serial.
 
     Parameters
     ----------
     scene
         As read.
     of
-        Figures: ``big_end.min_film_thickness``.
+        Objectives: ``big_end.min_film_thickness``.
     to
-        Keys.
+        Keys of parameters.
     bodies
-        Reduced bodies of the scene that are there already.
+        Reduced bodies of the scene that exist already.
     finer
-        Whether they are found on finer films, too.
+        Whether derivatives are computed on finer films, too.
 
     Raises
     ------
     SettingsError, SensitivityError
-        Of keys, before anything is reduced; of figures, after the first step.
+        Of keys, before anything is reduced; of objectives, after the first step.
     SolverError
         From runs and derivatives.
     """
-    asked = [number_of(scene, name) for name in dict.fromkeys(to)]
+    paths = [parameter_path(scene, name) for name in dict.fromkeys(to)]
     clock = process_time()
     built = build(scene, bodies=bodies)
     run = Run(built.mechanism, built.steps, scene.span)
+    columns = columns_of(next(run.until(scene.span)))
+    objectives = [objective_of(name, columns) for name in dict.fromkeys(of)]
+    parameters = [mechanism_parameter(scene, path, built.bodies) for path in paths]
     time = scene.time
-    columns = look(next(run.until(scene.span)))
-    figures = [figure_of(name, columns) for name in dict.fromkeys(of)]
-    numbers = [mechanism_number(scene, along, built.bodies) for along in asked]
-    period = scene.span if scene.time.periodic else None
-    check_periods(built.mechanism, period, [number for number in numbers if number.alike])
+    period = scene.span if time.periodic else None
+    check_periods(built.mechanism, period, [each for each in parameters if each.same_coordinates])
     run = Run(built.mechanism, built.steps, scene.span)
     cycles = (
         PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
     )
-    course = settled(recorded(run, scene.span, cycles, look))
+    trajectory = settled(recorded(run, scene.span, cycles, columns_of))
     seconds = {"run": process_time() - clock}
     clock = process_time()
-    slopes: dict[tuple[Figure, str], float] = {}
-    fine: dict[tuple[Figure, str], float] = {}
-    for number in numbers:
-        own = derivatives(course, number, figures)
-        slopes |= {(figure, number.name): slope for figure, slope in own.items()}
+    slopes: dict[tuple[Objective, str], float] = {}
+    fine: dict[tuple[Objective, str], float] = {}
+    for parameter in parameters:
+        name = parameter.name
+        computed = derivatives(trajectory, parameter, objectives)
+        slopes |= {(objective, name): slope for objective, slope in computed.items()}
         if finer:
             with suppress(EhdError):  # there is no finer film, or no cycle on it
-                own = derivatives(course, number, figures, finer=True)
-                fine |= {(figure, number.name): slope for figure, slope in own.items()}
+                computed = derivatives(trajectory, parameter, objectives, finer=True)
+                fine |= {(objective, name): slope for objective, slope in computed.items()}
     seconds["derivatives"] = process_time() - clock
-    values = {figure: figure.value(course) for figure in figures}
-    reduced = [number.name for number in numbers if not number.alike]
-    return SceneSensitivity(figures, values, asked, slopes, fine, reduced, seconds, course)
+    values = {objective: objective.value(trajectory) for objective in objectives}
+    reduced = [each.name for each in parameters if not each.same_coordinates]
+    return SceneSensitivity(objectives, values, paths, slopes, fine, reduced, seconds, trajectory)
 
 
-def mechanism_number(scene: Scene, along: Along, parts: Mapping[str, ReducedBody]) -> Number:
-    """Maker of the scene's mechanism with a number changed, of bodies that it leaves alone."""
-    touched = reduced_anew(scene, along)
+def mechanism_parameter(
+    scene: Scene, path: ParameterPath, parts: Mapping[str, ReducedBody]
+) -> Parameter:
+    """Parameter of the scene's mechanism; bodies that do not depend on it are reused."""
+    touched = reduced_anew(scene, path)
     kept = {name: body for name, body in parts.items() if name != touched}
 
     def make(share: float) -> tuple[Mechanism, float]:
-        there = along.change(scene, share)
-        return build(there, bodies=kept).mechanism, there.span / scene.span
+        other = path.change(scene, share)
+        return build(other, bodies=kept).mechanism, other.span / scene.span
 
-    return Number(along.key, along.scale, make, not touched)
+    return Parameter(path.key, path.scale, make, not touched)
