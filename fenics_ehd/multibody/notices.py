@@ -127,7 +127,7 @@ SPIKE = 5.0
 
 #: Number of decreasing swings after the peak of a ringing start. A rod without damping that begins
 #: with the velocities of a rigid one swings from 73 MPa by 47, 30, 26 and 15 MPa (`slider-crank`,
-#: whose peak without ringing is 47 MPa). With its damping, and in all shipped scenes, there is none.
+#: whose peak without ringing is 47 MPa); with its damping, and in shipped scenes, none follows.
 SWINGS = 4
 
 #: Smallest swing that counts, as a share of the peak.
@@ -228,8 +228,8 @@ def unusual_peaks(name: str, pressures: np.ndarray, *, may_ring: bool) -> list[s
     if ratio > SPIKE:
         return [
             f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times the "
-            "pressures of the steps around it: lower time.tolerance, and check loads and shapes for "
-            "jumps at this time"
+            "pressures of the steps around it: lower time.tolerance, and check loads and shapes "
+            "for jumps at this time"
         ]
     if may_ring and rings(pressures):
         return [
