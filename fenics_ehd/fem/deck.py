@@ -339,7 +339,7 @@ def _text(path: Path, opened: list[Path]) -> str:
     return _ROWS_ELSEWHERE.sub(lambda line: f"{line[1]}{line[3]}\n{included(line[2])}", text)
 
 
-#: Keywords that stand for a file.
+#: Keywords that include a file.
 _INCLUDE = re.compile(r"^\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,\n]+).*$", re.IGNORECASE | re.MULTILINE)
 
 #: Keywords whose rows are in a file.

@@ -179,12 +179,12 @@ def inside_out(solid: Solid) -> np.ndarray:
 
 
 def require_sound_cells(solid: Solid, path: str | Path) -> None:
-    """Refuse what is no solid; Gmsh and dolfinx die of faces of more than two cells.
+    """Refuse cells that are no solid: Gmsh and dolfinx crash on faces of more than two cells.
 
     Raises
     ------
     MeshError
-        Cells are there twice, overlap or are turned inside out; it says how many.
+        Cells are repeated, overlap or are turned inside out; the message has their number.
     """
     corners = solid.corners
     count = len(corners)
@@ -284,13 +284,13 @@ def _children(kind: str) -> list[np.ndarray]:
 def _labelled(
     made: Solid, former: int, facets: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Facets and their labels, told by the nodes of the former mesh at their corners."""
+    """Facets and their labels, from the nodes of the former mesh at their corners."""
     count = facets.shape[1] // 2
     known = {}
     for nodes, label in zip(facets.tolist(), labels.tolist(), strict=True):
         for side in range(count):
-            beside = (nodes[count + side], nodes[count + (side - 1) % count])
-            known[frozenset((nodes[side], *beside))] = label
+            middles = (nodes[count + side], nodes[count + (side - 1) % count])
+            known[frozenset((nodes[side], *middles))] = label
         known[frozenset(nodes[count:])] = label
     found = made.facets()
     corners = found[:, :count].tolist()

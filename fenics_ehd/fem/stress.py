@@ -267,8 +267,8 @@ def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     mean = stress[:, :3].mean(axis=1)
     equivalent = von_mises(np.moveaxis(stress, 1, 2))
-    # With von Mises stress q and mean stress m it lies from m + q / 3 to m + 2 q / 3, so that few
-    # instants can have it; of the others the bound below stands for it.
+    # With von Mises stress q and mean stress m it is between m + q / 3 and m + 2 q / 3: only
+    # instants whose upper bound reaches the largest lower bound are evaluated.
     values = mean + equivalent / 3
     possible = mean + 2 * equivalent / 3 >= values.max(axis=1)[:, None]
     tensors = np.moveaxis(stress, 1, 2)[possible][:, _TENSOR]

@@ -146,7 +146,7 @@ def build_mesh(
         Surfaces on cylinders along z: mid-side nodes there, of a model those of tetrahedra,
         are put on the cylinder, half way in angle and height.
     size
-        Of a model's cells over what it says, where they are not counted.
+        Size of a model's cells over that in the model, if cells are not counted.
 
     Returns
     -------

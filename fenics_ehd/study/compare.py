@@ -5,10 +5,10 @@ extreme moves from one place to the next, that no interpolation meets. The other
 more steps, is interpolated point by point before its extremes are taken. Of periodic runs the
 last cycles are compared as functions of the time in the cycle.
 
-Bodies come first, then the runs, the reference before the others. ``study.json`` tells what was
-studied, with which programs, on which machine; ``errors-AGAINST.npz`` beside a run how its errors
-change over time, ``reference.json`` how good the run is that all are measured against;
-``table.csv`` has a row for every run, joint, group.
+Bodies come first, then the runs, the reference before the others. ``study.json`` has the settings,
+versions and machine of the study; ``errors-AGAINST.npz`` in the folder of a run its errors over
+time; ``reference.json`` the errors of the reference itself; ``table.csv`` a row for every run,
+joint and group.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def _mean(times: np.ndarray, values: np.ndarray) -> float:
 
 
 def errors_path(directory: Path, against: str) -> Path:
-    """File beside a run's history with its errors relative to another run."""
+    """File with the errors of a run relative to another one, in the folder of the run."""
     return directory / f"errors-{against}.npz"
 
 
@@ -177,7 +177,7 @@ def read_errors(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path}: not the errors of a run ({error})") from None
 
 
-#: What makes a folder a study, and what study and report leave there beside reduced bodies.
+#: Files of a study and its report, besides reduced bodies; the first one identifies the folder.
 STUDY = "study.json"
 MADE = (STUDY, "table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/")
 
@@ -441,9 +441,9 @@ def describe_study(study: Study) -> dict[str, object]:
 def machine() -> dict[str, object]:
     """Processor, cores that this process may use, memory [GB] and operating system."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    told = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     return {
-        "cpu": told[1] if told else platform.machine(),
+        "cpu": model[1] if model else platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_GB": round(memory, 1),
         "os": platform.platform(),

@@ -20,7 +20,7 @@ from fenics_ehd.scenes.scene import Scene, as_stored, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS
 from fenics_ehd.study.cases import Case, make_case, with_values
 
-#: Stands for the cells of every film, as many times the scene's own in both directions.
+#: Key of the cells of every film: a factor on the scene's cells in both directions.
 FILM = "film"
 
 

@@ -1,7 +1,7 @@
 """Parameter sweeps: one scene over the product of given values.
 
 ``sweep.csv`` has a row for every case that ended, in the order of the product, and is written again
-whenever one ends. ``sweep.json`` beside it says which sweep they belong to. Complete cases are not
+whenever one ends. ``sweep.json`` has the scene and the values of the sweep. Complete cases are not
 run again.
 """
 
@@ -146,7 +146,7 @@ FIGURES = (
 )
 
 
-#: What a sweep leaves beside reduced bodies, which are named by what they are and stay.
+#: Files of a sweep besides reduced bodies, which are named by their content and stay.
 OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
@@ -167,7 +167,7 @@ class SweepFolder(RunsFolder):
     resume
         Insist on rows of a former attempt.
     overwrite
-        Begin anew, whatever the folder holds.
+        Begin anew, and replace the files of a former sweep.
 
     Raises
     ------

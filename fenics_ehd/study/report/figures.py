@@ -1,8 +1,8 @@
 """Figures of a study's report: errors against cost, tolerance, film mesh, over time; the bores.
 
-One look for all: a colour and a marker for each method. Yellow, red and blue of Paul Tol's
-high-contrast scheme beside black stay apart for colour-blind readers and printed in grey; what a
-colour does not say, markers and lines do. No error is drawn below the reference's own, a grey band.
+Every method has a colour and a marker. Black and the yellow, red and blue of Paul Tol's
+high-contrast scheme are distinct for colour-blind readers and printed in grey; markers and lines
+distinguish the rest. Errors below that of the reference, a grey band, are not drawn.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
 #: Of M3, by pressure set; how a marker is filled tells the selection.
 PRESSURE_MARKERS = {"pc1": "p", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
 
-#: An error of which only a bound is known, and what the legend says.
+#: Marker of an error of which only a bound is known.
 BOUND = "v"
+
+#: Label of such an error in the legend.
 BOUND_LABEL = "at most this, where the reference cannot tell"
 FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
 
@@ -356,15 +358,15 @@ def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
     def draw(axes: Axes, _: object, joint: JointData, curve: Curve) -> None:
         floor = joint.own_error("step", curve)
         series = tolerance_series(joint, curve)
-        told = ["slopes"]
+        slopes = ["slopes"]
         percent_axes(axes, "time.tolerance", f"largest step error of {curve.title} [%]")
         for label, (row, points) in series.items():
             exponent = slope(points, floor)
-            told += [f"{family(row)}: {exponent:.2f}"] if math.isfinite(exponent) else []
+            slopes += [f"{family(row)}: {exponent:.2f}"] if math.isfinite(exponent) else []
             axes.plot(*(np.array(points) * [1, 100]).T, label=label, **line_style(row))
         _draw_guide(axes, *min(series.values(), key=lambda item: item[1][-1][1]))
         draw_floor(axes, 100 * floor)
-        axes.text(0.03, 0.97, "\n".join(told), transform=axes.transAxes, va="top", fontsize=8.5)
+        axes.text(0.03, 0.97, "\n".join(slopes), transform=axes.transAxes, va="top", fontsize=8.5)
 
     return joint_figure({joint: tolerance_series(joint, FILM) for joint in joints}, 4.2, draw)
 
@@ -455,8 +457,8 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
         for joint in joints
     }
     # A rigid bore's joint has no estimate.
-    told = {joint: own for joint, own in rows.items() if own}
-    return joint_figure(told, 4.9, draw, (FILM,))
+    estimated = {joint: members for joint, members in rows.items() if members}
+    return joint_figure(estimated, 4.9, draw, (FILM,))
 
 
 #: Curves of one method from few modes to many.

@@ -141,7 +141,7 @@ class JointData:
     name: str
 
     def planned(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Runs of some groups with these values, whatever came of them."""
+        """Runs of some groups with these values, complete or not."""
         return [
             row
             for row in self.study.rows
