@@ -37,7 +37,7 @@ from paper_statement import (
 from scipy import stats
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.history import JointResult
+from fenics_ehd.multibody.recorded_quantities import JointResult
 from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
     JointData,

@@ -200,7 +200,7 @@ def own_run(machine: ehd.Machine, periodicity: float = 1e-3) -> dict[str, float]
     last = [row for number, row in samples if number == samples[-1][0]]
     figures = RunSummary(tracker).entries()
     found = {key: figures[key] for key in ("steps", "newton_iterations")}
-    for joint, values in replace(tracker.history(), told=figures).figures.items():
+    for joint, values in replace(tracker.history(), entries=figures).figures.items():
         peaks = [row[f"joints/{joint}/max_pressure"] for row in last]
         films = [row[f"joints/{joint}/min_film_thickness"] for row in last]
         found[f"{joint}.max_pressure_Pa"] = max(peaks)

@@ -8,7 +8,7 @@ import numpy as np
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
-from fenics_ehd.multibody.history import JointResult
+from fenics_ehd.multibody.recorded_quantities import JointResult
 
 CRANK, ROD, SPEED = 0.048, 0.16, 500.0
 REVOLUTION = 2 * np.pi / SPEED

@@ -208,7 +208,7 @@ def test_instants_are_those_of_the_cycle_that_the_figures_are_of():
     def first(start, skipped=0):
         summary = {"cycle_used": "last of 1", "cycle_start_s": start, "cycle_end_s": 5.0}
         values = {"time": Quantity(time[skipped:], "s")}
-        return ehd.History(values, told=summary).last_cycle().values["time"][0]
+        return ehd.History(values, entries=summary).last_cycle().values["time"][0]
 
     assert first(1.0) == pytest.approx(1.0)
     assert first(1.1) == pytest.approx(1.2)

@@ -1,12 +1,12 @@
-"""The history of a run: what its accepted steps left, in memory and on the disk the same.
+"""The history of a run: arrays over its accepted steps, the same in memory and on disk.
 
-Everything that a run records is an array over its steps, by path: ``time``, ``run/QUANTITY``,
+Every recorded quantity is an array over the steps, by path: ``time``, ``run/QUANTITY``,
 ``bodies/NAME/QUANTITY``, ``joints/NAME/QUANTITY``, ``joints/NAME/film/FIELD`` and ``state/FIELD``.
-Meshes of films, ``joints/NAME/film/angle``, ``height`` and ``cells``, do not change. A column is
-what ``history.csv`` has: of a joint, a body or the run, one number a step, its name with its unit.
+Meshes of films, ``joints/NAME/film/angle``, ``height`` and ``cells``, do not change. A column of
+``history.csv`` is a quantity of a joint, a body or the run with one number a step; its name ends
+with its unit.
 
-A cycle that repeats itself has a row at its start, too: as it ends, a period and whole turns
-before.
+A periodic cycle has a row at its start, too: the state at its end, less a period and whole turns.
 """
 
 from __future__ import annotations
@@ -38,9 +38,16 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.layout import Group, Value, attribute, read_declared
-from fenics_ehd.base.renamed import joint_of_bare_name
+from fenics_ehd.base.renamed import joint_of_bare_name, renamed_arguments, renamed_attributes
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
 from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.recorded_quantities import (
+    FAMILIES,
+    BodyResult,
+    FilmResult,
+    JointResult,
+    Quantities,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -51,149 +58,16 @@ if TYPE_CHECKING:
 TURN_ROUNDING = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Quantities(Mapping[str, Quantity]):
-    """Quantities over the steps of a run, each of shape (steps,), by name or as attributes.
-
-    Parameters
-    ----------
-    quantities
-        By name, ``max_pressure``.
-    """
-
-    quantities: Mapping[str, Quantity]
-
-    def __getitem__(self, name: str) -> Quantity:
-        return self.quantities[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.quantities)
-
-    def __len__(self) -> int:
-        return len(self.quantities)
-
-    def __getattr__(self, name: str) -> Quantity:
-        found = self.__dict__.get("quantities", {})
-        if name not in found:
-            raise AttributeError(f"no {name!r} here, only {', '.join(found) or 'nothing'}")
-        return found[name]
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self.quantities]
-
-    @property
-    def columns(self) -> dict[str, np.ndarray]:
-        """Plain arrays by names with units, ``max_pressure_Pa``."""
-        return {with_unit(name, v.units): np.asarray(v) for name, v in self.items()}
-
-    def _pair(self, name: str) -> Quantity:
-        """Components along x and y, shape (steps, 2)."""
-        x, y = self[f"{name}_x"], self[f"{name}_y"]
-        return Quantity(np.column_stack([x, y]), x.units)
-
-
-#: Families of cells by their number of nodes.
-FAMILIES = {4: "bilinear", 8: "serendipity", 9: "lagrange"}
-
-
-@dataclass(frozen=True, eq=False)
-class FilmResult:
-    """The film of a joint at its own nodes.
-
-    Attributes
-    ----------
-    angle, height
-        Of the nodes on the bore, in its frame, shape (nodes,) [rad], [m].
-    cells
-        Nodes of every cell: its corners (at the first angle and height, at the second angle, at
-        the second height, at both), then edges and centre where `family` has them, shape (c, v).
-    radius, clearance
-        Of the bore [m].
-    pressure, gap
-        shape (steps, nodes) [Pa], [m].
-    fluid_fraction
-        Likewise where oil is conserved, else None.
-    """
-
-    angle: Quantity
-    height: Quantity
-    cells: np.ndarray
-    radius: float
-    clearance: float
-    pressure: Quantity
-    gap: Quantity
-    fluid_fraction: Quantity | None = None
-
-    @property
-    def family(self) -> str:
-        """``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node)."""
-        return FAMILIES[self.cells.shape[1]]
-
-
-@dataclass(frozen=True, eq=False)
-class JointResult(Quantities):
-    """A lubricated joint over the steps of a run.
-
-    It has ``max_pressure``, ``min_film_thickness``, ``max_pressure_angle``, and what its models
-    add: ``friction_torque``.
-
-    Attributes
-    ----------
-    nodal
-        Its film, None where it was not read.
-    """
-
-    nodal: FilmResult | None = None
-
-    @property
-    def film(self) -> FilmResult:
-        """Pressure and gap at every node of the film.
-
-        Raises
-        ------
-        InputError
-            They were not read.
-        """
-        if self.nodal is None:
-            raise InputError("the films were not read: load_history(DIR, films=True)")
-        return self.nodal
-
-    @property
-    def eccentricity(self) -> Quantity:
-        """Eccentricity in the undeformed bore's frame, shape (steps, 2) [m]."""
-        return self._pair("eccentricity")
-
-    @property
-    def force(self) -> Quantity:
-        """Force of the film on the journal in the frame at rest, shape (steps, 2) [N]."""
-        return self._pair("force")
-
-
-@dataclass(frozen=True, eq=False)
-class BodyResult(Quantities):
-    """A body over the steps of a run.
-
-    It has ``x``, ``y`` and ``angle`` of its frame and ``speed``, its angular one, as far as it can
-    move that way.
-
-    Attributes
-    ----------
-    coordinates, rates
-        Of the frame, then of the elastic modes, shape (steps, n).
-    """
-
-    coordinates: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    rates: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-
-
 #: Names and version of the files, and of the layout of ``history.h5``.
-FIELDS_NAME, CSV_NAME = "history.h5", "history.csv"
-FORMAT, FORMAT_VERSION = "fenics_ehd history", 4
+FIELDS_NAME = "history.h5"
+CSV_NAME = "history.csv"
+FORMAT = "fenics_ehd history"
+FORMAT_VERSION = 4
 
 #: Former versions of the layout that are read: 3, of 0.3, has no group `CYCLE`.
 READ_VERSIONS = (3,)
 
-#: Group of the file with what a run goes on from that is not in its rows.
+#: Group of the file with the state for a restart, which is not in the rows.
 RESUME = "resume"
 
 #: Group of the file with the last complete cycle.
@@ -342,31 +216,33 @@ def is_column(path: str) -> bool:
     return path.startswith(COLUMNS) and not of_film(path)
 
 
+@renamed_attributes(told="entries")
+@renamed_arguments(told="entries")
 @dataclass(frozen=True, eq=False)
 class History:
-    """A run.
+    """Quantities of a run over its steps, with its summary and scene.
 
     Attributes
     ----------
     values
         Arrays by path, their first axis the step.
     coordinate_names, coordinate_units
-        Of the mechanism's coordinates: ``bodies/rod/x``, ``bodies/rod/mode_1``.
-    told
-        As in ``summary.json``; nothing of a run that goes on or was killed.
+        Names and units of the mechanism's coordinates: ``bodies/rod/x``, ``bodies/rod/mode_1``.
+    entries
+        Entries of ``summary.json``; empty of a run that is in progress or was killed.
     scene
-        Tables of the scene file as the run read it; nothing of a mechanism made in Python.
+        Tables of the scene file as the run read it; empty of a mechanism made in Python.
     stored_cycle
         The last complete cycle as the run decided it, None if nothing was stored, see `cycle`.
     solved
-        What `simulate` leaves for `replay`, `error_budget`, `multiplier` and `sensitivity`, see
-        `fenics_ehd.multibody.recorder.Recorder`; None of a run that was read.
+        Recorder of the run from `simulate`, for `replay`, `error_budget`, `multiplier` and
+        `sensitivity`; None of a run that was read.
     """
 
     values: Mapping[str, Quantity]
     coordinate_names: tuple[str, ...] = ()
     coordinate_units: tuple[str, ...] = ()
-    told: Mapping[str, Any] = field(default_factory=dict)
+    entries: Mapping[str, Any] = field(default_factory=dict)
     scene: Mapping[str, Any] = field(default_factory=dict)
     stored_cycle: Cycle | None = None
     solved: Any = None
@@ -377,12 +253,12 @@ class History:
 
     @cached_property
     def _paths(self) -> dict[str, str]:
-        """Paths of what has one number a step, by name: ``big_end.max_pressure``."""
+        """Paths of the columns by name: ``big_end.max_pressure``."""
         return {column_name(path): path for path in self.values if is_column(path)}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of what has one number a step: ``big_end.max_pressure``, ``rod.angle``."""
+        """Names of the columns without units: ``big_end.max_pressure``, ``rod.angle``."""
         return tuple(self._paths)
 
     def __getitem__(self, name: str) -> Quantity:
@@ -397,9 +273,13 @@ class History:
         return self[name].units
 
     def _group(self, path: str) -> dict[str, Quantity]:
-        """Quantities in a group itself, by name."""
-        pairs = [(own.rpartition("/"), v) for own, v in self.values.items()]
-        return {name: v for (group, _, name), v in pairs if group == path}
+        """Quantities directly in a group, by name."""
+        quantities = {}
+        for full_path, quantity in self.values.items():
+            group, _, name = full_path.rpartition("/")
+            if group == path:
+                quantities[name] = quantity
+        return quantities
 
     @staticmethod
     def _owners(kind: str, paths: Iterable[str]) -> list[str]:
@@ -409,7 +289,7 @@ class History:
 
     @cached_property
     def run(self) -> Quantities:
-        """Energies, works, steps: what is of no body or joint."""
+        """Quantities of no body or joint: energies, works, step sizes."""
         return Quantities({"time": self.values["time"]} | self._group("run"))
 
     @cached_property
@@ -429,14 +309,15 @@ class History:
 
     @cached_property
     def bodies(self) -> dict[str, BodyResult]:
-        """By name, those that can move."""
+        """Bodies that can move, by name."""
         owners = np.array([name.rpartition("/")[0] for name in self.coordinate_names])
-        found = {}
+        bodies = {}
         for name in self._owners("bodies", [*self.values, *self.coordinate_names]):
-            own = owners == f"bodies/{name}"
-            parts = self.coordinates[:, own], self.rates[:, own]
-            found[name] = BodyResult(self._group(f"bodies/{name}"), *parts)
-        return found
+            of_body = owners == f"bodies/{name}"
+            bodies[name] = BodyResult(
+                self._group(f"bodies/{name}"), self.coordinates[:, of_body], self.rates[:, of_body]
+            )
+        return bodies
 
     @property
     def time(self) -> Quantity:
@@ -452,7 +333,7 @@ class History:
 
     @property
     def rates(self) -> np.ndarray:
-        """Theirs, shape (steps, n)."""
+        """Rates of the coordinates, shape (steps, n)."""
         return np.asarray(self.values["state/rates"])
 
     @property
@@ -462,28 +343,32 @@ class History:
 
     @property
     def pressures(self) -> dict[str, np.ndarray]:
-        """At the nodes of every film that was read, by joint, shape (steps, nodes) [Pa]."""
+        """Nodal pressures of every film that was read, by joint, shape (steps, nodes) [Pa]."""
         parts = [(path.split("/"), v) for path, v in self.values.items()]
         return {path[1]: np.asarray(v) for path, v in parts if path[2:] == ["film", "pressure"]}
 
     def summary(self) -> Mapping[str, Any]:
         """Content of ``summary.json``; empty of a run that is in progress or was killed."""
-        return Summary(self.told)
+        return Summary(self.entries)
 
     @property
     def status(self) -> str:
-        """``"complete"``, or why the figures cannot be trusted, or that there are none."""
-        return str(self.told.get("status", "no summary: the run goes on or was killed"))
+        """``"complete"``, the reason for rejecting the result, or that no summary exists."""
+        return str(
+            self.entries.get(
+                "status", "no summary found: the run is in progress or was interrupted"
+            )
+        )
 
     @property
     def figures(self) -> Mapping[str, Mapping[str, Any]]:
         """Extremes and means of every lubricated joint, by its name, as in the summary."""
-        return self.told.get("joints", {})
+        return self.entries.get("joints", {})
 
     @property
     def cycles(self) -> int:
         """Number of cycles of a periodic run, else 0."""
-        return int(self.told.get("cycles", 0))
+        return int(self.entries.get("cycles", 0))
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
@@ -523,13 +408,13 @@ class History:
         )
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
-        """The same with the first axis of all that it has of steps changed: some of them, say."""
+        """A history with every array over the steps changed, for example to fewer steps."""
         return self.changed({path: change(v) for path, v in self.values.items() if not fixed(path)})
 
     def changed(self, arrays: Mapping[str, np.ndarray]) -> Self:
-        """The same with other arrays by path, in the units of those that they replace."""
-        own = {path: Quantity(values, self.values[path].units) for path, values in arrays.items()}
-        return replace(self, values={**self.values, **own})
+        """A history with other arrays by path, in the units of the arrays that they replace."""
+        changed = {path: Quantity(array, self.values[path].units) for path, array in arrays.items()}
+        return replace(self, values={**self.values, **changed})
 
     @property
     def cycle(self) -> Cycle:
@@ -537,9 +422,9 @@ class History:
         if self.stored_cycle is not None:
             return self.stored_cycle
         columns = (self.values.get(f"run/{name}") for name in ("cycle", "cycle_time"))
-        numbers, clock = (None if own is None else np.asarray(own) for own in columns)
+        numbers, clock = (None if array is None else np.asarray(array) for array in columns)
         times = np.asarray(self.values["time"])
-        return Cycle.of_summary(self.told) or Cycle.of_stored_columns(times, numbers, clock)
+        return Cycle.of_summary(self.entries) or Cycle.of_stored_columns(times, numbers, clock)
 
     def last_cycle(self) -> History:
         """The last complete cycle, which figures ``cycle_...`` of the summary are of, see `cycle`.
@@ -568,25 +453,25 @@ class History:
         return angle - 360.0 * np.floor(angle[:1] / 360.0 + TURN_ROUNDING)
 
     def with_start(self) -> History:
-        """A cycle that repeats itself with a row at its start."""
+        """A periodic cycle with a row at its start, computed from the row at its end."""
         turning = np.array([name.endswith("/angle") for name in self.coordinate_names], bool)
         turns = {path: 2 * np.pi for path in self.values if re.fullmatch("bodies/.*/angle", path)}
         turns |= {"run/crank_angle": 360.0, "state/coordinates": 2 * np.pi}
         clock = np.asarray(self.values["run/cycle_time"])
-        found = {}
-        for path, v in self.values.items():
+        arrays = {}
+        for path, quantity in self.values.items():
             if fixed(path):
                 continue
-            start = np.array(v[-1])
+            start = np.array(quantity[-1])
             if path in turns:
-                whole = turns[path] * np.round((v[-1] - v[0]) / turns[path])
-                start -= whole * turning if path == "state/coordinates" else whole
+                change = turns[path] * np.round((quantity[-1] - quantity[0]) / turns[path])
+                start -= change * turning if path == "state/coordinates" else change
             elif path == "time":
                 start -= clock[-1]
             elif path.endswith("_work") or path in ("run/energy_defect", "run/cycle_time"):
                 start = np.zeros_like(start)
-            found[path] = np.concatenate([start[None], v])
-        return self.changed(found)
+            arrays[path] = np.concatenate([start[None], quantity])
+        return self.changed(arrays)
 
     def save(self, folder: str | Path) -> None:
         """Write ``history.h5``, ``history.csv`` and ``summary.json``, each whole or not at all.
@@ -609,8 +494,8 @@ class History:
         rows = np.column_stack([*columns.values()])
         lines = [csv_line([*columns]), *(csv_line([f"{x:.10g}" for x in row]) for row in rows)]
         write_whole(folder / CSV_NAME, b"".join(lines))
-        if self.told:
-            write_summary(folder, self.told)
+        if self.entries:
+            write_summary(folder, self.entries)
 
     def write(
         self,
@@ -679,14 +564,14 @@ def missing(path: Path, lacks: str) -> str:
 
 @contextmanager
 def opened_history(path: Path, refused: str) -> Iterator[h5py.File]:
-    """``history.h5`` of a run, once its seal is found whole.
+    """``history.h5`` of a run, open after its seal is checked.
 
     Raises
     ------
     InputError
-        It is none, or what is done with it fails: that it is `refused`, and why.
+        The file is no history, or reading it fails; the message has `refused` and the reason.
     """
-    remedy = f"run the scene anew, or read {CSV_NAME} beside it"
+    remedy = f"run the scene anew, or read {CSV_NAME} in its folder"
     with (
         named(InputError, f"{path}: {refused}"),
         open_sealed(path, FORMAT, FORMAT_VERSION, remedy=remedy, former=READ_VERSIONS) as file,
@@ -711,7 +596,7 @@ def require_present_format(file: h5py.File) -> None:
 
 
 def load_history(directory: str | Path, *, films: bool = True) -> History:
-    """History of a run: complete, interrupted, failed, killed, or one that goes on.
+    """History of a run: complete, interrupted, failed, killed or in progress.
 
     Parameters
     ----------
@@ -733,8 +618,10 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         version.
     """
     require_class("directory", directory, str, Path)
-    folder, path = Path(directory), Path(directory) / FIELDS_NAME
-    summary, scene = _summary(folder), _scene(folder)
+    folder = Path(directory)
+    path = folder / FIELDS_NAME
+    summary = _summary(folder)
+    scene = _scene(folder)
     if not path.exists():
         raise InputError(f"{folder}: {missing(path, 'not a results folder, it has no')}")
     with opened_history(path, "not a history of a run") as file:
@@ -798,18 +685,18 @@ SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 def _summary(folder: Path) -> dict[str, Any]:
-    """Summary of the folder, empty where there is none yet."""
+    """Summary of the folder, empty if there is none yet."""
     path = folder / SUMMARY
     if not path.exists():
         return {}
     with named(InputError, f"{path}: not a summary of a run"):
-        found = read_json(path)
-        if not isinstance(found, dict):
+        entries = read_json(path)
+        if not isinstance(entries, dict):
             raise ValueError("not an object")
         for name, kinds in SUMMARY_KINDS.items():
-            if not isinstance(found.get(name, kinds[0]()), kinds):
-                raise ValueError(f"{name} = {found[name]!r} is of another kind")
-        return _with_nan(_with_joints(found))
+            if not isinstance(entries.get(name, kinds[0]()), kinds):
+                raise ValueError(f"{name} = {entries[name]!r} is of another kind")
+        return _with_nan(_with_joints(entries))
 
 
 def _with_joints(summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -820,10 +707,11 @@ def _with_joints(summary: Mapping[str, Any]) -> dict[str, Any]:
     names = list(summary)
     if "joint" not in summary or "cycle_used" not in summary:
         return dict(summary)
-    first, behind = names.index("joint"), names.index("cycle_used")
-    entries = {name: summary[name] for name in names[first + 1 : behind]}
+    first = names.index("joint")
+    end = names.index("cycle_used")
+    entries = {name: summary[name] for name in names[first + 1 : end]}
     before = {name: summary[name] for name in names[:first]}
-    after = {name: summary[name] for name in names[behind:]}
+    after = {name: summary[name] for name in names[end:]}
     return {**before, "joints": {summary["joint"]: entries}, **after}
 
 

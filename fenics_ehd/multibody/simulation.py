@@ -36,7 +36,7 @@ def summarised_history(recorder: Recorder) -> History:
     """History of a run that has ended, with its verdict, its summary and the run itself."""
     summary = RunSummary(recorder)
     entries = {"status": verdict(summary), **summary.entries()}
-    return replace(recorder.final_history(), told=entries, solved=recorder)
+    return replace(recorder.final_history(), entries=entries, solved=recorder)
 
 
 def simulate(

@@ -17,7 +17,8 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.multibody.history import TURN_ROUNDING, FilmResult, History, load_history
+from fenics_ehd.multibody.history import TURN_ROUNDING, History, load_history
+from fenics_ehd.multibody.recorded_quantities import FilmResult
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.run import stored_scene

@@ -23,9 +23,10 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import claim
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import Body, FlexibleBody
-from fenics_ehd.multibody.history import FilmResult, History
+from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import bore_surface
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
+from fenics_ehd.multibody.recorded_quantities import FilmResult
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.reduction.body import ReducedBody, bore_fields
 from fenics_ehd.reduction.part_files import BasisFile

@@ -612,7 +612,7 @@ def record_run(
     summary = leave(status)
     if run.cycles is not None:
         # What is left is no run to go on with.
-        replace(run.final_history(), told=summary).save(directory)
+        replace(run.final_history(), entries=summary).save(directory)
     return summary
 
 

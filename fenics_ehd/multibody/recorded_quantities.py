@@ -1,0 +1,150 @@
+"""Quantities of a joint, a body or the run over the steps, by name or as attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_ehd.base.columns import Quantity, with_unit
+from fenics_ehd.base.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Quantities(Mapping[str, Quantity]):
+    """Quantities over the steps of a run, each of shape (steps,), by name or as attributes.
+
+    Parameters
+    ----------
+    quantities
+        Quantities by name, ``max_pressure``.
+    """
+
+    quantities: Mapping[str, Quantity]
+
+    def __getitem__(self, name: str) -> Quantity:
+        return self.quantities[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.quantities)
+
+    def __len__(self) -> int:
+        return len(self.quantities)
+
+    def __getattr__(self, name: str) -> Quantity:
+        # A copy under construction has no attribute `quantities` yet.
+        quantities = self.__dict__.get("quantities", {})
+        if name not in quantities:
+            raise AttributeError(f"no {name!r} here, only {', '.join(quantities) or 'nothing'}")
+        return quantities[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.quantities]
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Plain arrays by names with units, ``max_pressure_Pa``."""
+        return {with_unit(name, v.units): np.asarray(v) for name, v in self.items()}
+
+    def _pair(self, name: str) -> Quantity:
+        """Components along x and y, shape (steps, 2)."""
+        x = self[f"{name}_x"]
+        y = self[f"{name}_y"]
+        return Quantity(np.column_stack([x, y]), x.units)
+
+
+#: Families of cells by their number of nodes.
+FAMILIES = {4: "bilinear", 8: "serendipity", 9: "lagrange"}
+
+
+@dataclass(frozen=True, eq=False)
+class FilmResult:
+    """Pressure and gap of a joint's film at the nodes of the film's mesh.
+
+    Attributes
+    ----------
+    angle, height
+        Positions of the nodes on the bore, in its frame, shape (nodes,) [rad], [m].
+    cells
+        Nodes of every cell: its corners (at the first angle and height, at the second angle, at
+        the second height, at both), then middles of edges and the centre as far as `family` has
+        them, shape (c, v).
+    radius, clearance
+        Radius and radial clearance of the bore [m].
+    pressure, gap
+        Pressure and film thickness at the nodes, shape (steps, nodes) [Pa], [m].
+    fluid_fraction
+        Share of the gap that is filled with oil, shape (steps, nodes); None without
+        mass-conserving cavitation.
+    """
+
+    angle: Quantity
+    height: Quantity
+    cells: np.ndarray
+    radius: float
+    clearance: float
+    pressure: Quantity
+    gap: Quantity
+    fluid_fraction: Quantity | None = None
+
+    @property
+    def family(self) -> str:
+        """``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node)."""
+        return FAMILIES[self.cells.shape[1]]
+
+
+@dataclass(frozen=True, eq=False)
+class JointResult(Quantities):
+    """A lubricated joint over the steps of a run.
+
+    Its quantities are ``max_pressure``, ``min_film_thickness``, ``max_pressure_angle`` and others,
+    and those of the joint's models, such as ``friction_torque``.
+
+    Attributes
+    ----------
+    nodal
+        Nodal fields of its film, None if they were not read.
+    """
+
+    nodal: FilmResult | None = None
+
+    @property
+    def film(self) -> FilmResult:
+        """Pressure and gap at every node of the film.
+
+        Raises
+        ------
+        InputError
+            The nodal fields were not read.
+        """
+        if self.nodal is None:
+            raise InputError("the films were not read: load_history(DIR, films=True)")
+        return self.nodal
+
+    @property
+    def eccentricity(self) -> Quantity:
+        """Eccentricity in the undeformed bore's frame, shape (steps, 2) [m]."""
+        return self._pair("eccentricity")
+
+    @property
+    def force(self) -> Quantity:
+        """Force of the film on the journal in the frame at rest, shape (steps, 2) [N]."""
+        return self._pair("force")
+
+
+@dataclass(frozen=True, eq=False)
+class BodyResult(Quantities):
+    """A body over the steps of a run.
+
+    Its quantities are the position ``x``, ``y``, the ``angle`` and the angular ``speed`` of its
+    frame, as far as the frame can move.
+
+    Attributes
+    ----------
+    coordinates, rates
+        Coordinates of the frame, then of the elastic modes, and their rates, shape (steps, n).
+    """
+
+    coordinates: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    rates: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
