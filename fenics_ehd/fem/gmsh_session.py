@@ -156,11 +156,11 @@ def _parameters(model: str) -> dict[str, Any]:
     gmsh.onelab.clear()
     gmsh.open(model)
     names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
-    found = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
+    entries = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
     gmsh.clear()
     # Values survive in ONELAB, so those of a former model would override this one's.
     gmsh.onelab.clear()
-    return {name: entry for name, entry in found.items() if entry["type"] == "number"}
+    return {name: entry for name, entry in entries.items() if entry["type"] == "number"}
 
 
 def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: float) -> None:

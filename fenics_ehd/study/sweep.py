@@ -198,8 +198,8 @@ class SweepFolder(RunsFolder):
         """Row of a case; a figure that is no finite number is empty."""
         outcome = self.outcomes[case.name]
         figures = dict(outcome.figures)
-        for joint, own in outcome.figures.get("joints", {}).items():
-            figures |= {f"{joint}.{name}": value for name, value in own.items()}
+        for joint, joint_figures in outcome.figures.get("joints", {}).items():
+            figures |= {f"{joint}.{name}": value for name, value in joint_figures.items()}
         row = {"case": int(case.name), **dict(zip(self.sweep.keys, case.values, strict=True))}
         row["status"] = outcome.status
         columns = figure_columns(self.sweep.joints)
