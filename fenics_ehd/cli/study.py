@@ -1,4 +1,7 @@
-"""``fenics-ehd study``, ``sweep``, ``report`` and ``sensitivity``: many runs of one scene."""
+"""``fenics-ehd study``, ``sweep``, ``report`` and ``sensitivity``: many runs of one scene.
+
+Imports inside functions: ``--help`` does without runs and pictures.
+"""
 
 from __future__ import annotations
 
@@ -159,7 +162,7 @@ SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f")
 @workers_option
 @flag("--keep", "Keep history and summary of each case, runs/0001 ...")
 @flag("--resume", "Insist on rows of a former attempt to go on from.")
-@flag("--overwrite", "Begin anew, whatever rows the folder holds.")
+@flag("--overwrite", "Begin anew, and replace the rows of the folder.")
 @json_option
 def sweep(
     scene: str,
