@@ -376,8 +376,8 @@ class TimeSettings:
     )
     order: int = count(
         3,
-        "of the backward differentiation formula, 1 to 3; lowered from 3 to 2 if modes lack damping "
-        "or oil is conserved",
+        "of the backward differentiation formula, 1 to 3; lowered from 3 to 2 if modes lack "
+        "damping or oil is conserved",
         least=1,
         most=3,
     )
