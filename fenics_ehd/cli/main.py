@@ -153,11 +153,11 @@ def run(
 
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
-    given = {key: value for key, value in output.items() if value is not None}
+    chosen = {key: value for key, value in output.items() if value is not None}
     options = run.RunOptions(plots, interval, as_json, multiplier)
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
-        asked = given | ({"paraview": True} if vtk else {})
+        asked = chosen | ({"paraview": True} if vtk else {})
         changed = run.changed_scene(scene, body, method, asked)
         run.run(changed, target, overwrite, options, input_files(scene, changed))
         return

@@ -35,10 +35,10 @@ def warn_of(lines: Iterable[str]) -> None:
 
 def say_reducing(names: Iterable[str]) -> None:
     """Say which bodies are reduced: the first time ever, this takes long."""
-    found = ", ".join(names)
+    listed = ", ".join(names)
     compiled = any(forms_folder().glob("libffcx_forms_*.so"))
     once = "" if compiled else " (forms are compiled once, in about half a minute)"
-    _say([f"reducing {found}{once}"] if found else [])
+    _say([f"reducing {listed}{once}"] if listed else [])
 
 
 def _say(lines: Iterable[str]) -> None:

@@ -232,5 +232,5 @@ def stress(
     if MPI.COMM_WORLD.rank:  # one does it all
         return
     folder = Path(directory)
-    found = cycle_stresses(folder, chosen, damping, complete, programs)
-    answer(found, report(found, folder), as_json)
+    stresses = cycle_stresses(folder, chosen, damping, complete, programs)
+    answer(stresses, report(stresses, folder), as_json)

@@ -68,7 +68,7 @@ def cycle_stresses(
     _require_models(scene, bodies, programs)
     instants = instants_of(scene, answer)
     say_reducing(bodies)
-    found = {}
+    by_body = {}
     for body in bodies:
         part = remade_part(scene, body, run.part(body), programs)
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
@@ -76,7 +76,7 @@ def cycle_stresses(
         result = cycle_stress(part.structure, part.body, part.columns, *motion, loads)
         path = folder / "vtk" / f"{body}_stress.vtu"
         write_fields(path, result, instants["time_s"])
-        found[body] = {
+        by_body[body] = {
             "method": part.body.method,
             "modes": part.body.modes,
             "nodes": len(result.nodes),
@@ -89,7 +89,7 @@ def cycle_stresses(
         "instants": len(instants["time_s"]),
         "damping": damping,
         "complete": complete,
-        "bodies": found,
+        "bodies": by_body,
         "skipped": skipped,
         "versions": versions(),
         "wall_time_s": perf_counter() - start,
