@@ -391,6 +391,7 @@ def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
     assert min(ratios[-1] for ratios in found.values()) > 1 / (2 * WITHIN), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("crank", "tolerance"), [("driven", 1e-2), ("free", 3e-3)])
 def test_steps_of_a_coarse_tolerance_are_not_taken_for_too_little(crank, tolerance):
     mechanism, end = machine((12, 3)), 2 * END

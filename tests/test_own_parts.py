@@ -109,6 +109,7 @@ def test_edges_tell_the_faces_of_a_mesh(parts, name):
         np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_chamfers_end_the_bore_and_a_drilled_one_keeps_its_hole(parts, tmp_path):
     part = open_part(parts / "drilled.step")
     assert part.faces[0].cylinder.width == pytest.approx(0.020, rel=1e-8)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from command_line import call
 from csv_history import edited
-from recorded_runs import short_run
+from recorded_runs import stored_run
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
@@ -364,10 +364,10 @@ def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monke
 
 
 @pytest.fixture(scope="module")
-def bearings(tmp_path_factory):
-    """Two bearings of one shaft, which are equal."""
-    folder = tmp_path_factory.mktemp("bearings")
-    return short_run(folder, "rotor-two-bearings", budget=True, end=2e-3, tolerance=1e-3)
+def bearings(two_bearings, tmp_path_factory):
+    """Two bearings of one shaft, which are equal: a copy, to which pictures are added."""
+    folder = tmp_path_factory.mktemp("bearings") / "run"
+    return stored_run(copytree(two_bearings.directory, folder))
 
 
 plot = partial(call, "plot")
