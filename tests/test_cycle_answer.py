@@ -282,7 +282,7 @@ def test_every_reader_has_the_steps_of_the_same_cycle(
         assert reader[-1] == pytest.approx(last)
         np.testing.assert_allclose(reader, times[rows], atol=1e-12)
     assert len(moving_part(history)) == (rows.stop - rows.start if cycle.periodic else len(times))
-    assert shown_run.told == ("" if cycle.complete else label)
+    assert shown_run.label == ("" if cycle.complete else label)
     summary = {"cycles": 3} if numbers is not None else {}
     assert Cycle.of_summary(summary | cycle.entries()) == cycle
 
