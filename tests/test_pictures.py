@@ -44,7 +44,9 @@ def joint(name="big_end", run="one", figures=None, **columns):
         "eccentricity_ratio": np.hypot(0.5 * np.cos(angle), 0.4 * np.sin(angle)),
     }
     return ShownJoint(
-        SimpleNamespace(name=run, figures=figures or {}, told="", starts=False), name, own | columns
+        SimpleNamespace(name=run, figures=figures or {}, label="", starts=False),
+        name,
+        own | columns,
     )
 
 
@@ -354,7 +356,7 @@ def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monke
         assert "crank_angle_deg" not in columns
     else:
         assert columns["crank_angle_deg"].tolist() == turned
-    assert run.told == told
+    assert run.label == told
     # Films build up over a first cycle, which the axis says.
     assert run.starts == bool(told)
     (axes,) = drawn("max_pressure", run.joints["a"])
