@@ -305,7 +305,7 @@ class OpenedPart:
         if len(numbers) != 1:
             which = f"faces {', '.join(map(str, numbers))} are" if numbers else "no face is"
             raise MeshError(
-                f"{self.path}: {which} {wanted!r}; the file has {known}: name one by number"
+                f"{self.path}: {which} {wanted!r}; known are {known}: name one by number"
             )
         face = self.faces[numbers[0] - 1]
         if kinds and face.kind not in kinds:

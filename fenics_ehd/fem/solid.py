@@ -24,7 +24,7 @@ FACES = {
     ),
 }
 
-#: Gmsh's order of the nodes of a cell, as indices of `SOLIDS`; for tetrahedra it is its own inverse.
+#: Gmsh's order of the nodes of a cell, as indices of `SOLIDS`; for tetrahedra its own inverse.
 GMSH_TET = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
 GMSH_HEX = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
 
