@@ -36,7 +36,7 @@ from fenics_ehd.analysis.replay import (
 )
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.extremes import FilmRows
-from fenics_ehd.cli.run import beside, budget_table
+from fenics_ehd.cli.run import budget_table, error_text
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
 from fenics_ehd.multibody.cycle import TOO_SHORT, Cycle
 from fenics_ehd.multibody.run import Run
@@ -264,7 +264,7 @@ def test_a_finer_film_holds_the_same_share_of_oil():
 
 
 @pytest.mark.parametrize(
-    ("changes", "known", "total", "output_lines"),
+    ("changes", "known", "total", "statement"),
     [
         ({}, 0.28, 0.28, "+- 28 %, too high by about 13 MPa, "),
         ({"part_mesh": NOT_APPLICABLE}, 0.25, 0.25, "+- 25 %, too high by about 13 MPa, "),
@@ -274,15 +274,15 @@ def test_a_finer_film_holds_the_same_share_of_oil():
     ],
 )
 def test_the_total_is_the_sum_and_none_where_a_component_is_missing(
-    changes, known, total, output_lines
+    changes, known, total, statement
 ):
     errors = dict(zip(COMPONENTS, (0.2, 0.02, 0.03, 0.02, 0.01), strict=True))
     found = summed(errors | {"bias": 0.28} | changes)
     assert found["known"] == (NOT_ESTIMATED if known is None else pytest.approx(known))
     assert found["total"] == (NOT_ESTIMATED if total is None else pytest.approx(total))
     assert (
-        beside({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa")
-        == output_lines
+        error_text({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa")
+        == statement
     )
 
 
@@ -380,16 +380,16 @@ def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
     budget, found = ehd.error_budget(history), {}
     exact = extremes(machine(cells, family=family), 1e-5)
     finer = extremes(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)
-    for quantity, output_lines, steps, mesh in zip(QUANTITIES, own, exact, finer, strict=True):
+    for quantity, statement, steps, mesh in zip(QUANTITIES, own, exact, finer, strict=True):
         estimates = budget.joints["big_end"][quantity]
         assert set(estimates) == {*COMPONENTS, "between_nodes", "known", "total", "bias"}
         assert estimates["basis"] == NOT_APPLICABLE
         assert estimates["start"] == NOT_APPLICABLE
         # A mesh three times as fine leaves a ninth of an error of order two.
         found[quantity] = (
-            abs(output_lines - steps) / output_lines / estimates["step_size"],
-            9 / 8 * abs(steps - mesh) / output_lines / estimates["film_mesh"],
-            abs(output_lines - mesh) / output_lines / estimates["total"],
+            abs(statement - steps) / statement / estimates["step_size"],
+            9 / 8 * abs(steps - mesh) / statement / estimates["film_mesh"],
+            abs(statement - mesh) / statement / estimates["total"],
         )
         name = f"rigid rod, {family}: {quantity}, true error over its estimate"
         figure("error budget", name, found[quantity][-1], most=WITHIN)

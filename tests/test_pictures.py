@@ -44,7 +44,9 @@ def joint(name="big_end", run="one", figures=None, **columns):
         "eccentricity_ratio": np.hypot(0.5 * np.cos(angle), 0.4 * np.sin(angle)),
     }
     return ShownJoint(
-        SimpleNamespace(name=run, figures=figures or {}, told="", starts=False), name, own | columns
+        SimpleNamespace(name=run, figures=figures or {}, label="", starts=False),
+        name,
+        own | columns,
     )
 
 
@@ -358,7 +360,7 @@ def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, message, mo
         assert "crank_angle_deg" not in columns
     else:
         assert columns["crank_angle_deg"].tolist() == turned
-    assert run.told == message
+    assert run.label == message
     # Films build up over a first cycle: the axis names it.
     assert run.starts == bool(message)
     (axes,) = drawn("max_pressure", run.joints["a"])

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, ClassVar
 import attrs
 import numpy as np
 
+from fenics_ehd.base import shared_settings
 from fenics_ehd.base.errors import HeatError, SettingsError
 from fenics_ehd.base.fields import REQUIRED, number
 from fenics_ehd.base.layout import Stateful, Value
@@ -65,15 +66,10 @@ class Heat:
         usual=(1, 200),
         example="80 for 353 K",
     )
-    conducted_share: float = number(
-        0.0, "of the dissipated power that journal and bore conduct away [-]", least=0, below=1
+    conducted_share: float = shared_settings.conducted_share(
+        "of the dissipated power that journal and bore conduct away [-]"
     )
-    outlet_weight: float = number(
-        0.5,
-        "where the effective temperature lies between supply, 0, and outlet, 1",
-        above=0,
-        most=1,
-    )
+    outlet_weight: float = shared_settings.outlet_weight()
     tolerance: float = number(
         0.1, "largest difference of the effective temperature from its balance [K]", above=0
     )
