@@ -280,10 +280,8 @@ def test_the_total_is_the_sum_and_none_where_a_component_is_missing(
     found = summed(errors | {"bias": 0.28} | changes)
     assert found["known"] == (NOT_ESTIMATED if known is None else pytest.approx(known))
     assert found["total"] == (NOT_ESTIMATED if total is None else pytest.approx(total))
-    assert (
-        error_text({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa")
-        == statement
-    )
+    text = error_text({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa")
+    assert text == statement
 
 
 @pytest.mark.parametrize("family", ["lagrange", "serendipity", "bilinear"])
