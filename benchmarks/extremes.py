@@ -9,7 +9,7 @@ directions, cubics around through the row of the largest node, and cubics around
 and its neighbours, Akima's curve and the cubics. A rule is judged by the error of the extreme
 against that of a reference: the root mean square and the largest over all meshes of a row.
 
-The reference of a bearing has 256 x 48 cells, that of a machine twice as many cells either way and
+The reference of a bearing has 192 x 32 cells, that of a machine twice as many cells either way and
 a thirtieth of the tolerance. Its own extreme is that of the cubics; other rules change it by less
 than the digits that are printed.
 """

@@ -19,13 +19,15 @@ import pytest
 from figures import (  # noqa: F401
     figure,
     pytest_addoption,
-    pytest_collection_modifyitems,
     pytest_configure,
     pytest_runtest_makereport,
     pytest_sessionfinish,
 )
+from figures import pytest_collection_modifyitems as keep_tests_with_figures
 from hypothesis import settings
 from mpi4py import MPI
+from recorded_runs import short_run, stored_run
+from shared_runs import shared_results
 
 import fenics_ehd as ehd
 from fenics_ehd.scenes.part import elastic_part
@@ -36,6 +38,21 @@ settings.register_profile("any machine", deadline=None, derandomize=True)
 settings.load_profile("any machine")
 
 
+#: Files whose tests take longest begin first: one process would run them alone at the end.
+LONGEST = (
+    "test_readme.py", "test_cycle_sensitivity.py", "test_joint_heat.py", "test_own_parts.py",
+    "test_held_run.py", "test_parallel_parts.py", "test_working_directory.py", "test_accuracy.py",
+    "test_conserved_oil.py", "test_error_budget.py", "test_golden.py", "test_resume.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(config, items):
+    """Keep what is asked for, in an order in which processes end together."""
+    keep_tests_with_figures(config, items)
+    rank = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.name, len(LONGEST)))
+
+
 @pytest.fixture(scope="session")
 def rod_structure():
     """Default rod on this rank alone."""
@@ -44,9 +61,30 @@ def rod_structure():
 
 
 @pytest.fixture(scope="session")
-def rod_body(rod_structure):
+def shared(tmp_path_factory):
+    """Function (name, make) that returns the folder of a result of the whole session."""
+    return shared_results(tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def rod_body(shared, request):
     """Default reduction of the default rod."""
-    return ehd.load_dependent(rod_structure, 6, 31)
+
+    def make(folder):
+        structure = request.getfixturevalue("rod_structure")
+        ehd.save_body(ehd.load_dependent(structure, 6, 31), folder / "rod.h5")
+
+    return ehd.load_body(shared("rod-body", make) / "rod.h5")
+
+
+@pytest.fixture(scope="session")
+def two_bearings(shared):
+    """Short run of a shaft in two equal bearings, with its error budget."""
+
+    def make(folder):
+        short_run(folder, "rotor-two-bearings", budget=True, end=2e-3, tolerance=1e-3)
+
+    return stored_run(shared("two-bearings", make))
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(config, items):
+    """Deselect all other tests if figures are asked for."""
     if config.getoption("--figures"):
         chosen = [item for item in items if "figure" in item.fixturenames]
         config.hook.pytest_deselected(items=[item for item in items if item not in chosen])

@@ -12,7 +12,7 @@ from fenics_ehd.results.paraview import gather_part, part_of_basis
 from fenics_ehd.scenes.run import run_scene
 from fenics_ehd.scenes.scene import as_stored
 
-BASIS = "part.h5"
+SOURCE, BASIS = "source.toml", "part.h5"
 
 
 def short_run(directory, name, changes=MappingProxyType({}), *, budget=False, **time):
@@ -31,9 +31,18 @@ def short_run(directory, name, changes=MappingProxyType({}), *, budget=False, **
     """
     order = ehd.read_scene(name).time.order
     own = {"time": {"order": order, **time}, "output.error_budget": budget}
-    scene = as_stored(write_scene(directory / "source.toml", name, changes, own))
+    scene = as_stored(write_scene(directory / SOURCE, name, changes, own))
     built = ehd.build(scene)
     run_scene(scene, built, directory)
+    return _read(directory, built)
+
+
+def stored_run(directory):
+    """Run that `short_run` has left in a folder."""
+    return _read(directory, ehd.build(as_stored(directory / SOURCE)))
+
+
+def _read(directory, built):
     found = SimpleNamespace(
         directory=directory, built=built, run=recorded(directory), parts={}, shapes={},
         result=ehd.load_results(directory),

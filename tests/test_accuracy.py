@@ -120,6 +120,7 @@ def test_its_scene_is_run_again_without_a_pilot(tight_run):
     assert (found["steps"], found["cycles"]) == (same["steps"], same["cycles"])
 
 
+@pytest.mark.slow
 def test_a_search_that_is_stopped_goes_on_to_the_same_result(tight_run, monkeypatch):
     show, runs = recorded_run._show, set()
 

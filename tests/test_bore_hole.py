@@ -64,6 +64,7 @@ def test_what_the_rim_knows_is_extended_linearly(ring):
     np.testing.assert_allclose(found, height[inside] + 0.3 * angle[inside], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_film_presses_on_what_the_hole_leaves(ring):
     bore, body = ring.bores["bore"], ehd.load_dependent(ring, 4, 12)
     grid = ehd.uniform_grid(bore.radius, bore.width, (40, 10))

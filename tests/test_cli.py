@@ -15,7 +15,7 @@ from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
 from study_cases import COARSE
 
 import fenics_ehd as ehd
-from fenics_ehd.base.extremes import FilmRows
+from fenics_ehd.base.extremes import FilmRows, over_time
 from fenics_ehd.cli import check
 from fenics_ehd.cli.options import answer
 from fenics_ehd.multibody.trust import SIGNS
@@ -118,8 +118,10 @@ def test_a_periodic_run_writes_its_last_cycle(tmp_path, capfd):
     assert abs(balance) < 1e-3 * gained["film"]
     for name in ("force_x_N", "eccentricity_x_m", "kinetic_energy_J"):
         assert history[name][0] == history[name][-1]
-    assert history["max_pressure_Pa"].max() == pytest.approx(entries["max_pressure_Pa"])
-    assert history["min_film_thickness_m"].min() == pytest.approx(entries["min_film_thickness_m"])
+    for column, sign in (("max_pressure_Pa", 1), ("min_film_thickness_m", -1)):
+        times = history["cycle_time_s"][1:]
+        value = over_time(times, history[column][1:], times[-1], sign)[0]
+        assert entries[column] == pytest.approx(value)
     # The film carries the load: at 10 ms it is (-500, 900) N.
     at = int(np.argmin(np.abs(history["cycle_time_s"] - 10e-3)))
     force = history["force_x_N"][at], history["force_y_N"][at]
@@ -193,11 +195,25 @@ def test_what_could_control_a_terminal_is_escaped(tmp_path, capfd):
 
 def test_a_path_that_is_not_utf_8_is_answered(tmp_path):
     bad = os.fsdecode(b"\xff.toml")
-    for command in (["run", bad], ["stress", bad], ["plot", bad], ["sweep", bad, "--set", "a=1"]):
-        done = program(*command, cwd=tmp_path)
-        assert done.returncode == 2
-        assert len(done.stderr.splitlines()) == 1, done.stderr
-        assert "\\udcff.toml" in done.stderr
+    commands = (["run", bad], ["stress", bad], ["plot", bad], ["sweep", bad, "--set", "a=1"])
+    # All in one process, which takes most of its time to start.
+    calls = """
+import os, sys
+from fenics_ehd.cli.main import main
+for line in os.fsencode(sys.argv[1]).split(b";"):
+    try:
+        main([os.fsdecode(word) for word in line.split()])
+    except SystemExit as end:
+        print(end.code)
+"""
+    lines = ";".join(" ".join(command) for command in commands)
+    done = subprocess.run(
+        [sys.executable, "-c", calls, lines], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["2"] * len(commands), done.stderr
+    errors = done.stderr.splitlines()
+    assert len(errors) == len(commands), errors
+    assert all("\\udcff.toml" in error for error in errors)
 
 
 #: A NumPy that stands before Debian's, and what is said of it.

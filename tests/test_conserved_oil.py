@@ -538,6 +538,7 @@ def test_a_run_goes_on_to_the_last_bit(oil, filling):
     assert_goes_on(mechanism, IntegratorOptions(tolerance=1e-3), 0.05 * REVOLUTION)
 
 
+@pytest.mark.slow
 def test_a_periodic_film_repeats_its_oil(figure):
     film = oil_film((16, 3), regions=(GROOVE,))
     result = ehd.simulate(

@@ -32,6 +32,7 @@ def test_slider_crank_builds_up_its_film():
     assert result.summary()["energy_balance_error"] < 1e-2
 
 
+@pytest.mark.slow
 def test_rigid_bearing_becomes_ocvirks():
     # A twentieth as wide as its diameter: what the theory leaves out is of order (B/D)^2 and c/R.
     assert demo("rigid_bearing").main() == pytest.approx(1.0, abs=4e-3)
@@ -62,6 +63,7 @@ def test_rotor_follows_its_force():
     assert np.all(bearing.eccentricity[-1] > 0)
 
 
+@pytest.mark.slow
 def test_journal_finds_the_thinnest_film_of_an_engine_bearing():
     # As it stands in the documentation: what it asks of the steps and of a cycle goes together.
     result = demo("loaded_journal").main()

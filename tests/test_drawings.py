@@ -124,6 +124,7 @@ def test_iges_becomes_a_model(tmp_path):
     assert np.ptp(mesh.points[:, 2]) == pytest.approx(0.022)
 
 
+@pytest.mark.slow
 def test_closed_surfaces_are_sewn_and_open_ones_refused(tmp_path):
     drawing = read_drawing(SURFACES)
     assert drawing.notices == [f"{SURFACES}: 4 surfaces, which enclose a solid, are sewn into it"]
@@ -179,6 +180,7 @@ def test_faces_are_those_of_the_surfaces_exactly(tmp_path):
     assert abs(bore.axis @ hole.axis) < 1e-12
 
 
+@pytest.mark.slow
 def test_long_lists_are_grouped_and_no_mesh_is_made(tmp_path, monkeypatch):
     file = drawn(tmp_path / "plate.step", plate(8))
     monkeypatch.setattr(drawing_module, "_generate", None)
@@ -202,6 +204,7 @@ def test_thousand_faces_are_listed_in_twenty_seconds(tmp_path):
     assert getrusage(RUSAGE_CHILDREN).ru_utime - before < 20.0
 
 
+@pytest.mark.slow
 def test_drawing_of_another_unit_than_it_declares(tmp_path):
     file = drawn(tmp_path / "rod.step", rod(1e-3))
     with pytest.raises(

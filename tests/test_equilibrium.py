@@ -201,3 +201,15 @@ def test_a_film_that_runs_dry_is_refused_with_words_about_the_equilibrium():
     on = film("bilinear", sides=ehd.Sides(0.0, 0.0))
     with pytest.raises(ehd.errors.SolverError, match=r"^no equilibrium found .*'reynolds', or run"):
         ehd.equilibrium(journal(on, cavitation="mass-conserving"))
+
+
+def test_an_equilibrium_continues_from_a_former_one_in_fewer_iterations():
+    former = ehd.equilibrium(journal(film()))
+    heavier = journal(film(), (1.1 * LOAD, 0.0))
+    anew = ehd.equilibrium(heavier)
+    continued = ehd.equilibrium(heavier, start=former)
+    np.testing.assert_allclose(continued.z, anew.z, rtol=1e-8, atol=1e-9 * C)
+    assert continued.iterations < anew.iterations
+    other = journal(film(cells=(20, 5)))
+    with pytest.raises(ehd.errors.SettingsError, match=r"^start: .* another mechanism"):
+        ehd.equilibrium(other, start=former)

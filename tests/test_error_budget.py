@@ -36,7 +36,7 @@ from fenics_ehd.analysis.replay import (
 )
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.extremes import FilmRows
-from fenics_ehd.cli.run import beside, budget_table
+from fenics_ehd.cli.run import budget_table, error_text
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState
 from fenics_ehd.multibody.cycle import TOO_SHORT, Cycle
 from fenics_ehd.multibody.run import Run
@@ -278,7 +278,9 @@ def test_the_total_is_the_sum_and_none_where_a_component_is_missing(changes, kno
     found = summed(errors | {"bias": 0.28} | changes)
     assert found["known"] == (NOT_ESTIMATED if known is None else pytest.approx(known))
     assert found["total"] == (NOT_ESTIMATED if total is None else pytest.approx(total))
-    assert beside({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa") == said
+    assert (
+        error_text({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa") == said
+    )
 
 
 @pytest.mark.parametrize("family", ["lagrange", "serendipity", "bilinear"])
@@ -391,6 +393,7 @@ def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
     assert min(ratios[-1] for ratios in found.values()) > 1 / (2 * WITHIN), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("crank", "tolerance"), [("driven", 1e-2), ("free", 3e-3)])
 def test_steps_of_a_coarse_tolerance_are_not_taken_for_too_little(crank, tolerance):
     mechanism, end = machine((12, 3)), 2 * END

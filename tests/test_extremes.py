@@ -39,6 +39,7 @@ def rigid(revolutions, changes=None):
     return machine("slider-crank-paper", usual | (changes or {}))
 
 
+@pytest.mark.slow
 def test_a_rigid_rod_bears_the_load_of_a_textbook():
     built = rigid(1.0)
     history = ehd.simulate(built.mechanism, **built.options)

@@ -99,6 +99,7 @@ def turned(film, angles):
     return np.array(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("region", [GROOVE, HOLE])
 def test_load_and_flow_converge_and_do_not_feel_the_mesh_below(region, figure):
     feed = evolve(region, name="inlet", pressure=SUPPLY, on="journal")
@@ -118,6 +119,7 @@ def test_load_and_flow_converge_and_do_not_feel_the_mesh_below(region, figure):
     figure("supply", f"load's change with the mesh below, {name}, 160 x 40", ripples[2], most=3e-4)
 
 
+@pytest.mark.slow
 def test_edges_are_where_they_should_be_for_one_constant_alone(monkeypatch):
     # Less conductance lets the film's pressure into the groove, more blows the groove up.
     feed, loads, edge = evolve(GROOVE, pressure=SUPPLY), {}, EDGES["lagrange"]

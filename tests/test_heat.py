@@ -212,6 +212,7 @@ def test_the_temperature_of_a_bearing_is_that_of_bisection(given, shares, figure
     assert result.min_film_thickness == pytest.approx(again.min_film_thickness, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_temperature_converges_with_the_mesh(figure):
     found = [
         ehd.solve_bearing(
@@ -231,6 +232,7 @@ def sae_40(temperature):
     return 6890 * 0.0121e-6 * exp(1474.4 / (1.8 * temperature + 127))
 
 
+@pytest.mark.slow
 def test_a_published_example_of_charts():
     """Shigley's problem of an 80 mm bearing, l/d = 1, 3 kN, 8 rev/s, SAE 40 supplied at 60 C.
 

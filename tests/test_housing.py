@@ -63,6 +63,7 @@ def pressed_at_once(coarse):
     return {zeta: run(zeta) for zeta in (0.0, 1e-8, 1e-5)}
 
 
+@pytest.mark.slow
 def test_a_journal_without_mass_needs_no_damping(pressed_at_once):
     """Its film presses at once on a bore that nothing holds back: there the run begins."""
     films = {zeta: own["min_film_thickness_m"] for zeta, own in pressed_at_once.items()}
@@ -70,6 +71,7 @@ def test_a_journal_without_mass_needs_no_damping(pressed_at_once):
     assert films[0.0] == pytest.approx(films[1e-5], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_the_ringing_of_a_start_is_no_error_of_the_basis(pressed_at_once):
     """It grew with one over the damping time: 31 um at 1e-8 s, of the same films."""
     errors = np.array([own["basis_error_estimate_m"] for own in pressed_at_once.values()])

@@ -8,6 +8,7 @@ from command_line import call
 from csv_history import read_history
 from scene_cases import write_scene
 
+from fenics_ehd.base.extremes import over_time
 from fenics_ehd.base.files import to_json
 from fenics_ehd.scenes.library import shipped
 
@@ -28,10 +29,9 @@ def test_a_run_leaves_history_summary_and_scene(tmp_path, capsys):
     assert summary["status"] == "complete"
     history, entries = read_history(target, "rocker_end"), summary["joints"]["rocker_end"]
     assert len(history["time_s"]) == summary["steps"]
-    assert history["max_pressure_Pa"].max() == pytest.approx(entries["max_pressure_Pa"], rel=1e-9)
-    assert history["min_film_thickness_m"].min() == pytest.approx(
-        entries["min_film_thickness_m"], rel=1e-9
-    )
+    for column, sign in (("max_pressure_Pa", 1), ("min_film_thickness_m", -1)):
+        value = over_time(history["time_s"], history[column], None, sign)[0]
+        assert entries[column] == pytest.approx(value, rel=1e-8)
     # The crank turns at 100 rad/s from angle zero.
     assert history["crank.angle_rad"] == pytest.approx(100.0 * history["time_s"], abs=1e-9)
     # The scene it leaves runs again, its table found from anywhere, to the same last bit.

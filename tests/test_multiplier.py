@@ -26,6 +26,7 @@ def multiplier_of(mechanism, period, tolerance, periodicity=1e-4):
     return found
 
 
+@pytest.mark.slow
 def test_mass_on_a_spring_keeps_what_its_damper_leaves(figure):
     """Beside a massless journal: all of a change is left that the film does not squeeze out."""
     mass, stiffness, damping = 2.0, 2.0 * 60.0**2, 2 * 0.05 * 2.0 * 60.0

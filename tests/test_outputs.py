@@ -102,6 +102,7 @@ def test_a_manifest_says_which_command_made_its_folder(workplace, capfd):
     assert exit_of(capfd, "run", "--resume", "many/runs/0001")[0] == 2
 
 
+@pytest.mark.slow
 def test_pictures_of_one_run_do_not_replace_those_of_another(workplace, capfd):
     for name in ("one", "two"):
         assert exit_of(capfd, *OWNERS["run"], name)[0] == 0

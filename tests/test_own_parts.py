@@ -109,6 +109,7 @@ def test_edges_tell_the_faces_of_a_mesh(parts, name):
         np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_chamfers_end_the_bore_and_a_drilled_one_keeps_its_hole(parts, tmp_path):
     part = open_part(parts / "drilled.step")
     assert part.faces[0].cylinder.width == pytest.approx(0.020, rel=1e-8)
@@ -277,11 +278,11 @@ WRITTEN = ("rod.step", "--bore", "1", "-o", "x.msh")
         (["rod.step", "--bore", "7", "-o", "x.msh"], "face 7 is a plane, not a bore"),
         (["rod.step", "--bore", "99", "-o", "x.msh"], "there are 1 to 8"),
         (["rod.step", "--bore", "big", "-o", "x.msh"], "or its radius with a unit: 22.5mm"),
-        (["rod.step", "--bore", "1", "--point", "1", "-o", "x.msh"], "face 1 is asked for twice"),
+        (["rod.step", "--bore", "1", "--point", "1", "-o", "x.msh"], "face 1 is given twice"),
         (["rod.step", "--bore", "1", "--bore", "2", "-o", "x.msh"], "'bore' is named twice"),
         (["rod.step", "--bore", "1", "-o", "x.stl"], "must end with .msh"),
         (["rod.step", "--bore", "1", "-o", "none/x.msh"], "there is no folder none"),
-        (["turned.msh", "--unit", "mm", "--bore", "1", "-o", "turned.msh"], "the file to read"),
+        (["turned.msh", "--unit", "mm", "--bore", "1", "-o", "turned.msh"], "an input file"),
         ([*WRITTEN, "--density", "-5"], "density = -5.0 must be at least 100"),
         ([*WRITTEN, "--youngs-modulus", "nan"], "youngs_modulus = nan must be a finite number"),
         ([*WRITTEN, "--poissons-ratio", "0.5"], "poissons_ratio = 0.5 must be below 0.49"),

@@ -205,6 +205,7 @@ def peak(ramp, most):
     return found.cycles, found.joints["bearing"].max_pressure.max()
 
 
+@pytest.mark.slow
 def test_a_force_that_grows_slowly_is_none_that_repeats():
     # Its films change by less than 1e-2 a cycle: over 300 cycles, for a quarter of the pressure.
     with pytest.raises(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from command_line import call
 from csv_history import edited
-from recorded_runs import short_run
+from recorded_runs import stored_run
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
@@ -44,7 +44,9 @@ def joint(name="big_end", run="one", figures=None, **columns):
         "eccentricity_ratio": np.hypot(0.5 * np.cos(angle), 0.4 * np.sin(angle)),
     }
     return ShownJoint(
-        SimpleNamespace(name=run, figures=figures or {}, told="", starts=False), name, own | columns
+        SimpleNamespace(name=run, figures=figures or {}, label="", starts=False),
+        name,
+        own | columns,
     )
 
 
@@ -354,7 +356,7 @@ def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monke
         assert "crank_angle_deg" not in columns
     else:
         assert columns["crank_angle_deg"].tolist() == turned
-    assert run.told == told
+    assert run.label == told
     # Films build up over a first cycle, which the axis says.
     assert run.starts == bool(told)
     (axes,) = drawn("max_pressure", run.joints["a"])
@@ -362,10 +364,10 @@ def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monke
 
 
 @pytest.fixture(scope="module")
-def bearings(tmp_path_factory):
-    """Two bearings of one shaft, which are equal."""
-    folder = tmp_path_factory.mktemp("bearings")
-    return short_run(folder, "rotor-two-bearings", budget=True, end=2e-3, tolerance=1e-3)
+def bearings(two_bearings, tmp_path_factory):
+    """Two bearings of one shaft, which are equal: a copy, to which pictures are added."""
+    folder = tmp_path_factory.mktemp("bearings") / "run"
+    return stored_run(copytree(two_bearings.directory, folder))
 
 
 plot = partial(call, "plot")

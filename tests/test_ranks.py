@@ -74,6 +74,7 @@ sys.exit(ended != [2] * len(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_ranks_that_are_given_different_commands(folder):
     (folder / "commands.py").write_text(ONE_BY_ONE)
     own = SHORT | {"bodies.rod.reduction": {"method": "m1", "modes": 4}}

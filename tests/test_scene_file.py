@@ -470,7 +470,7 @@ ENDS = {f"bodies.shaft.points.{name}": [0.0, 0.0] for name in ("left", "right", 
             {"forces.more": {"kind": "gravity"}},
             r"forces.weight, forces.more: .* \[0, -19.62\] m/s2",
         ),
-        ({"lubricants.oil.viscosity": 1e-4}, "joints.left: .* Reynolds number of 2088, .* to 1000"),
+        ({"lubricants.oil.viscosity": 1e-4}, "joints.left: .* Reynolds number of 2088; .* to 1000"),
         ({"bodies.shaft": {"kind": "massless"}} | ENDS, "none has a mass, so that gravity"),
     ],
 )

@@ -184,7 +184,7 @@ def test_a_program_that_the_folder_names_runs_only_if_the_user_names_it_unchange
     finally:
         model.write_text(text)
     unnamed, other = refuse(folder), refuse(folder, "--model", folder / "scene.toml")
-    assert f"have it run by --model {model}" in unnamed == other
+    assert f"allow it to run by --model {model}" in unnamed == other
     assert not ran.exists()
 
 

@@ -113,7 +113,7 @@ def test_a_peak_that_is_hardly_meant_is_noticed(values, damping, periodic, notic
     solved.rows = [row | {"joints/bearing/max_pressure_Pa": value} for row, value in rows]
     assert len(solved.rows) == len(values)
     if periodic:
-        solved.cycles = SimpleNamespace(figures=dict)
+        solved.cycles = SimpleNamespace(figures=dict, period=period)
     lines = RunSummary(solved).notices()
     assert len(lines) == (notice is not None)
     assert notice is None or notice in lines[0]

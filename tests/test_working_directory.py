@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -48,13 +49,26 @@ OPTIONS = {
 WORDS = ("conrod", "hex", "none", "pc2", "rigid")
 
 
+@pytest.fixture(scope="module")
+def clean_folders(tmp_path_factory):
+    """Folder with a scene for each test function, in which every command runs once."""
+    folders = {}
+
+    def clean(name):
+        if name not in folders:
+            folders[name] = tmp_path_factory.mktemp("clean")
+            write_scene(folders[name])
+        return folders[name]
+
+    return clean
+
+
 @pytest.fixture(params=["files", "pipes"])
-def folders(request, tmp_path):
+def folders(request, tmp_path, clean_folders):
     """A folder with a scene, and one that has others' files or pipes as well."""
-    clean, hostile = tmp_path / "clean", tmp_path / "hostile"
-    for folder in (clean, hostile):
-        folder.mkdir()
-        write_scene(folder)
+    clean, hostile = clean_folders(request.function.__name__), tmp_path / "hostile"
+    hostile.mkdir()
+    write_scene(hostile)
     for name in OPTIONS:
         if request.param == "pipes":
             os.mkfifo(hostile / name)
@@ -69,14 +83,24 @@ def folders(request, tmp_path):
 
 
 def both(folders, *arguments):
-    """What a command prints, the same in both folders; no file there was run."""
-    outputs = []
-    for folder in folders:
-        done = program(*arguments, cwd=folder)
-        assert done.returncode == 0, done.stderr
-        outputs.append(done.stdout)
-    assert not (folders[1] / "ran").exists()
+    """Output of a command in both folders; no file there was run."""
+    clean, hostile = folders
+    outputs = [output_once(clean, *arguments), output(hostile, *arguments)]
+    assert not (hostile / "ran").exists()
     return outputs
+
+
+@cache
+def output_once(folder, *arguments):
+    """Output of a command in a folder without others' files, where it need not run again."""
+    return output(folder, *arguments)
+
+
+def output(folder, *arguments):
+    """Output of a command that succeeds in a folder."""
+    done = program(*arguments, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def same_bytes(folders, *names):
@@ -152,11 +176,11 @@ def test_forms_that_are_compiled_in_a_folder_obey_none_of_its_files(folders, mon
     clean, hostile = folders
     bearing = ("bearing", "--eccentricity", "0.5", "--cells", "16x4", "--json")
     expected = program(*bearing, cwd=clean).stdout
-    monkeypatch.setenv("XDG_CACHE_HOME", str(clean / "cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(hostile.parent / "cache"))
     done = program(*bearing, cwd=hostile)
     assert done.returncode == 0, done.stderr
     assert done.stdout == expected
-    assert list((clean / "cache").rglob("*.so"))
+    assert list((hostile.parent / "cache").rglob("*.so"))
     assert not (hostile / "ran").exists()
 
 

@@ -599,28 +599,14 @@ def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
     return ContactFigures(force, share, joint.touch.pressure.max(), joint.rubbed)
 
 
-#: Points a direction at which the pressure is sampled about the highest node, and how often, every
-#: time about the best of the last.
-SAMPLES, CLOSER = 21, 3
-
-
 def _peak(found: OperatingPoint) -> tuple[float, float | None]:
-    """Largest pressure, between the nodes too, and its angle from the maximum film."""
-    film, nodal = found.bearing.film, found.state.pressure
-    grid, highest = film.parameters.grid, float(nodal.max())
-    if not highest > NO_PRESSURE * film.parameters.pressure_scale:
+    """Peak pressure between the nodes, and its angle from the maximum film."""
+    film = found.bearing.film
+    nodal = found.state.pressure
+    if not float(nodal.max()) > NO_PRESSURE * film.parameters.pressure_scale:
         return 0.0, None
-    place = grid.node_positions[int(np.argmax(nodal))]
-    reach = np.array([np.diff(grid.angles).max(), np.diff(grid.heights).max()])
-    offsets = np.linspace(-1.0, 1.0, SAMPLES)
-    for _ in range(CLOSER):
-        a, z = (x.ravel() for x in np.meshgrid(*(place[:, None] + np.outer(reach, offsets))))
-        z = np.clip(z, grid.heights[0], grid.heights[-1])
-        values = grid.interpolation(a, z) @ nodal
-        best = int(np.argmax(values))
-        highest, place = float(values[best]), np.array([a[best], z[best]])
-        reach = reach * 2 / SAMPLES
+    (highest,), (angle,), _ = film.parameters.grid.rows.largest(nodal[None])
     if not found.position.any():
-        return highest, None
+        return float(highest), None
     centre = direction_of(found.position) - found.bearing.angle
-    return highest, float(np.mod(place[0] - centre - np.pi, 2 * np.pi))
+    return float(highest), float(np.mod(angle - centre - np.pi, 2 * np.pi))

@@ -28,7 +28,13 @@ from fenics_ehd.base.fields import (
 )
 from fenics_ehd.base.needs import NO_TEMPERATURE, only_with
 from fenics_ehd.base.settings import require_effects
-from fenics_ehd.base.shared_settings import ROUGH, OilSettings, Roughness
+from fenics_ehd.base.shared_settings import (
+    ROUGH,
+    OilSettings,
+    Roughness,
+    conducted_share,
+    outlet_weight,
+)
 
 if TYPE_CHECKING:
     from fenics_ehd.film.kinematics import Shape
@@ -36,9 +42,6 @@ if TYPE_CHECKING:
 
 #: Viscosity of the paper's oil, the default [Pa s].
 VISCOSITY = 0.01
-
-#: Usual weight of the outlet temperature in the effective one; the rest is the supply's.
-MIXING = 0.5
 
 #: Most cells of a mesh: it is solved in minutes.
 MOST_CELLS = 100_000
@@ -88,24 +91,13 @@ class BearingSettings(OilSettings, Roughness):
         below=1000,
     )
     conducted: float = only_with(
-        number(
-            0.0,
+        conducted_share(
             "share of the dissipated power that shaft and bore conduct away, with "
-            "supply_temperature",
-            least=0,
-            below=1,
+            "supply_temperature"
         ),
         "supply_temperature",
     )
-    mixing: float = only_with(
-        number(
-            MIXING,
-            "where the effective temperature lies between supply, 0, and outlet, 1",
-            above=0,
-            most=1,
-        ),
-        "supply_temperature",
-    )
+    mixing: float = only_with(outlet_weight(), "supply_temperature")
     contact_modulus: float = only_with(
         number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0), "roughness", words=ROUGH
     )

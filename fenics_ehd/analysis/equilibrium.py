@@ -85,6 +85,8 @@ class Equilibrium:
         At the solution.
     notices
         Forces that were left out, in words.
+    unknowns
+        Solution of the step equations, from which a later search may continue.
     """
 
     system: System
@@ -94,6 +96,7 @@ class Equilibrium:
     iterations: int
     solver: CoupledSteps
     notices: tuple[str, ...] = ()
+    unknowns: SolverState | None = None
 
     @property
     def z(self) -> np.ndarray:
@@ -137,7 +140,9 @@ class Linearisation:
         return found
 
 
-def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equilibrium:
+def equilibrium(
+    mechanism: Mechanism, *, start: Equilibrium | None = None, tolerance: float = TOLERANCE
+) -> Equilibrium:
     """Equilibrium of a mechanism under its constant loads.
 
     Parameters
@@ -145,28 +150,36 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
     mechanism
         Its rough pose and rates at the start are assembled; the search begins there, and the rates
         stay. Rotating forces are left out, with a warning and in `Equilibrium.notices`.
+    start
+        Former equilibrium of the same mechanism at another speed or load, where the search begins
+        (continuation); None: it begins at the rough pose.
     tolerance
         On the last update, relative to the gaps.
 
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled, or something of it varies with time.
+        The mechanism cannot be assembled, something of it varies with time, or the former
+        equilibrium is of another mechanism.
     SolverError
         None was found from there.
     """
     require_class("mechanism", mechanism, Mechanism)
+    if start is not None:
+        require_class("start", start, Equilibrium)
     require_number("tolerance", tolerance, above=0)
     mechanism, notices = _without_rotating_forces(mechanism)
     for line in notices:
         warnings.warn(line, stacklevel=2)
     system = System(mechanism)
+    if start is not None:
+        _require_same(system, start)
     z, rates = assemble(system)
     variation = next(_variations(system, z, rates), "")
     if variation:
         raise SettingsError(f"no equilibrium: {variation}")
     try:
-        return replace(balanced(system, tolerance), notices=notices)
+        return replace(balanced(system, tolerance, start), notices=notices)
     except SolverError as error:
         conserving = any(binding.joint.cavitation != "reynolds" for binding in system.films)
         hint = "; take cavitation = 'reynolds', or run it" if conserving else ""
@@ -174,41 +187,75 @@ def equilibrium(mechanism: Mechanism, *, tolerance: float = TOLERANCE) -> Equili
         raise
 
 
-def balanced(system: System, tolerance: float = TOLERANCE) -> Equilibrium:
+def balanced(
+    system: System, tolerance: float = TOLERANCE, former: Equilibrium | None = None
+) -> Equilibrium:
     """State of a mechanism in balance with its loads at time zero; later ones are not looked at.
 
     Parameters
     ----------
     system
-        Whose rough pose and rates are assembled; weights of coordinates are changed.
-    tolerance
-        As of `equilibrium`.
+        Its rough pose and rates are assembled.
+    tolerance, former
+        As `tolerance` and `start` of `equilibrium`.
 
     Raises
     ------
     SettingsError, SolverError
         As `equilibrium`.
     """
-    z, rates = assemble(system)
+    z, rates = assemble(system, rough=None if former is None else former.z)
     # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
     weights = np.full(system.n, GIVEN)
     for binding in system.films:
         weights[binding.xi[: binding.film.journal_coordinates]] = 1.0
     solver = CoupledSteps(system, weights=weights)
     norm = StepNorm(solver.equations)
-    x = np.concatenate([z, solver.equations.resting(z)])
+    rest = solver.equations.resting(z) if former is None else former.x[len(z) :]
+    x = np.concatenate([z, rest])
     observed = norm.observe(x)
     shift = STEADY * _rate(system) if solver.equations.conserves_oil else 0.0
     moving = np.concatenate([rates, np.zeros(len(x) - len(z))])
     past = moving - shift * x, -shift * moving
     step = ImplicitStep(0.0, shift, *past, x, x, (observed, observed), tolerance)
-    start = None if solver.equations.conserves_oil else _start(solver.equations, z, rates)
+    if former is not None and former.unknowns is not None:
+        newest = former.unknowns
+        start: SolverState | None = SolverState(np.zeros(1), newest.values[:1], newest.patterns)
+    else:
+        start = None if solver.equations.conserves_oil else _start(solver.equations, z, rates)
     attempt = solver(norm, step, start)
     if attempt.solved is None:
         assert attempt.cause is not None
         raise attempt.cause
     solved = attempt.solved
-    return Equilibrium(system, solved.x, solved.rate, solved.solution, attempt.iterations, solver)
+    return Equilibrium(
+        system,
+        solved.x,
+        solved.rate,
+        solved.solution,
+        attempt.iterations,
+        solver,
+        unknowns=solved.solver,
+    )
+
+
+def _require_same(system: System, former: Equilibrium) -> None:
+    """Refuse to continue from an equilibrium of another mechanism.
+
+    Raises
+    ------
+    SettingsError
+        Its bodies, joints or films have other coordinates or nodes.
+    """
+    nodes, former_nodes = (
+        {film.name: film.film.film.assembly.size for film in each.films}
+        for each in (system, former.system)
+    )
+    if (system.bodies, system.m, nodes) != (former.system.bodies, former.system.m, former_nodes):
+        raise SettingsError(
+            "start: this is an equilibrium of another mechanism: give one with the same bodies, "
+            "joints and film meshes, or leave start out"
+        )
 
 
 # What has no equilibrium

@@ -33,9 +33,9 @@ class Quantity(np.ndarray):
 
     def __new__(cls, values: Any, units: str) -> Quantity:
         """View of an array, which is not copied."""
-        found = np.asarray(values).view(cls)
-        found.units = units
-        return found
+        quantity = np.asarray(values).view(cls)
+        quantity.units = units
+        return quantity
 
     def __array_finalize__(self, source: Any) -> None:
         self.units = getattr(source, "units", DIMENSIONLESS)

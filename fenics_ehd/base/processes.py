@@ -144,13 +144,13 @@ def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]
     except OSError:
         return []
     paths = {line.partition("/")[2] for line in lines if "blas" in line.rpartition("/")[2]}
-    libraries = [ctypes.CDLL(f"/{path}") for path in sorted(paths)]
-    return [
-        (getattr(library, write), getattr(library, read))
-        for library in libraries
-        for write, read in THREAD_FUNCTIONS
-        if hasattr(library, write)
-    ]
+    functions = []
+    for path in sorted(paths):
+        library = ctypes.CDLL(f"/{path}")
+        for write, read in THREAD_FUNCTIONS:
+            if hasattr(library, write):
+                functions.append((getattr(library, write), getattr(library, read)))
+    return functions
 
 
 def _end_with_parent() -> None:

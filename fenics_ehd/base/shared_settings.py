@@ -46,6 +46,21 @@ def _kinematic(temperature: int) -> Any:
     )
 
 
+def conducted_share(help_text: str) -> Any:
+    """Fraction of the dissipated power that does not leave with the oil [-]."""
+    return number(0.0, help_text, least=0, below=1)
+
+
+def outlet_weight() -> Any:
+    """Weight of the outlet temperature in the effective one; practice uses the mean [-]."""
+    return number(
+        0.5,
+        "where the effective temperature lies between supply, 0, and outlet, 1",
+        above=0,
+        most=1,
+    )
+
+
 #: Keys of an oil by grade, in messages.
 GRADED = "a grade, or viscosity_40 and viscosity_100"
 

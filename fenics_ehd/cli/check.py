@@ -1,4 +1,7 @@
-"""``fenics-ehd info`` and ``check``: what is installed, and whether it works."""
+"""``fenics-ehd info`` and ``check``: what is installed, and whether it works.
+
+Imports inside functions: a check imports the libraries that it tests, and reports those that fail.
+"""
 
 from __future__ import annotations
 
@@ -25,19 +28,19 @@ from fenics_ehd.cli.options import answer, echo, json_option
 @click.command()
 @json_option
 def info(as_json: bool) -> None:
-    """Show versions and where the Gmsh models are."""
+    """Show versions of libraries and the paths of the Gmsh models."""
     from importlib import resources
 
-    found = {**versions(installed=True), "package": str(resources.files("fenics_ehd"))}
+    facts = {**versions(installed=True), "package": str(resources.files("fenics_ehd"))}
     fault = library_fault()
     if fault:
-        found |= {"numpy_file": origin("numpy"), "fault": fault}
+        facts |= {"numpy_file": origin("numpy"), "fault": fault}
     else:
         from fenics_ehd.fem.models import model_path
 
-        found |= {f"{part}_model": str(model_path(part)) for part in ("conrod", "housing")}
-    lines = "\n".join(f"{name:14s} {value}" for name, value in found.items() if name != "fault")
-    answer(found, lines, as_json)
+        facts |= {f"{part}_model": str(model_path(part)) for part in ("conrod", "housing")}
+    lines = "\n".join(f"{name:14s} {value}" for name, value in facts.items() if name != "fault")
+    answer(facts, lines, as_json)
     if fault:
         raise VerificationError(fault)
 
@@ -45,7 +48,7 @@ def info(as_json: bool) -> None:
 #: A part that is reduced in a second, the same on any number of ranks.
 REDUCE = ("reduce", "conrod", "--method", "m1", "--modes", "4", "--no-estimate-error", "--json")
 
-#: Seconds after which ranks are taken to wait for each other.
+#: Seconds after which ranks are assumed to wait for each other.
 PATIENCE = 300
 
 #: Attitude angle of a bearing as wide as its diameter at eccentricity 0.6 [degrees], from the
@@ -56,11 +59,10 @@ ATTITUDE = 51.98
 @click.command()
 def check() -> None:
     """Test this installation in about a minute: libraries, a reduction, a film, steps, ranks."""
-    found = versions(installed=True)
-    for name, told in found.items():
-        echo(f"  {name:14s} {told}")
-        if told == "missing":
-            import_module(name)  # its error says which packages to install
+    for name, version in versions(installed=True).items():
+        echo(f"  {name:14s} {version}")
+        if version == "missing":
+            import_module(name)  # its error has the packages to install
     if fault := library_fault():
         raise VerificationError(fault)
     failures = []
@@ -68,11 +70,11 @@ def check() -> None:
         for name, run in CHECKS.items():
             began = perf_counter()
             try:
-                told = run(Path(folder))
-            except Exception as error:  # whatever is wrong here is to be told, not to end the rest
-                told = f"FAILED: {type(error).__name__}: {str(error).strip()}"
+                outcome = run(Path(folder))
+            except Exception as error:  # of any kind: it is reported, and the other checks go on
+                outcome = f"FAILED: {type(error).__name__}: {str(error).strip()}"
                 failures.append(name)
-            echo(f"  {name:14s} {told} ({perf_counter() - began:.1f} s)")
+            echo(f"  {name:14s} {outcome} ({perf_counter() - began:.1f} s)")
     if failures:
         raise VerificationError(f"this installation does not work: {', '.join(failures)}")
     echo("all is well")
@@ -85,8 +87,8 @@ def _film(_: Path) -> str:
     from fenics_ehd.analysis.bearing_settings import BearingSettings
 
     settings = BearingSettings(radius=0.02, width=0.04, clearance=2e-5)
-    found = np.degrees(solve_bearing(settings, eccentricity=0.6).attitude or 0.0)
-    return _within(found, ATTITUDE, 0.1, "attitude angle {:.2f} degrees")
+    attitude = np.degrees(solve_bearing(settings, eccentricity=0.6).attitude or 0.0)
+    return _within(attitude, ATTITUDE, 0.1, "attitude angle {:.2f} degrees")
 
 
 def _reduction(folder: Path) -> str:
@@ -94,10 +96,9 @@ def _reduction(folder: Path) -> str:
 
 
 def _lowest(folder: Path, launcher: list[str]) -> float:
-    """Lowest frequency [Hz] of the part, reduced by processes of their own."""
+    """Lowest frequency [Hz] of the part, reduced in child processes."""
     command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
-    # What MPI has put into this process's environment, Python does not know: mpirun would fail,
-    # as it would with what a launcher has put there.
+    # mpirun fails with variables that MPI or a launcher have set: they are not passed on.
     done = subprocess.run(
         [*command, str(folder / "part.h5")],
         capture_output=True,
@@ -132,24 +133,24 @@ def _ranks(folder: Path) -> str:
         return "no mpirun: left out"
     alone = load_body(folder / "part.h5").frequencies[0]
     allowed = ["--allow-run-as-root"] if os.geteuid() == 0 else []
-    found = _lowest(folder, [launcher, *allowed, "--oversubscribe", "-n", "2"])
-    return _within(found / alone, 1.0, 1e-6, "on two ranks over one: {:.9f}")
+    on_two = _lowest(folder, [launcher, *allowed, "--oversubscribe", "-n", "2"])
+    return _within(on_two / alone, 1.0, 1e-6, "on two ranks over one: {:.9f}")
 
 
-def _within(found: float, expected: float, most: float, text: str) -> str:
-    """The figure in words.
+def _within(value: float, expected: float, most: float, text: str) -> str:
+    """The text with a value.
 
     Raises
     ------
     VerificationError
-        It is further than `most` from what is expected.
+        The value differs from the expected one by more than `most`.
     """
-    if not abs(found - expected) <= most:
-        raise VerificationError(f"{text.format(found)}, expected {expected:g} within {most:g}")
-    return text.format(found)
+    if not abs(value - expected) <= most:
+        raise VerificationError(f"{text.format(value)}, expected {expected:g} within {most:g}")
+    return text.format(value)
 
 
-#: What is tried, in this order.
+#: Checks by name, in this order.
 CHECKS: dict[str, Callable[[Path], str]] = {
     "film": _film,
     "reduction": _reduction,

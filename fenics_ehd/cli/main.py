@@ -1,4 +1,7 @@
-"""Command line. Heavy imports happen inside the commands, so that ``--help`` answers at once."""
+"""Command line: commands by module, options of the first ones, exit status.
+
+Imports inside functions: ``--help`` does without the libraries of commands.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ with ending_signals_raise():
     )
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
 
-#: What pip cannot bring: Debian's python3-NAME.
+#: Libraries that pip does not install: Debian's packages python3-NAME.
 COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
 
 
@@ -49,15 +52,15 @@ COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
 LEAST_MEMORY = 768 << 20
 
 
-#: Keys of [output] that no option of `run` takes the place of, or one that says more.
+#: Keys of [output] without an option of `run` of the same name.
 KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
 
 
-#: Of options of `run` that are read from the folder of a run that is resumed.
+#: Condition of options of `run` that a resumed run reads from its folder.
 NEW_RUN = (Needs(("resume",), absent=True),)
 
 
-#: Commands by their module, which is imported when one of them is asked for.
+#: Commands by their module, which is imported when one of them is called.
 COMMANDS = {
     "animate": "pictures",
     "bearing": "bearing",
@@ -150,11 +153,11 @@ def run(
 
     if (scene is None) == (resume is None):
         raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
-    given = {key: value for key, value in output.items() if value is not None}
+    chosen = {key: value for key, value in output.items() if value is not None}
     options = run.RunOptions(plots, interval, as_json, multiplier)
     if scene is not None:
         target = Path(directory or Path("results") / Path(scene).stem)
-        asked = given | ({"paraview": True} if vtk else {})
+        asked = chosen | ({"paraview": True} if vtk else {})
         changed = run.changed_scene(scene, body, method, asked)
         run.run(changed, target, overwrite, options, input_files(scene, changed))
         return
@@ -187,7 +190,7 @@ def run(
     "exports",
     multiple=True,
     type=click.Choice(["npz"]),
-    help="Also write the body for NumPy, beside the HDF5 file.",
+    help="Also write the body for NumPy, next to the HDF5 file.",
 )
 @json_option
 def reduce(**options: Any) -> None:
@@ -214,19 +217,19 @@ def main(arguments: list[str] | None = None) -> None:
     start_command()
     _open_streams()
     logging.disable(logging.INFO)  # the build log of just-in-time compiled forms
-    given = sys.argv[1:] if arguments is None else arguments
+    command_line = sys.argv[1:] if arguments is None else arguments
     # dolfinx reads these when it is imported, and only as UTF-8.
     sys.argv = [escaped(argument) for argument in sys.argv]
     with all_ranks() as comm:
-        status, message = agreed(comm, *_outcome(given, alone=comm is None))
+        status, message = agreed(comm, *_outcome(command_line, alone=comm is None))
     if message:
-        with suppress(OSError):  # nobody is listening
+        with suppress(OSError):  # the standard error output is closed
             echo(message, err=True)
     sys.exit(status)
 
 
 def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
-    """Exit status of a command, and what is to be said of an error."""
+    """Exit status of a command, and the message of its error, if any."""
     try:
         _require_memory()
         _require_arrays(arguments)
@@ -236,9 +239,9 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
         with ending_signals_raise():
             return cli.main(arguments, prog_name="fenics-ehd", standalone_mode=False) or 0, ""
     except click.ClickException as error:
-        shown = io.StringIO()
-        error.show(shown)
-        return 2, shown.getvalue().rstrip()
+        usage = io.StringIO()
+        error.show(usage)
+        return 2, usage.getvalue().rstrip()
     except EhdError as error:
         return error.exit_status, _line(f"{type(error).__name__}: {error}")
     except (KeyboardInterrupt, click.exceptions.Abort, BrokenPipeError):
@@ -260,19 +263,19 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
         module = type(error).__module__
         last = str(error).strip().rpartition("\n")[2]
         if "petsc4py" in module:
-            return 1, _line(f"PETSc: {last}: are the material's figures sensible?")
+            return 1, _line(f"PETSc: {last}: check the values of the material")
         if "cffi" in module or "just-in-time" in str(error):
-            return 1, _line(f"forms are compiled by cc and kept in {forms_folder()}: {last}")
+            return 1, _line(f"forms are compiled by cc and stored in {forms_folder()}: {last}")
         return 1, traceback.format_exc().rstrip()
 
 
 def _require_arguments(arguments: list[str]) -> None:
-    """Refuse an empty argument: as a path it would be the current folder, or none be given.
+    """Refuse an empty argument: it would mean the current folder, or a default.
 
     Raises
     ------
     click.UsageError
-        Naming what stands before it.
+        The message has the argument before it.
     """
     for before, argument in pairwise(["fenics-ehd", *arguments]):
         if not argument or (argument.startswith("--") and argument.endswith("=")):
@@ -281,17 +284,17 @@ def _require_arguments(arguments: list[str]) -> None:
             )
 
 
-#: Commands that need no arrays, or explain why they do not work; so does help.
+#: Commands and options that need no arrays, or explain a faulty NumPy.
 WITHOUT_ARRAYS = {"init", "info", "check", "-h", "--help", "--version"}
 
 
 def _require_arrays(arguments: list[str]) -> None:
-    """Refuse a NumPy that others were not compiled for before it is imported from somewhere else.
+    """Refuse a NumPy that other libraries were not compiled for, before they are imported.
 
     Raises
     ------
     EhdError
-        Naming it.
+        The message has its path.
     """
     if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
         return

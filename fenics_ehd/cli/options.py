@@ -1,4 +1,7 @@
-"""Options that several commands have, and lines on the first rank's standard error."""
+"""Options that several commands have, and lines on the first rank's standard error.
+
+Imports inside functions: ``--help`` does without the modules that commands need.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +35,10 @@ def warn_of(lines: Iterable[str]) -> None:
 
 def say_reducing(names: Iterable[str]) -> None:
     """Say which bodies are reduced: the first time ever, this takes long."""
-    found = ", ".join(names)
+    listed = ", ".join(names)
     compiled = any(forms_folder().glob("libffcx_forms_*.so"))
     once = "" if compiled else " (forms are compiled once, in about half a minute)"
-    _say([f"reducing {found}{once}"] if found else [])
+    _say([f"reducing {listed}{once}"] if listed else [])
 
 
 def _say(lines: Iterable[str]) -> None:
@@ -158,7 +161,7 @@ class Measured(click.ParamType):
         if not isinstance(value, str):
             return float(value)
         if value.strip().lower() in NOT_FINITE:
-            return float(value)  # refused by what takes it, which knows the name
+            return float(value)  # refused by the check of the setting, whose message has the name
         try:
             return parse_number(value)
         except ValueError:
@@ -169,22 +172,24 @@ class Measured(click.ParamType):
             self.fail(f"{value!r} {error}", param, ctx)
 
 
-#: Defaults that stand for what is not given.
+#: Defaults that mean: not set.
 NOT_GIVEN = (NONE, NO_TEMPERATURE, (0.0, 0.0))
 
 
 def setting_options(
     cls: type, *without: str, defaults: bool = True, needs: Sequence[Needs] = ()
 ) -> Callable[[Command], Command]:
-    """Options for the settings of a class, some left out, with help and unit of each.
+    """Options for the settings of a class, apart from some, with help and unit of each.
 
-    Without `defaults` what is not given is None. All of them have the conditions `needs`, those of
+    Without `defaults` missing options are None. All options have the conditions `needs`; those of
     the settings are checked with the settings.
     """
 
     def add(command: Command) -> Command:
         fields = [field for field in declared(cls) if field.name not in without]
-        fields.sort(key=lambda field: field.name not in cls.__annotations__)  # inherited ones last
+        fields.sort(
+            key=lambda field: field.name not in cls.__annotations__
+        )  # inherited fields last
         for field in reversed(fields):
             command = _setting_option(field, defaults, needs)(command)
         return command
@@ -197,8 +202,8 @@ def _setting_option(
 ) -> Callable[[Command], Command]:
     name = field.name.replace("_", "-")
     kind = str(field.type)
-    told = field.metadata["help"]
-    measured = Measured(told)
+    help_text = field.metadata["help"]
+    measured = Measured(help_text)
     kinds: dict[str, Any] = {"float": measured, "int": Integer(), "bool": bool}
     kinds["tuple[float, float]"] = measured, measured
     options = field.metadata.get("options")
@@ -209,7 +214,7 @@ def _setting_option(
         is_flag=kind == "bool",
         default=default if defaults else None,
         show_default=defaults and bool(default) and default not in NOT_GIVEN,
-        help=told,
+        help=help_text,
         needs=needs,
     )
 
@@ -219,45 +224,45 @@ json_option = click.option(
 )
 
 
-#: A printed number that is not finite: no name at the start of a line, and no "results in nan".
+#: A printed number that is not finite; not a name at the start of a line, nor "results in nan".
 UNPRINTABLE = re.compile(r"(?<=\S)(?<! in) +[-+]?(nan|inf)(?=[\s,;%)]|$)")
 
 
-def answer(found: Mapping[str, Any], told: str, as_json: bool) -> None:
-    """Print a result, as JSON, in which a number that is not finite is null, or in words.
+def answer(result: Mapping[str, Any], text: str, as_json: bool) -> None:
+    """Print a result as JSON, with null for numbers that are not finite, or as text.
 
     Raises
     ------
     VerificationError
-        A figure in words is no finite number.
+        The text has a number that is not finite.
     """
-    unknown = [] if as_json else [line.strip() for line in told.split("\n") if _unknown(line)]
-    keys = sorted(set(_not_finite(found))) if unknown else []
+    unknown = [] if as_json else [line.strip() for line in text.split("\n") if _unknown(line)]
+    keys = sorted(set(_not_finite(result))) if unknown else []
     if keys:
         raise VerificationError(f"{', '.join(keys)}: no finite number, in: {unknown[0]}")
-    echo(to_json(found) if as_json else told)
+    echo(to_json(result) if as_json else text)
 
 
 def _unknown(line: str) -> bool:
     return UNPRINTABLE.search(line) is not None
 
 
-def _not_finite(found: Any, key: str = "") -> Iterator[str]:
+def _not_finite(result: Any, key: str = "") -> Iterator[str]:
     """Keys of the numbers in a result that are not finite."""
-    if isinstance(found, Mapping):
-        for name, value in found.items():
+    if isinstance(result, Mapping):
+        for name, value in result.items():
             yield from _not_finite(value, str(name))
-    elif isinstance(found, list | tuple):
-        for value in found:
+    elif isinstance(result, list | tuple):
+        for value in result:
             yield from _not_finite(value, key)
-    elif isinstance(found, float) and not math.isfinite(found):
+    elif isinstance(result, float) and not math.isfinite(result):
         yield key
 
 
 def aligned(
     rows: Sequence[Sequence[str]], words: Collection[int] = (0,), indent: str = ""
 ) -> list[str]:
-    """Lines of a table, the first row its heads: columns of words to the left, others right."""
+    """Lines of a table with a row of headings: columns of words are left-aligned, others right."""
     columns = enumerate(zip(*rows, strict=True))
     forms = [f"{'<' if k in words else '>'}{max(map(len, cells))}" for k, cells in columns]
     return [(indent + "  ".join(map(format, row, forms))).rstrip() for row in rows]
@@ -271,15 +276,15 @@ def output_option(
     required: bool = False,
     needs: Sequence[Needs] = (),
 ) -> Callable[[Command], Command]:
-    """``-o``, a folder or a file, under the name of an argument."""
+    """Option ``-o`` with the path of a folder or a file; `name` is the argument of the command."""
     path = FOLDER if folder else FILE
     names = "-o", "--output", name
     return option(*names, type=path, help=help_text, required=required, needs=needs)
 
 
-#: Shared by commands that run many cases.
+#: Option of commands that run many cases.
 workers_option = click.option(
     "--workers",
     type=Whole(min=1),
-    help="Processes [default: the cores this one may use]; with 1 no run disturbs another.",
+    help="Processes [default: the cores available]; with 1 runs do not compete for time.",
 )

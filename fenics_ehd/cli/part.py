@@ -1,4 +1,7 @@
-"""``fenics-ehd part``: a drawing or a mesh from elsewhere as a model for scenes."""
+"""``fenics-ehd part``: a drawing or a mesh of another program as a model for scenes.
+
+Imports inside functions: ``--help`` does without Gmsh, PETSc and reductions, which are slow.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ MOST_LISTED = 60
 #: Most runs of numbers in a row of several faces.
 MOST_RUNS = 6
 
-#: Of options for the model that is written.
+#: Condition of options for the model that is written.
 WRITTEN = (Needs(("target",)),)
 
 
@@ -63,7 +66,7 @@ WRITTEN = (Needs(("target",)),)
 @click.option(
     "--unit",
     type=click.Choice(UNITS),
-    help="Of the file's lengths. [default: m for meshes, what a drawing declares]",
+    help="Unit of the file's lengths. [default: m for meshes, that of a drawing]",
 )
 @click.option(
     "--angle",
@@ -98,69 +101,41 @@ def part(
     as_json: bool,
     **material: float,
 ) -> None:
-    """List the faces of FILE, or make it a model that scenes take.
+    """List the faces of FILE, or make a model for scenes of it.
 
     FILE is a drawing (STEP, IGES) or a mesh of tetrahedra or hexahedra (Gmsh, Abaqus,
-    CalculiX, Nastran and what else meshio reads). Without -o its faces are listed with their
+    CalculiX, Nastran and other formats of meshio). Without -o its faces are listed with their
     numbers; with it and a --bore a .msh file is written, in metres, the bore's axis along z.
-    A deck's material is taken unless another is given.
+    The material is that of a deck, unless options give another.
     """
     from mpi4py import MPI
 
     import fenics_ehd.base.petsc_start  # noqa: F401 - collective: every rank starts PETSc
-    from fenics_ehd.base.files import require_output, written_aside
-    from fenics_ehd.fem.drawn_part import open_part, place_part, write_part
+    from fenics_ehd.fem.drawn_part import open_part, place_part
     from fenics_ehd.fem.foreign_mesh import part_material
-    from fenics_ehd.fem.models import MODEL_KIND, mark_model, store_material
-    from fenics_ehd.fem.solid import corner_volumes
 
-    if MPI.COMM_WORLD.rank:  # one does it all
+    if MPI.COMM_WORLD.rank:  # the first rank does all the work
         return
     if (target is None) != (not bores):
         raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
     build(Material, material)  # checks it
-    given = {name: value for name, value in material.items() if _on_command_line(name)}
+    chosen = {name: value for name, value in material.items() if _on_command_line(name)}
     if target is not None and Path(target).suffix != ".msh":
         raise SettingsError(f"-o {target}: a model's name must end with .msh")
     opened = open_part(Path(file), unit, angle)
     warn_of(opened.notices)
     if target is None:
-        listed = faces_listed(opened)
-        table = "\n".join([face_table(listed), *_left_out(opened)])
-        answer({"file": file, "faces": listed, "left_out": opened.left_out}, table, as_json)
+        faces = faces_listed(opened)
+        table = "\n".join([face_table(faces), *_left_out(opened)])
+        answer({"file": file, "faces": faces, "left_out": opened.left_out}, table, as_json)
         return
-    made_of, replaced = part_material(opened.materials, unit or "m", given, file)
+    part_of, replaced = part_material(opened.materials, unit or "m", chosen, file)
     warn_of(replaced)
-    require_output(target, MODEL_KIND, [file])
-    if not Path(target).absolute().parent.is_dir():
-        raise SettingsError(f"-o {target}: there is no folder {Path(target).parent}")
-    named = _named(opened, bores, points, held)
-    placed = place_part(opened, named, around).quadratic()
-    figures: dict[str, Any] = {
-        "file": target,
-        "cells": placed.solid.kind,
-        "number_of_cells": len(placed.solid.cells),
-        "worst_cell": float(corner_volumes(placed.solid).min()),
-        **({"cells_around": around / placed.size} if opened.drawn else {}),
-        "bores": {
-            name: {"radius_m": opened.radius(number), "moved_m": placed.moved[name]}
-            for name, number in named.bores.items()
-        },
-        "points": list(named.points),
-        "clamped": "held" if named.held else "none",
-        "material": attrs.asdict(made_of),
-        "material_from": _material_from(opened, given),
-        "left_out": opened.left_out,
-    }
-    try:
-        with written_aside(Path(target)) as aside:
-            write_part(aside, placed.solid, placed.surfaces())
-            store_material(aside, made_of)
-            mark_model(aside)
-            if check:
-                figures |= _checked(opened, placed, aside, around / placed.size, made_of)
-    except MeshError as error:
-        raise MeshError(str(error).replace(str(aside), target)) from None
+    _require_target(target, file)
+    placed = place_part(opened, _named(opened, bores, points, held), around).quadratic()
+    figures = model_figures(target, opened, placed, part_of, around)
+    figures["material_from"] = _material_from(opened, chosen)
+    figures |= _write_model(target, opened, placed, part_of, around if check else 0)
     if placed.size < 1:
         warn_of(
             [
@@ -171,41 +146,115 @@ def part(
     answer(figures, "\n".join([made_table(figures), *_left_out(opened)]), as_json)
 
 
+def _require_target(target: str, file: str) -> None:
+    """Refuse a model that would replace another file, or is in no folder.
+
+    Raises
+    ------
+    InputError
+        See `require_output`, or there is no such folder.
+    """
+    from fenics_ehd.base.files import require_output
+    from fenics_ehd.fem.models import MODEL_KIND
+
+    require_output(target, MODEL_KIND, [file])
+    if not Path(target).absolute().parent.is_dir():
+        raise SettingsError(f"-o {target}: there is no folder {Path(target).parent}")
+
+
+def model_figures(
+    target: str, opened: OpenedPart, placed: PlacedPart, material: Material, around: int
+) -> dict[str, Any]:
+    """Figures of a model before it is checked: cells, bores, points and material."""
+    from fenics_ehd.fem.solid import corner_volumes
+
+    cells_around = {"cells_around": around / placed.size} if opened.drawn else {}
+    return {
+        "file": target,
+        "cells": placed.solid.kind,
+        "number_of_cells": len(placed.solid.cells),
+        "worst_cell": float(corner_volumes(placed.solid).min()),
+        **cells_around,
+        "bores": {
+            name: {"radius_m": opened.radius(number), "moved_m": placed.moved[name]}
+            for name, number in placed.named.bores.items()
+        },
+        "points": list(placed.named.points),
+        "clamped": "held" if placed.named.held else "none",
+        "material": attrs.asdict(material),
+        "material_from": "",
+        "left_out": opened.left_out,
+    }
+
+
+def _write_model(
+    target: str, opened: OpenedPart, placed: PlacedPart, material: Material, checked: int
+) -> dict[str, Any]:
+    """Write a model, and check it if `checked`, its cells around the bores, is not 0.
+
+    Returns
+    -------
+    dict
+        Figures of the check, see `_checked`; empty without one.
+
+    Raises
+    ------
+    MeshError
+        The model is none of a part; the message has its path.
+    """
+    from fenics_ehd.base.files import written_aside
+    from fenics_ehd.fem.drawn_part import write_part
+    from fenics_ehd.fem.models import mark_model, store_material
+
+    figures: dict[str, Any] = {}
+    try:
+        with written_aside(Path(target)) as aside:
+            write_part(aside, placed.solid, placed.surfaces())
+            store_material(aside, material)
+            mark_model(aside)
+            if checked:
+                figures = _checked(opened, placed, aside, checked / placed.size, material)
+    except MeshError as error:
+        raise MeshError(str(error).replace(str(aside), target)) from None
+    return figures
+
+
 def _on_command_line(option: str) -> bool:
     """True of an option that the user gave."""
     source = click.get_current_context().get_parameter_source(option)
     return source is not ParameterSource.DEFAULT
 
 
-def _material_from(opened: OpenedPart, given: Mapping[str, float]) -> str:
-    """Name of the file's material if any value of it is taken, else empty."""
-    if opened.materials and set(opened.materials[0].values) - set(given):
+def _material_from(opened: OpenedPart, chosen: Mapping[str, float]) -> str:
+    """Name of the file's material if any of its values is used, else empty."""
+    if opened.materials and set(opened.materials[0].values) - set(chosen):
         return opened.materials[0].name
     return ""
 
 
 def _left_out(opened: OpenedPart) -> list[str]:
-    """A line of what the file has besides the solid, if anything."""
+    """A line about contents of the file besides the solid, if any."""
     return [f"left out of the file: {opened.left_out}"] if opened.left_out else []
 
 
-def _pairs(given: Sequence[str], default: str, option: str) -> dict[str, str]:
-    found: dict[str, str] = {}
-    for entry in given:
+def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
+    """Faces by name, of entries ``NAME=FACE`` of an option."""
+    faces: dict[str, str] = {}
+    for entry in entries:
         name, _, face = entry.rpartition("=")
         name = name or default
         if not name.isidentifier() or name in ("part", "held"):
             raise SettingsError(f"{option} {entry}: {name!r} is no name for a surface")
-        if name in found:
+        if name in faces:
             raise SettingsError(f"{option} {entry}: {name!r} is named twice: NAME=FACE")
-        found[name] = face
-    return found
+        faces[name] = face
+    return faces
 
 
 def _named(
     opened: OpenedPart, bores: Sequence[str], points: Sequence[str], held: str | None
 ) -> NamedFaces:
-    """Numbers of the faces asked for, none of them twice."""
+    """Numbers of the faces in the options, none of them twice."""
     from fenics_ehd.fem.drawn_part import NamedFaces
 
     named = NamedFaces(
@@ -218,16 +267,16 @@ def _named(
     numbers = [number for faces in named.all().values() for number in faces]
     twice = sorted({number for number in numbers if numbers.count(number) > 1})
     if twice:
-        raise SettingsError(f"face {twice[0]} is asked for twice: a face has one name")
+        raise SettingsError(f"face {twice[0]} is given twice: a face has one name")
     return named
 
 
 def _checked(
     opened: OpenedPart, placed: PlacedPart, path: Path, around: float, material: Material
 ) -> dict[str, Any]:
-    """Mass, unknowns, and how far the bores' flexibility is from the exact one, left in the file.
+    """Mass, unknowns, and error of the bores' flexibility, which is stored in the file.
 
-    A drawing is meshed again, more finely if that can be paid; a mesh has every cell cut in eight.
+    A drawing is meshed again, more finely if affordable; every cell of a mesh is divided in eight.
     """
     from tempfile import TemporaryDirectory
 
@@ -242,13 +291,13 @@ def _checked(
     points = tuple(placed.named.points)
     clamped = "held" if placed.named.held else None
     structure, answers = part_answers(path, material, bores, clamped, points=points)
-    found: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "mass_kg": rigid(structure).inertia.total_mass,
         "degrees_of_freedom": structure.size,
     }
     small = structure.size <= MOST_REFINED
     if not (opened.drawn or small):
-        return found | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
+        return figures | {"flexibility_mesh_error": "not estimated", "second_mesh": "none"}
     if opened.drawn:
         other = place_part(opened, placed.named, around, 1.0 / FINER if small else FINER)
     else:
@@ -256,11 +305,11 @@ def _checked(
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         write_part(file, other.solid, other.surfaces())
-        there = part_answers(file, material, bores, clamped, points=points)
-    errors, moved = missed(structure, answers, *there)
+        other_answers = part_answers(file, material, bores, clamped, points=points)
+    errors, moved = missed(structure, answers, *other_answers)
     error = max(errors.values())
     store_mesh_error(path, bores, points, error, material.youngs_modulus * moved)
-    return found | {
+    return figures | {
         "flexibility_mesh_error": error,
         "flexibility_mesh_error_by_pattern": errors,
         "second_mesh": "finer" if small else "coarser",
@@ -268,7 +317,7 @@ def _checked(
 
 
 def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
-    """Every face with what tells it from others."""
+    """Every face with number, kind, area, cylinder, axis and centre."""
     rows = []
     for number, face in enumerate(opened.faces, 1):
         row: dict[str, Any] = {"number": number, "kind": face.kind, "area_m2": face.area}
@@ -324,7 +373,7 @@ def _face_row(group: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Rising numbers, ``3-7, 9``."""
+    """Ascending numbers as ranges, ``3-7, 9``."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:
@@ -336,7 +385,7 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def made_table(figures: dict[str, Any]) -> str:
-    """Figures of the model, and the lines of a scene that take it."""
+    """Figures of the model, and the lines of a scene that uses it."""
     kind = {"tet": "10-node tetrahedra", "hex": "20-node hexahedra"}[figures["cells"]]
     lines = [
         f"{figures['file']}: {figures['number_of_cells']} {kind}, worst cell "
@@ -356,12 +405,12 @@ def made_table(figures: dict[str, Any]) -> str:
     )
     if "mass_kg" in figures:
         error = figures["flexibility_mesh_error"]
-        told = error
+        text = error
         if not isinstance(error, str):
-            told = f"{100 * error:.2g} %, from a {figures['second_mesh']} mesh"
+            text = f"{100 * error:.2g} %, from a {figures['second_mesh']} mesh"
         lines += [
             f"  mass {figures['mass_kg']:.6g} kg, {figures['degrees_of_freedom']} unknowns",
-            f"  mesh error of the bore's flexibility: {told}",
+            f"  mesh error of the bore's flexibility: {text}",
         ]
     bores = ", ".join(f'"{name}"' for name in figures["bores"])
     points = ", ".join(f'"{name}"' for name in figures["points"])

@@ -1,4 +1,7 @@
-"""``fenics-ehd plot``, ``animate``, ``paraview`` and ``stress``: pictures and fields of a run."""
+"""``fenics-ehd plot``, ``animate``, ``paraview`` and ``stress``: pictures and fields of a run.
+
+Imports inside functions: ``--help`` does without matplotlib and runs.
+"""
 
 from __future__ import annotations
 
@@ -122,7 +125,7 @@ def animate(
 ) -> None:
     """Show a run: its bodies and joints, the film of one joint, curves.
 
-    DIRECTORY holds a run, also one that was stopped or still goes on; of a periodic run, its last
+    DIRECTORY has a run, which may be incomplete or in progress; of a periodic run, its last
     cycle. Nothing is meshed for it.
     """
     from tqdm import tqdm
@@ -161,7 +164,7 @@ def animate(
 def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, ...]) -> None:
     """Write run.pvd, one file for ParaView: bodies and films of a run as they move.
 
-    DIRECTORY holds a run, also one that was stopped or still goes on. Nothing is meshed for it.
+    DIRECTORY has a run, which may be incomplete or in progress. Nothing is meshed for it.
     """
     from fenics_ehd.multibody.history import load_history
     from fenics_ehd.plotting.shown import moving_part, recorded
@@ -229,5 +232,5 @@ def stress(
     if MPI.COMM_WORLD.rank:  # one does it all
         return
     folder = Path(directory)
-    found = cycle_stresses(folder, chosen, damping, complete, programs)
-    answer(found, report(found, folder), as_json)
+    stresses = cycle_stresses(folder, chosen, damping, complete, programs)
+    answer(stresses, report(stresses, folder), as_json)

@@ -1,6 +1,8 @@
-"""``fenics-ehd run``: a scene, or a run that goes on, and what is printed of its results.
+"""``fenics-ehd run``: run a scene or resume a run, and print its results.
 
-Results joint by joint and over the cycle, the error budget, the accuracy asked for and met.
+Results of every joint and over the cycle, the error budget, the accuracy requested and reached.
+
+Imports inside functions: pictures, ParaView and reductions are imported by the runs that need them.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
     from fenics_ehd.results.paraview import PartFields
 
 
-#: Words of the table, by key.
+#: Names of the components of an error in tables, by key.
 COMPONENTS = {
     "basis": "basis",
     "film_mesh": "film mesh",
@@ -55,31 +57,31 @@ COMPONENTS = {
 }
 ROWS = {"max_pressure": "peak pressure", "min_film_thickness": "thinnest film"}
 
-#: What the figures of a budget are.
+#: Explanation of the figures of a budget.
 MEANING = (
-    "  +- beside a value: how far that one may be off; over the {}: how far the curve is off\n"
-    "  where it is worst, in per cent of the peak pressure, or of the film at that moment"
+    "  +-: estimated error of the value; over the {}: largest error of the curve, in per cent of\n"
+    "  the peak pressure, or of the film thickness at that instant"
 )
 
 
 def share(value: float | str) -> str:
-    """A relative error in per cent, or why there is none in a word."""
+    """A relative error in per cent, or the word for a missing one."""
     if isinstance(value, str):
         return "-" if value == NOT_APPLICABLE else value
     return f"{100 * value:.2g} %"
 
 
 def total(errors: Mapping[str, Any]) -> str:
-    """All errors together, ``1.9 %``; ``> 0.5 %`` where one of them is not known."""
+    """Sum of all errors, ``1.9 %``; ``> 0.5 %`` if one of them is unknown."""
     lacking = isinstance(errors["total"], str) and not isinstance(errors["known"], str)
     return "> " * lacking + share(errors["known"])
 
 
-def beside(joint: Mapping[str, Any], quantity: str, value: float, unit: str) -> str:
-    """Error beside a result, in its unit; nothing without a budget.
+def error_text(joint: Mapping[str, Any], quantity: str, value: float, unit: str) -> str:
+    """Error of a result in its unit, empty without a budget.
 
-    ``+- 28 %, too high by about 13 MPa``: of most of the error the sign is known. A sum that lacks
-    a component says so.
+    ``+- 28 %, too high by about 13 MPa`` if the sign of most of the error is known. Components that
+    are missing from the sum are listed.
     """
     budget = joint.get("error_budget")
     if budget is None:
@@ -97,7 +99,9 @@ def beside(joint: Mapping[str, Any], quantity: str, value: float, unit: str) -> 
 
 def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, Any]) -> list[str]:
     """Lines of all joints' budgets, extremes and the largest over the cycle."""
-    known = {name: own["error_budget"] for name, own in joints.items() if "error_budget" in own}
+    known = {
+        name: joint["error_budget"] for name, joint in joints.items() if "error_budget" in joint
+    }
     if not known:
         return []
     header = ["estimated errors", *COMPONENTS.values(), "total"]
@@ -119,32 +123,32 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
     ]
 
 
-def _by_value(found: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """Values by component, each one once with the names of its components."""
+def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:
+    """Distinct values, each with the names of its components."""
     names: dict[Any, list[str]] = {}
-    for key, value in found.items():
+    for key, value in by_component.items():
         names.setdefault(value, []).append(COMPONENTS[key])
     return [(value, " and ".join(keys)) for value, keys in names.items()]
 
 
 def _span(summary: Mapping[str, Any]) -> str:
-    """What the figures are of, in a word: the cycle, or the run if it has none."""
+    """Word for the span of the figures: the cycle, or the run if it has none."""
     cycle = Cycle.of_summary(summary)
     return "cycle" if cycle is None or cycle.complete or cycle.periodic else "run"
 
 
 def say_next(search: Search) -> None:
-    """Say why there is another run."""
+    """Print the estimate of the last run and the changes of the next one."""
     run = search.runs[-1]
-    changes = ", ".join(f"{key} = {shown(value)}" for key, value in search.wanted.items())
+    changes = ", ".join(f"{key} = {choice_text(value)}" for key, value in search.wanted.items())
     echo(
         f"accuracy: {share(run['estimate'])} of {share(search.asked)} asked, next with {changes}",
         err=True,
     )
 
 
-def shown(value: Any) -> str:
-    """A value in a table."""
+def choice_text(value: Any) -> str:
+    """A value that an accuracy has chosen: cells, a reduction, a geometry or a number."""
     if isinstance(value, list):
         return " x ".join(map(str, value))
     if isinstance(value, Mapping) and "method" in value:
@@ -156,42 +160,57 @@ def shown(value: Any) -> str:
 
 
 def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Choices for an accuracy, run by run, and why."""
+    """Choices for an accuracy, with the errors of every run."""
     if "accuracy" not in summary:
         return []
-    found = summary["accuracy"]
-    runs = found["runs"]
+    search = summary["accuracy"]
+    runs = search["runs"]
     columns = ["pilot", *(f"run {k}" for k in range(1, len(runs)))]
-    rows = [[f"accuracy, {share(found['asked'])} asked", *columns]]
+    rows = [[f"accuracy, {share(search['asked'])} asked", *columns]]
     for key in runs[0]["chosen"] | runs[-1]["chosen"]:
         values = [run["chosen"].get(key) for run in runs]
-        rows.append([key, *("as given" if value is None else shown(value) for value in values)])
+        texts = ("as given" if value is None else choice_text(value) for value in values)
+        rows.append([key, *texts])
     for key, words in COMPONENTS.items():
         if key in runs[0]["errors"]:
             values = [share(run["errors"].get(key, NOT_ESTIMATED)) for run in runs]
             rows.append([f"largest by {words}", *values])
     rows.append(["largest total", *(share(run["estimate"]) for run in runs)])
     rows.append(["processor time", *(f"{run['processor_time_s']:.1f} s" for run in runs)])
-    missed = [] if found["met"] else [f"  {summary['warnings'][-1]}"]
     lines = aligned(rows, indent="  ")
-    return lines + [f"  kept as written: {', '.join(found['kept'])}"] * bool(found["kept"]) + missed
+    if search["kept"]:
+        lines.append(f"  kept as written: {', '.join(search['kept'])}")
+    if not search["met"]:
+        lines.append(f"  {summary['warnings'][-1]}")
+    return lines
 
 
-#: Basis error estimate over the thinnest film above which it is said to be large.
+#: Basis error estimate over the thinnest film above which it is reported as large.
 LARGEST_ESTIMATE = 0.2
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of the command line for a run, new or gone on with, beside its scene."""
+    """Options of the command line for a new or resumed run.
+
+    Attributes
+    ----------
+    plots
+        Whether pictures are drawn.
+    interval
+        Time between two checkpoints [s].
+    as_json
+        Whether the summary is printed as JSON.
+    multiplier
+        Whether the largest multiplier of a periodic solution is computed.
+    began
+        Time at which the command began [s].
+    """
 
     plots: bool
-    #: Between two checkpoints [s].
     interval: float
     as_json: bool
-    #: Whether the largest multiplier of a periodic solution is found, too.
     multiplier: bool
-    #: When the command began [s].
     began: float = field(default_factory=perf_counter)
 
 
@@ -202,7 +221,7 @@ def run(
     options: RunOptions,
     inputs: Collection[Path] = (),
 ) -> None:
-    """Run a scene, which was read from these files; collective until it is built."""
+    """Run a scene that was read from the files `inputs`; collective until it is built."""
     if options.multiplier and not scene.time.periodic:
         raise SettingsError(
             f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
@@ -214,8 +233,8 @@ def run(
     require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
         built = build(scene, MPI.COMM_WORLD, announce=say_reducing)
-        parts = _whole_parts(built) if scene.output.paraview else {}
-        # The time integration is serial: other ranks have done their share.
+        parts = _gathered_parts(built) if scene.output.paraview else {}
+        # The time integration is serial, on the first rank.
         if folder is not None:
             _finish(scene, built, folder, options, search, parts=parts)
 
@@ -223,16 +242,16 @@ def run(
 def changed_scene(
     name: str, body: str | None, method: str | None, output: Mapping[str, Any]
 ) -> Scene:
-    """A scene with what the command line says in place of it.
+    """A scene with the changes of the command line.
 
     Parameters
     ----------
     name
-        Of a shipped scene, or its file.
+        Name of a shipped scene, or path of a file.
     body
         File of a reduced body.
     method
-        Of its parts; kept whatever an accuracy chooses.
+        Reduction method of its parts, which a search for an accuracy keeps.
     output
         Values under ``[output]``.
 
@@ -259,7 +278,7 @@ def changed_scene(
     return scene
 
 
-def _whole_parts(built: Machine) -> dict[str, PartFields]:
+def _gathered_parts(built: Machine) -> dict[str, PartFields]:
     """Bodies reduced here, for a ParaView series; collective."""
     from fenics_ehd.results.paraview import gather_part
 
@@ -271,11 +290,11 @@ def _whole_parts(built: Machine) -> dict[str, PartFields]:
 
 
 def resume(directory: Path, options: RunOptions) -> None:
-    """Go on with a run; serial."""
+    """Resume a run; serial."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
         if done is not None and "cycles" in done:
-            # A periodic solution keeps its last cycle, and nothing to go on with.
+            # A complete periodic solution has no checkpoint to resume from.
             answer(done, report(done, folder.directory), options.as_json)
             return
         former = load_run_state(folder.path)
@@ -316,7 +335,7 @@ def _finish(
         plot_run(folder.path)
     if scene.output.paraview:
         if built is not first:
-            parts = {**parts, **_whole_parts(built)}
+            parts = {**parts, **_gathered_parts(built)}
         _write_series(scene, built, folder.path, parts)
     warn_of(summary["notices"])
     seconds = perf_counter() - options.began if former is None else None
@@ -328,7 +347,7 @@ def _finish(
 def _write_series(
     scene: Scene, built: Machine, directory: Path, parts: Mapping[str, PartFields]
 ) -> None:
-    """The run for ParaView; bodies from files, and all of a run that goes on, have no mesh."""
+    """Write the run for ParaView; bodies from files, and those of resumed runs, have no mesh."""
     from fenics_ehd.multibody.history import load_history
     from fenics_ehd.results.paraview import write_run
 
@@ -339,10 +358,10 @@ def _write_series(
     write_run(built.mechanism, load_history(directory), parts, directory / "vtk", frames)
 
 
-#: Factors to the units that are printed, by how names of figures end: the first that fits.
+#: Factors to the printed units, by endings of names of figures: the first that fits.
 FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m": 1e6}
 
-#: Lines of a joint in these units, each by a figure without which there is none.
+#: Lines of a joint in these units, each by the figure that it requires.
 JOINT_LINES = {
     "max_pressure_Pa": "    maximum pressure        {max_pressure_Pa:9.3f} MPa {pressure_error}at "
     "{max_pressure_time_s:.3f} ms",
@@ -370,7 +389,7 @@ JOINT_LINES = {
     "contact pressure up to {max_contact_pressure_Pa:.3g} MPa",
 }
 
-#: Lines of the run, likewise, as the summary has its figures.
+#: Lines of the run in units of the summary, each by the figure that it requires.
 RUN_LINES = {
     "cycles": "  periodic after {cycles} cycles: the films change by {periodicity_defect:.1e}",
     "multiplier_failure": "  largest multiplier: not found, {multiplier_failure}",
@@ -382,7 +401,7 @@ RUN_LINES = {
 
 
 def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
-    """Lines of a joint's figures of a cycle or run, as far as it has them, flows at the end."""
+    """Lines of the figures that a joint has, of a cycle or run; flows at the end."""
     figures = {}
     for key, value in joint.items():
         if isinstance(value, int | float):
@@ -393,18 +412,18 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
     large = figures.get("basis_error_estimate_m", 0.0) > LARGEST_ESTIMATE * film
     words: dict[str, Any] = {
         "span": span,
-        "pressure_error": beside(joint, "max_pressure", pressure, "MPa"),
-        "film_error": beside(joint, "min_film_thickness", film, "um"),
+        "pressure_error": error_text(joint, "max_pressure", pressure, "MPa"),
+        "film_error": error_text(joint, "min_film_thickness", film, "um"),
         "large": ", not small against the film: take more modes" * large,
     }
-    told = figures | words
+    values = figures | words
     lines = [
-        text.format_map(told)
+        text.format_map(values)
         for key, text in JOINT_LINES.items()
         if np.isfinite(figures.get(key, np.nan))
     ]
     for key, flow in figures.items():
-        # Of a run once through the mean over its last cycle, where it has one.
+        # The mean over the last cycle replaces that over the run.
         if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
             name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
             lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s")
@@ -412,7 +431,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
 
 
 def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
-    """The run in a few lines; `seconds` is what all of it took, if it was one process."""
+    """Report of a run; `seconds` is the time of the command, if it was one process."""
     joints = summary["joints"]
     lines = [
         f"{summary['scene']}: {summary['steps']} steps, "
@@ -423,9 +442,9 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
     for name, joint in joints.items():
         lines += [f"  {name}", *joint_lines(joint, _span(summary))]
     lines += budget_table(joints, summary) + accuracy_lines(summary)
-    what = "the cycle: " if _span(summary) == "cycle" else ""
+    prefix = "the cycle: " if _span(summary) == "cycle" else ""
     lines.append(
-        f"  {what}{summary['cycle_used']}, from {summary['cycle_start_s'] * 1e3:.3f} to "
+        f"  {prefix}{summary['cycle_used']}, from {summary['cycle_start_s'] * 1e3:.3f} to "
         f"{summary['cycle_end_s'] * 1e3:.3f} ms"
     )
     lines += [text.format_map(summary) for key, text in RUN_LINES.items() if key in summary]

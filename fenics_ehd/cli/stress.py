@@ -30,7 +30,7 @@ from fenics_ehd.results.stress import cycle_stress, figures, write_fields
 from fenics_ehd.scenes.part import model_file, remade_part
 from fenics_ehd.scenes.scene import GROUND, Scene, as_stored, meshed
 
-#: Relative difference of the cells around a place above which its stress is said to be unresolved.
+#: Relative difference of the cells around a node above which its stress is reported as unresolved.
 LARGEST_SCATTER = 0.2
 
 #: Methods whose basis misses flexibility of the bore.
@@ -68,7 +68,7 @@ def cycle_stresses(
     _require_models(scene, bodies, programs)
     instants = instants_of(scene, answer)
     say_reducing(bodies)
-    found = {}
+    by_body = {}
     for body in bodies:
         part = remade_part(scene, body, run.part(body), programs)
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
@@ -76,7 +76,7 @@ def cycle_stresses(
         result = cycle_stress(part.structure, part.body, part.columns, *motion, loads)
         path = folder / "vtk" / f"{body}_stress.vtu"
         write_fields(path, result, instants["time_s"])
-        found[body] = {
+        by_body[body] = {
             "method": part.body.method,
             "modes": part.body.modes,
             "nodes": len(result.nodes),
@@ -89,7 +89,7 @@ def cycle_stresses(
         "instants": len(instants["time_s"]),
         "damping": damping,
         "complete": complete,
-        "bodies": found,
+        "bodies": by_body,
         "skipped": skipped,
         "versions": versions(),
         "wall_time_s": perf_counter() - start,
@@ -101,24 +101,24 @@ def cycle_stresses(
 def _bodies(
     scene: Scene, run: RecordedMotion, folder: Path, chosen: tuple[str, ...]
 ) -> tuple[list[str], dict[str, str]]:
-    """Bodies with stresses, and why others have none.
+    """Bodies with stresses, and the reasons why others have none.
 
     Raises
     ------
     SettingsError
-        One that was asked for has none, or none has.
+        A chosen body has none, or no body has.
     """
     names = [name for name in scene.bodies if name != GROUND]
-    told = {name: _why_none(run.bodies[name], name in meshed(scene)) for name in names}
-    skipped = {name: why for name, why in told.items() if why}
+    reasons = {name: _why_none(run.bodies[name], name in meshed(scene)) for name in names}
+    skipped = {name: why for name, why in reasons.items() if why}
     for name in chosen:
-        if told.get(name, "unknown"):
+        if reasons.get(name, "unknown"):
             why = skipped.get(name, f"bodies of this run: {', '.join(names)}")
             raise SettingsError(f"--body {name}: {why}")
     wanted = dict.fromkeys(chosen or [name for name in names if name not in skipped])
     if not wanted:
-        reasons = ", ".join(f"{name}: {reason}" for name, reason in skipped.items())
-        raise SettingsError(f"{folder}: no body with stresses ({reasons})")
+        listed = ", ".join(f"{name}: {reason}" for name, reason in skipped.items())
+        raise SettingsError(f"{folder}: no body with stresses ({listed})")
     return list(wanted), skipped
 
 
@@ -136,7 +136,7 @@ def _require_models(scene: Scene, bodies: Sequence[str], programs: Sequence[str]
 
 
 def _why_none(body: object, has_model: bool) -> str:
-    """Why a body has no stresses, empty: it has."""
+    """Reason why a body has no stresses, empty if it has."""
     if isinstance(body, MasslessBody):
         return "it is rigid"
     if not isinstance(body, FlexibleBody):
@@ -147,18 +147,18 @@ def _why_none(body: object, has_model: bool) -> str:
 
 
 def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
-    """When the instants are: in the cycle [s], and the angle of the body that counts the turns."""
-    found = {"time_s": result.run.time - result.cycle.start}
+    """Times of the instants in the cycle [s], and angles of the body that counts the turns."""
+    instants = {"time_s": result.run.time - result.cycle.start}
     angle = result.angle_of(scene.time.of)
     if angle is not None:
-        found[f"{scene.time.of}_angle_deg"] = angle
-    return found
+        instants[f"{scene.time.of}_angle_deg"] = angle
+    return instants
 
 
-def report(found: Mapping[str, Any], folder: Path) -> str:
-    """Worst places in a table."""
-    lines = [f"{found['scene']}: stresses over {found['instants']} instants ({found['cycle']})"]
-    for name, body in found["bodies"].items():
+def report(result: Mapping[str, Any], folder: Path) -> str:
+    """Largest stresses of every body in a table."""
+    lines = [f"{result['scene']}: stresses over {result['instants']} instants ({result['cycle']})"]
+    for name, body in result["bodies"].items():
         half = body["half_range"]
         top = body["largest_principal"]
         about = f"  {name}: {body['method']} with {body['modes']} modes, {body['nodes']} nodes"
@@ -170,34 +170,35 @@ def report(found: Mapping[str, Any], folder: Path) -> str:
             *_extreme("largest principal stress", top["stress_Pa"], top),
             f"    fields in {folder / body['fields']}",
         ]
-        if body["method"] in PARTIAL and not found["complete"]:
+        if body["method"] in PARTIAL and not result["complete"]:
             lines.append(
-                f"    {body['method']} knows a part of what pressures do: --complete adds the rest"
+                f"    {body['method']} does not contain the full static response to pressure: use "
+                "--complete"
             )
-    lines += [f"  {name}: none, {why}" for name, why in found["skipped"].items()]
-    return "\n".join([*lines, f"  time {found['wall_time_s']:.1f} s"])
+    lines += [f"  {name}: none, {why}" for name, why in result["skipped"].items()]
+    return "\n".join([*lines, f"  time {result['wall_time_s']:.1f} s"])
 
 
 def _row(name: str, value: float, more: str = "") -> str:
-    """A stress by its name."""
+    """Line of a stress."""
     return f"    {name:52}{value * 1e-6:9.2f}{more}"
 
 
-def _extreme(name: str, value: float, found: Mapping[str, Any]) -> list[str]:
-    """A stress with what single cells say of it, where and when."""
-    ends = found["in_cells_around_Pa"]
+def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
+    """Lines of a stress: its range in the cells around the node, position and instants."""
+    ends = extreme["in_cells_around_Pa"]
     around = " to ".join(f"{end * 1e-6:.1f}" for end in ends)
-    place = ", ".join(f"{1e3 * x:.2f}" for x in found["place_m"])
-    lines = [_row(name, value, f"   {around}"), f"      at ({place}) mm, {_when(found)}"]
+    position = ", ".join(f"{1e3 * x:.2f}" for x in extreme["place_m"])
+    lines = [_row(name, value, f"   {around}"), f"      at ({position}) mm, {_when(extreme)}"]
     if ends[1] - ends[0] > LARGEST_SCATTER * abs(value):
-        lines.append("      no mesh, or not this one, resolves it: a corner, an edge of a support?")
+        lines.append("      not resolved by this mesh, or any: a corner, an edge of a support?")
     return lines
 
 
-def _when(found: Mapping[str, Any]) -> str:
-    """Instants in words, and angles then."""
+def _when(extreme: Mapping[str, Any]) -> str:
+    """Instants of an extreme and the angles at them."""
     words = []
-    for name, values in found.items():
+    for name, values in extreme.items():
         body = name.removesuffix("_angle_deg")
         if name == "time_s" or body != name:
             factor, unit = (1e3, "ms") if name == "time_s" else (1.0, f"deg of {body}")

@@ -1,4 +1,7 @@
-"""``fenics-ehd study``, ``sweep``, ``report`` and ``sensitivity``: many runs of one scene."""
+"""``fenics-ehd study``, ``sweep``, ``report`` and ``sensitivity``: many runs of one scene.
+
+Imports inside functions: ``--help`` does without runs and pictures.
+"""
 
 from __future__ import annotations
 
@@ -130,8 +133,8 @@ def study(
     lines.append(f"rows in {target / 'table.csv'}, runs in {target / 'runs'}")
     if report and status == COMPLETE:
         lines.append(f"report in {write_report(target)}")
-    found = {"scene": plan.scene.name, "directory": str(target), "rows": rows}
-    answer(found, "\n".join(lines), as_json)
+    summary = {"scene": plan.scene.name, "directory": str(target), "rows": rows}
+    answer(summary, "\n".join(lines), as_json)
     if status != COMPLETE:
         raise FailedCasesError(f"the reference is not complete, nothing was compared: {status}")
 
@@ -159,7 +162,7 @@ SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f")
 @workers_option
 @flag("--keep", "Keep history and summary of each case, runs/0001 ...")
 @flag("--resume", "Insist on rows of a former attempt to go on from.")
-@flag("--overwrite", "Begin anew, whatever rows the folder holds.")
+@flag("--overwrite", "Begin anew, and replace the rows of the folder.")
 @json_option
 def sweep(
     scene: str,
@@ -198,9 +201,9 @@ def sweep(
     ]
     lines = table_lines(["case", *plan.keys], rows, [*of_joints, *SWEEP_SHOWN])
     lines.append(f"rows in {folder.table}")
-    found = {"scene": plan.scene, "keys": plan.keys, "cases": len(rows), "failed": failures}
-    found |= {"table": str(folder.table), "rows": rows}
-    answer(found, "\n".join(lines), as_json)
+    summary = {"scene": plan.scene, "keys": plan.keys, "cases": len(rows), "failed": failures}
+    summary |= {"table": str(folder.table), "rows": rows}
+    answer(summary, "\n".join(lines), as_json)
     if failures:
         raise FailedCasesError(
             f"{failures} of {len(rows)} cases failed, see status in {folder.table}"
@@ -250,8 +253,8 @@ def sensitivity(
 
     settings = as_stored(scene)
     names = [_with_joint(name, tuple(settings.films)) for name in quantities]
-    found = scene_sensitivity(settings, names, keys, finer=finer)
-    answer(_document(scene, found), _table(scene, found), as_json)
+    result = scene_sensitivity(settings, names, keys, finer=finer)
+    answer(_document(scene, result), _table(scene, result), as_json)
 
 
 def _with_joint(name: str, joints: Sequence[str]) -> str:

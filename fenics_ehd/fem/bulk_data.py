@@ -65,7 +65,7 @@ def _text(path: Path, opened: list[Path]) -> str:
     pattern = re.compile(r"^\s*INCLUDE\s+(?:'([^']+)'|\"([^\"]+)\"|(\S+))", re.I | re.M)
 
     def included(line: re.Match[str]) -> str:
-        # A long name goes on in the next line.
+        # A long name is continued in the next line.
         name = re.sub(r"\s*\n\s*", "", line[1] or line[2] or line[3])
         return _text(path.parent / name.strip(), opened)
 

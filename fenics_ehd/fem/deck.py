@@ -158,11 +158,11 @@ def _nodes(scope: _Scope) -> tuple[np.ndarray, np.ndarray]:
 
 def _elements(section: _Section) -> np.ndarray:
     """Number and nodes of each element, shape (c, 1 + k)."""
-    found = _SOLID.fullmatch(section.options["TYPE"])
-    assert found is not None
+    match = _SOLID.fullmatch(section.options["TYPE"])
+    assert match is not None
     _require_numbers(section.rows, "0-9")
     texts = [text for text in ",".join(section.rows).split(",") if text.strip()]
-    return np.array(texts, dtype=object).astype(np.int64).reshape(-1, 1 + int(found[1]))
+    return np.array(texts, dtype=object).astype(np.int64).reshape(-1, 1 + int(match[1]))
 
 
 def _require_numbers(rows: Sequence[str], characters: str) -> None:
@@ -185,10 +185,10 @@ def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     ValueError
         One is not there.
     """
-    places = np.minimum(np.searchsorted(numbers, nodes), len(numbers) - 1)
-    if not len(numbers) or (numbers[places] != nodes).any():
+    indices = np.minimum(np.searchsorted(numbers, nodes), len(numbers) - 1)
+    if not len(numbers) or (numbers[indices] != nodes).any():
         raise ValueError("a node is not there")
-    return places
+    return indices
 
 
 def _cell(section: _Section) -> str:
@@ -339,7 +339,7 @@ def _text(path: Path, opened: list[Path]) -> str:
     return _ROWS_ELSEWHERE.sub(lambda line: f"{line[1]}{line[3]}\n{included(line[2])}", text)
 
 
-#: Keywords that stand for a file.
+#: Keywords that include a file.
 _INCLUDE = re.compile(r"^\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,\n]+).*$", re.IGNORECASE | re.MULTILINE)
 
 #: Keywords whose rows are in a file.

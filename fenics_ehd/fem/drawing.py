@@ -356,9 +356,9 @@ def _face(tag: int, outward: float, scale: float) -> DrawnFace:
     """A surface as the plane or the cylinder that it is, or as neither."""
     low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, tag))
     sides = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
-    places = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).ravel()
-    points = scale * np.array(gmsh.model.getValue(2, tag, places)).reshape(-1, 3)
-    normals = outward * np.array(gmsh.model.getNormal(tag, places)).reshape(-1, 3)
+    corners = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).ravel()
+    points = scale * np.array(gmsh.model.getValue(2, tag, corners)).reshape(-1, 3)
+    normals = outward * np.array(gmsh.model.getNormal(tag, corners)).reshape(-1, 3)
     area = scale**2 * gmsh.model.occ.getMass(2, tag)
     centre = scale * np.array(gmsh.model.occ.getCenterOfMass(2, tag))
     length = np.linalg.norm(normals, axis=1)

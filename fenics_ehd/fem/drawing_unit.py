@@ -1,7 +1,7 @@
 """Unit of length that a STEP or IGES file declares.
 
-OpenCASCADE converts every file to millimetres. A file whose header is wrong ("drawn in m, the
-header says mm") is put right by the ratio of the unit asked for to the one declared.
+OpenCASCADE converts every file to millimetres. A file with a wrong header (drawn in m, declared in
+mm) is scaled by the ratio of the requested unit to the declared one.
 """
 
 from __future__ import annotations

@@ -208,15 +208,15 @@ def _with_centres(
     element = solid.element
     n = len(solid.points)
     faces = np.array(FACES["hex"])[_VTK_FACES]
-    places = np.vstack([element.nodes[faces].mean(axis=1), np.full(3, 0.5)])
-    made = element.shapes(places) @ solid.points[solid.cells]
+    references = np.vstack([element.nodes[faces].mean(axis=1), np.full(3, 0.5)])
+    made = element.shapes(references) @ solid.points[solid.cells]
     corners = np.sort(solid.cells[:, faces].reshape(-1, 4), axis=1)
     _, first, numbers = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-    whole = n + len(first) + np.arange(len(made))[:, None]
-    full = np.hstack([solid.cells, n + numbers.reshape(-1, 6), whole])
-    place = {tuple(row): n + i for i, row in enumerate(corners[first])}
+    cell_centres = n + len(first) + np.arange(len(made))[:, None]
+    full = np.hstack([solid.cells, n + numbers.reshape(-1, 6), cell_centres])
+    centre_of = {tuple(row): n + i for i, row in enumerate(corners[first])}
     named = {
-        name: np.hstack([nodes, [[place[tuple(sorted(row[:4]))]] for row in nodes]])
+        name: np.hstack([nodes, [[centre_of[tuple(sorted(row[:4]))]] for row in nodes]])
         for name, nodes in surfaces.items()
     }
     middles = made[:, :6].reshape(-1, 3)[first]
@@ -290,7 +290,7 @@ class OpenedPart:
             There is none, or more than one.
         """
         if re.fullmatch(r"[0-9]+", wanted):
-            found = [int(wanted)] if 1 <= int(wanted) <= len(self.faces) else []
+            numbers = [int(wanted)] if 1 <= int(wanted) <= len(self.faces) else []
             known = f"1 to {len(self.faces)}"
         else:
             radius = _length(wanted)
@@ -299,19 +299,19 @@ class OpenedPart:
                 for number, face in enumerate(self.faces, 1)
                 if face.cylinder is not None and (not kinds or face.kind in kinds)
             ]
-            found = [n for n, r in round_ones if abs(r - radius) <= RADIUS_MATCH * radius]
+            numbers = [n for n, r in round_ones if abs(r - radius) <= RADIUS_MATCH * radius]
             known = ", ".join(f"{n} of {r * 1e3:.6g} mm" for n, r in round_ones) or "none"
-        if len(found) != 1:
-            which = f"faces {', '.join(map(str, found))} are" if found else "no face is"
+        if len(numbers) != 1:
+            which = f"faces {', '.join(map(str, numbers))} are" if numbers else "no face is"
             raise MeshError(
                 f"{self.path}: {which} {wanted!r}; there are {known}: name one by number"
             )
-        face = self.faces[found[0] - 1]
+        face = self.faces[numbers[0] - 1]
         if kinds and face.kind not in kinds:
             raise MeshError(
-                f"{self.path}: face {found[0]} is a {face.kind}, not a {' or '.join(kinds)}"
+                f"{self.path}: face {numbers[0]} is a {face.kind}, not a {' or '.join(kinds)}"
             )
-        return found[0]
+        return numbers[0]
 
 
 def _length(text: str) -> float:
@@ -509,8 +509,8 @@ def _rounded(part: PlacedPart) -> PlacedPart:
     points = part.solid.points
     moved = dict(part.moved)
     surfaces = part.surfaces()
-    for place, name in enumerate(part.named.bores):
-        points, distance = round_bore(points, surfaces[name], name, first=place == 0)
+    for index, name in enumerate(part.named.bores):
+        points, distance = round_bore(points, surfaces[name], name, first=index == 0)
         moved[name] = max(distance, moved.get(name, 0.0))
     solid = replace(part.solid, points=points)
     if wrong := int(inside_out(solid).sum()):
@@ -542,11 +542,13 @@ def place_part(
         if tilt > TILT:
             raise MeshError(f"{name} is inclined by {tilt:.1e} to the first bore, above {TILT:g}")
     towards = [faces[number - 1].centre for number in named.points.values()]
-    place = placement(first, towards[0] if towards else None)
-    solid = replace(solid, points=place(solid.points))
+    position = placement(first, towards[0] if towards else None)
+    solid = replace(solid, points=position(solid.points))
     round_ones = {n: face.cylinder for n, face in enumerate(faces, 1) if face.cylinder is not None}
     edges = straight(solid)
-    return _rounded(PlacedPart(solid, facets, numbers, named, {}, place, round_ones, edges, size))
+    return _rounded(
+        PlacedPart(solid, facets, numbers, named, {}, position, round_ones, edges, size)
+    )
 
 
 def _meshed(

@@ -57,8 +57,8 @@ def fit_circle(plane: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre (2,) and radius of the circle through points, shape (n, 2), by least squares."""
     # Of a circle, x^2 + y^2 is linear in x and y.
     rows = np.column_stack([2 * plane, np.ones(len(plane))])
-    found = np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0]
-    return found[:2], float(np.sqrt(max(found[2] + found[:2] @ found[:2], 0.0)))
+    solution = np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0]
+    return solution[:2], float(np.sqrt(max(solution[2] + solution[:2] @ solution[:2], 0.0)))
 
 
 def cylinder_centre(x: np.ndarray) -> np.ndarray:
@@ -126,8 +126,8 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
         start, along, radius = np.split(unknowns, [3, 6])
         return np.linalg.norm(np.cross(x - start, along), axis=1) / np.linalg.norm(along) - radius
 
-    given = [*found @ across, *axis, reach]
-    best = least_squares(off, given, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    parameters = [*found @ across, *axis, reach]
+    best = least_squares(off, parameters, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     start = best[:3]
     direction = best[3:6] / np.linalg.norm(best[3:6])
     height = (x - start) @ direction

@@ -27,7 +27,7 @@ with interrupt_kept():
 
 T = TypeVar("T")
 
-#: Beginnings of the names of parameters that Gmsh puts beside a model's own.
+#: Beginnings of the names of Gmsh's parameters, which are listed together with those of a model.
 _GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 
 #: Parameter of a model that can be meshed with hexahedra or tetrahedra.
@@ -89,10 +89,10 @@ def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -
 
 @contextmanager
 def by_itself(path: Path) -> Iterator[str]:
-    """Name of a file beside which no file of options lies, which Gmsh would obey.
+    """Name of the file in a folder without files of options, which Gmsh would read.
 
-    It ends as Gmsh spells it: a file that ends otherwise, with a capital say, is run as a model.
-    What Gmsh says of it names the user's file.
+    Its ending is in lower case: Gmsh runs a file with another ending as a model. Errors of Gmsh
+    have the path of the user's file.
     """
     with TemporaryDirectory() as folder:
         alone = Path(folder, f"model{path.suffix.lower()}")
@@ -133,7 +133,7 @@ def _ordered(number: int, nodes: np.ndarray) -> np.ndarray:
 
 
 def model_parameters(path: Path) -> dict[str, float]:
-    """Numbers that may be given to a model, by name, as they are if nobody does; of a mesh none.
+    """Parameters of a model, by name, with their defaults; a mesh has none.
 
     Serial.
 
@@ -156,11 +156,11 @@ def _parameters(model: str) -> dict[str, Any]:
     gmsh.onelab.clear()
     gmsh.open(model)
     names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
-    found = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
+    entries = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
     gmsh.clear()
     # Values survive in ONELAB, so those of a former model would override this one's.
     gmsh.onelab.clear()
-    return {name: entry for name, entry in found.items() if entry["type"] == "number"}
+    return {name: entry for name, entry in entries.items() if entry["type"] == "number"}
 
 
 def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: float) -> None:
@@ -173,10 +173,10 @@ def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: floa
     entry = known[name]
     if not entry["min"] <= value <= entry["max"]:
         limits = f"from {entry['min']:g} to {entry['max']:g}"
-        raise MeshError(f"geometry.{name} = {value:g} must be {limits}, says {model.name}")
+        raise MeshError(f"geometry.{name} = {value:g} must be {limits} in {model.name}")
     if value not in entry.get("choices", [value]):
         choices = " or ".join(f"{choice:g}" for choice in entry["choices"])
-        raise MeshError(f"geometry.{name} = {value:g} must be {choices}, says {model.name}")
+        raise MeshError(f"geometry.{name} = {value:g} must be {choices} in {model.name}")
     gmsh.onelab.setNumber(entry["name"], [float(value)])
 
 
@@ -217,7 +217,7 @@ def _write_mesh(
             gmsh.option.setNumber("Mesh.MeshSizeFactor", size)
             gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)
-        # Nodes of no cell, too: those with numbers above theirs keep them.
+        # All nodes are saved, also those without a cell: otherwise nodes would be renumbered.
         for option, value in (("Binary", 1), ("SaveAll", 1), ("MshFileVersion", 4.1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(target))

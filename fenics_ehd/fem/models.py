@@ -1,7 +1,7 @@
-"""Gmsh models: where those are that come with the package, and what may be one.
+"""Gmsh models: paths of shipped models, checks of files, and sections stored in meshes.
 
-A model is a program: Gmsh runs what a ``.geo`` file says, commands of the system included. Gmsh
-itself is not imported here.
+A model is a program: Gmsh executes a ``.geo`` file, system commands included. Gmsh itself is not
+imported here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fenics_ehd.base.files import Kind
 from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 
-#: First bytes of a mesh; any other content Gmsh takes for a program, whatever the file's name.
+#: First bytes of a mesh; Gmsh runs a file with any other content as a program.
 MESH_BEGINS = b"$MeshFormat"
 
 
@@ -122,22 +122,22 @@ def _tail(path: Path) -> bytes:
 def store_mesh_error(
     path: Path, bores: Sequence[str], points: Sequence[str], error: float, moved: np.ndarray
 ) -> None:
-    """Leave in a ``.msh`` file what its bores miss.
+    """Append the mesh error of the bores to a ``.msh`` file.
 
     Parameters
     ----------
     path
-        It ends there.
+        The file.
     bores, points
-        Names of them and of the boundary points.
+        Names of the bores and of the boundary points.
     error
-        Of the flexibility, relative.
+        Relative error of the flexibility.
     moved
         Displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`) times Young's
         modulus, which they then hardly depend on, shape (k, s + 2 a) [m], [m Pa/N].
     """
-    said = {"bores": list(bores), "points": list(points), "error": error}
-    text = json.dumps(said | {"moved": b64encode(moved.astype("<f4").tobytes()).decode()})
+    section = {"bores": list(bores), "points": list(points), "error": error}
+    text = json.dumps(section | {"moved": b64encode(moved.astype("<f4").tobytes()).decode()})
     with open(path, "ab") as file:
         file.write(MESH_ERROR + text.encode() + MESH_ERROR_ENDS)
 
@@ -145,22 +145,22 @@ def store_mesh_error(
 def stored_mesh_error(
     path: Path, bores: Sequence[str], points: Collection[str]
 ) -> tuple[float, np.ndarray]:
-    """Error and displacements that `store_mesh_error` left in a file, of wanted points.
+    """Error and displacements that `store_mesh_error` stored, for the wanted points.
 
     Raises
     ------
     MeshError
-        It is not there, or of other bores or points.
+        The file has none, or those of other bores or points.
     """
     text = _tail(path).rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
     try:
-        found = json.loads(text)
-        if found["bores"] == list(bores):
+        section = json.loads(text)
+        if section["bores"] == list(bores):
             smooth = SMOOTH * len(bores)
-            moved = np.frombuffer(b64decode(found["moved"]), "<f4").astype(float)
-            moved = moved.reshape(-1, smooth + 2 * len(found["points"]))
-            columns = point_columns(found["points"], points, smooth)
-            return float(found["error"]), moved[:, columns]
+            moved = np.frombuffer(b64decode(section["moved"]), "<f4").astype(float)
+            moved = moved.reshape(-1, smooth + 2 * len(section["points"]))
+            columns = point_columns(section["points"], points, smooth)
+            return float(section["error"]), moved[:, columns]
     except (LookupError, ValueError, TypeError, RecursionError):
         pass
-    raise MeshError(f"model {path} does not say what its mesh misses")
+    raise MeshError(f"model {path} has no mesh error of these bores and points")

@@ -157,14 +157,14 @@ def corner_volumes(solid: Solid) -> np.ndarray:
     """
     x = solid.points[solid.corners]
     element = solid.element
-    found = []
+    volumes = []
     for corner in range(element.corners):
         ends = [a + b - corner for a, b in element.edges if corner in (a, b)]
         rays = x[:, ends] - x[:, corner, None]
         lengths = np.linalg.norm(rays, axis=2).prod(axis=1)
         sign = np.sign(np.linalg.det(element.nodes[ends] - element.nodes[corner]))
-        found.append(sign * np.linalg.det(rays) / np.maximum(lengths, 1e-300))
-    return np.min(found, axis=0)
+        volumes.append(sign * np.linalg.det(rays) / np.maximum(lengths, 1e-300))
+    return np.min(volumes, axis=0)
 
 
 def inside_out(solid: Solid) -> np.ndarray:
@@ -179,12 +179,12 @@ def inside_out(solid: Solid) -> np.ndarray:
 
 
 def require_sound_cells(solid: Solid, path: str | Path) -> None:
-    """Refuse what is no solid; Gmsh and dolfinx die of faces of more than two cells.
+    """Refuse cells that are no solid: Gmsh and dolfinx crash on faces of more than two cells.
 
     Raises
     ------
     MeshError
-        Cells are there twice, overlap or are turned inside out; it says how many.
+        Cells are repeated, overlap or are turned inside out; the message has their number.
     """
     corners = solid.corners
     count = len(corners)
@@ -254,15 +254,15 @@ def refined(
     tuple
         The solid, its facets, and the label of the facet that each was cut from.
     """
-    places = np.array([with_middles(x, solid.element.edges) for x in _children(solid.kind)])
-    count = places.shape[1]
-    shapes = solid.element.shapes(places.reshape(-1, 3))
+    references = np.array([with_middles(x, solid.element.edges) for x in _children(solid.kind)])
+    count = references.shape[1]
+    shapes = solid.element.shapes(references.reshape(-1, 3))
     x = np.einsum("mn,cnk->cmk", shapes, solid.points[solid.cells]).reshape(-1, 3)
     # Those of the given mesh come first and keep their numbers.
     every = np.vstack([solid.points, x])
     near = SAME * np.ptp(solid.points, axis=0).max()
-    places = cKDTree(every).query_ball_point(every, near)
-    kept, number = np.unique([min(place) for place in places], return_inverse=True)
+    references = cKDTree(every).query_ball_point(every, near)
+    kept, number = np.unique([min(group) for group in references], return_inverse=True)
     cells = number[len(solid.points) :].reshape(-1, count)
     made = Solid(every[kept], cells, solid.kind)
     return made, *_labelled(made, len(solid.points), facets, labels)
@@ -274,24 +274,24 @@ def _children(kind: str) -> list[np.ndarray]:
         corners = SOLIDS["hex"].nodes[:8]
         return [0.5 * (corners + corner) for corner in corners]
     nodes = SOLIDS["tet"].nodes
-    found = []
+    children = []
     for four in _TETRAHEDRA:
         x = nodes[list(four)]
-        found.append(x if np.linalg.det(x[1:] - x[0]) > 0 else x[[0, 2, 1, 3]])
-    return found
+        children.append(x if np.linalg.det(x[1:] - x[0]) > 0 else x[[0, 2, 1, 3]])
+    return children
 
 
 def _labelled(
     made: Solid, former: int, facets: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Facets and their labels, told by the nodes of the former mesh at their corners."""
+    """Facets and their labels, from the nodes of the former mesh at their corners."""
     count = facets.shape[1] // 2
     known = {}
     for nodes, label in zip(facets.tolist(), labels.tolist(), strict=True):
         for side in range(count):
-            beside = (nodes[count + side], nodes[count + (side - 1) % count])
-            known[frozenset((nodes[side], *beside))] = label
+            middles = (nodes[count + side], nodes[count + (side - 1) % count])
+            known[frozenset((nodes[side], *middles))] = label
         known[frozenset(nodes[count:])] = label
-    found = made.facets()
-    corners = found[:, :count].tolist()
-    return found, np.array([known[frozenset(n for n in row if n < former)] for row in corners])
+    all_facets = made.facets()
+    corners = all_facets[:, :count].tolist()
+    return all_facets, np.array([known[frozenset(n for n in row if n < former)] for row in corners])

@@ -207,7 +207,7 @@ def _hint(path: Path) -> str:
     except (OSError, ValueError):
         return ""
     if lines and _MATRIX.match(lines[0]):
-        return ": rows of numbers as in a matrix of Abaqus, which read_abaqus takes beside a mesh"
+        return ": rows of numbers as in a matrix of Abaqus, which read_abaqus reads"
     return ""
 
 
@@ -225,10 +225,11 @@ def _require_files(path: Path) -> None:
     if path.suffix.lower() in (".xdmf", ".xmf"):
         items = [i for i in ElementTree.parse(path).iter("DataItem") if i.get("Format") != "XML"]
         names = [(item.text or "").partition(":")[0].strip() for item in items]
-        # HDF5 is looked for beside the file, that of a link where it leads, the rest in the
-        # working directory.
+        # HDF5 files are searched for in the folder of the file, in that of a link's target, and in
+        # the working directory.
+        named_files = [name for name in names if name]
         folders = (path.parent, path.resolve().parent, Path())
-        others = [folder / name for name in names if name for folder in folders]
+        others = [folder / name for name in named_files for folder in folders]
     elif path.suffix.lower() in (".node", ".ele"):
         others = [path.with_suffix(".node"), path.with_suffix(".ele")]
     for other in others:

@@ -132,12 +132,12 @@ class StressField:
 
     def block(self, cells: Cells = slice(None), columns: slice = slice(None)) -> np.ndarray:
         """Voigt stresses xx, yy, zz, yz, xz, xy, shape (cells, points, 6, columns) [Pa]."""
-        found = []
+        stresses = []
         for number in range(self.shape[3])[columns]:
             rows = self._columns[:, number], self._ghosts[:, number]
             self._moved.x.array[:] = np.concatenate(rows)
-            found.append(self._evaluated(self._stresses, cells))
-        return np.stack(found, axis=-1)
+            stresses.append(self._evaluated(self._stresses, cells))
+        return np.stack(stresses, axis=-1)
 
     def _evaluated(self, expression: fem.Expression, cells: Cells) -> np.ndarray:
         """Values at the points of cells, shape (cells, points, components)."""
@@ -194,9 +194,9 @@ class NodalStress:
 
     def around(self, node: int) -> np.ndarray:
         """Stresses at a node by each cell around it, shape (cells around, 6, columns) [Pa]."""
-        cell, place = np.divmod(self._share[node].indices, self._size)
+        cell, corner = np.divmod(self._share[node].indices, self._size)
         cells, values = self._in_cells(cell)
-        return values[np.searchsorted(cells, cell), place]
+        return values[np.searchsorted(cells, cell), corner]
 
     def _in_cells(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Some cells, ascending, and stresses at the nodes of each, (c, nodes, 6, columns)."""
@@ -248,8 +248,8 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
 
 def _farthest(points: np.ndarray) -> np.ndarray:
     """The pair of instants farthest apart, of every set of points (sets, instants, 5)."""
-    places = [cdist(own, own).argmax() for own in points]
-    return np.stack(np.unravel_index(places, (points.shape[1],) * 2), axis=1)
+    indices = [cdist(own, own).argmax() for own in points]
+    return np.stack(np.unravel_index(indices, (points.shape[1],) * 2), axis=1)
 
 
 def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -267,8 +267,8 @@ def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     mean = stress[:, :3].mean(axis=1)
     equivalent = von_mises(np.moveaxis(stress, 1, 2))
-    # With von Mises stress q and mean stress m it lies from m + q / 3 to m + 2 q / 3, so that few
-    # instants can have it; of the others the bound below stands for it.
+    # With von Mises stress q and mean stress m it is between m + q / 3 and m + 2 q / 3: only
+    # instants whose upper bound reaches the largest lower bound are evaluated.
     values = mean + equivalent / 3
     possible = mean + 2 * equivalent / 3 >= values.max(axis=1)[:, None]
     tensors = np.moveaxis(stress, 1, 2)[possible][:, _TENSOR]

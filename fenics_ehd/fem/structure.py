@@ -95,10 +95,10 @@ class PartMesh:
 
 def _found_cells(path: str | Path, asked: str) -> str:
     """Kind of cells that the current model holds, ``"hex"`` or ``"tet"``, and no other solids."""
-    found = set(gmsh.model.mesh.getElementTypes(3))
-    if not found:
+    kinds = set(gmsh.model.mesh.getElementTypes(3))
+    if not kinds:
         raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
-    kind = next((name for name in CELLS if found == {CELLS[name]}), None)
+    kind = next((name for name in CELLS if kinds == {CELLS[name]}), None)
     if kind is None:
         types, numbers, _ = gmsh.model.mesh.getElements(3)
         counts = zip(types, numbers, strict=True)
@@ -146,7 +146,7 @@ def build_mesh(
         Surfaces on cylinders along z: mid-side nodes there, of a model those of tetrahedra,
         are put on the cylinder, half way in angle and height.
     size
-        Of a model's cells over what it says, where they are not counted.
+        Size of a model's cells over that in the model, if cells are not counted.
 
     Returns
     -------
@@ -308,8 +308,8 @@ def assemble_structure(
         mass=mass,
         coordinates=space.tabulate_dof_coordinates()[: index_map.size_local].copy(),
         bores={
-            name: _bore(part, space, pressures, name, ds, first=not place)
-            for place, name in enumerate(bores)
+            name: _bore(part, space, pressures, name, ds, first=not index)
+            for index, name in enumerate(bores)
         },
         attachments={name: _mean_displacement(space, ds(surfaces[name])) for name in attachments},
         recovery=_recovery(space, material),

@@ -78,7 +78,7 @@ class Assembly:
     reference
         Gauss points of the unit cell, shape (q, 2).
     area
-        Area that each Gauss point stands for, over R^2, shape (c, q).
+        Weight of each Gauss point in integrals over the bore, over R^2, shape (c, q).
     size
         Number of nodes.
     tested

@@ -1,7 +1,7 @@
 """Cavitation complementarity (8), (11) by PETSc SNES-VI on one active set after another.
 
-An active set says at which nodes the film is full (pressure unknown, equation
-holds) and at which it cavitates (pressure zero, defect unknown). SNES-VI cuts
+An active set contains the nodes at which the film is full (pressure unknown, equation
+holds) the film cavitates at the others (pressure zero, defect unknown). SNES-VI cuts
 the block of the full nodes out of its Jacobian, a new matrix with a new pattern
 for every active set. Here that block keeps the pattern of the whole film: ones
 stand on the diagonal of the cavitated nodes, so that ordering and symbolic
@@ -452,7 +452,7 @@ class CavitationSolver:
         and ``-film_linear_pc_type``.
     tolerance
         On the 2-norm of the reduced residual, relative to `Complementarity.scale`;
-        the option ``snes_atol`` stands for it too.
+        the option ``snes_atol`` overrides it.
     """
 
     def __init__(
@@ -500,14 +500,15 @@ class CavitationSolver:
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
         """Newton update of the pressures of the full nodes."""
-        whole = np.zeros(self._pattern.size)
-        whole[self._nodes] = rhs
+        right_side = np.zeros(self._pattern.size)
+        right_side[self._nodes] = rhs
         if self._problem.weights is not None:
-            whole = self._pattern.multiply(self._problem.weights, whole)
-        return self.system.solution(whole)[self._nodes] * (self._problem.scale / self._problem.unit)
+            right_side = self._pattern.multiply(self._problem.weights, right_side)
+        solution = self.system.solution(right_side)[self._nodes]
+        return solution * (self._problem.scale / self._problem.unit)
 
     def converged(self, iteration: int) -> bool:
-        """Not asked, as there is a tolerance."""
+        """Never called: SNES-VI judges by its tolerance."""
         raise NotImplementedError
 
     def defect(self, problem: Complementarity, pressure: np.ndarray) -> np.ndarray:
@@ -524,7 +525,7 @@ class CavitationSolver:
         Parameters
         ----------
         problem
-            Its residual and derivative; weights as told to the constructor.
+            Its residual and derivative; with weights if the constructor was called with them.
         guess
             Start value; its zeros are the first cavitated nodes.
 

@@ -1,6 +1,6 @@
 """The oil film of one bore: pressure and losses.
 
-Here, too: a judgement on whether a film's mesh shows how its oil thickens with the pressure.
+Imports inside functions: equations bring dolfinx, which pictures of films do without.
 """
 
 from __future__ import annotations
@@ -99,7 +99,6 @@ class Film:
         require_class("parameters", parameters, FilmParameters)
         require_number("tolerance", tolerance, above=0)
         self.parameters = parameters
-        # Here, as it takes dolfinx along: pictures know films without equations.
         from fenics_ehd.film.reynolds import ReynoldsEquation
 
         self.equation = ReynoldsEquation(parameters)
@@ -181,8 +180,8 @@ class Film:
 
         Their difference is the power that the film takes from the normal motion
         of its surfaces. Between rough ones the mean pressure acts on their whole area, while the
-        average gap changes by less than the nominal one: what it does beside is a loss, or a gain.
-        So is what compresses the oil, which comes back as it expands.
+        average gap changes by less than the nominal one: the difference is a loss, or a gain. So is
+        the work that compresses the oil, which is returned as it expands.
         """
         p = self.parameters
         q = self.flow(state)

@@ -47,7 +47,7 @@ given pressure the flow that enters there. The functions sum to one, so
 
     supply + cavities - lower - upper = squeeze
 
-holds to round-off whatever the mesh. Flow from pressure slopes at the sides does not.
+holds to round-off on every mesh. Flow from pressure slopes at the sides does not.
 """
 
 from __future__ import annotations
@@ -153,8 +153,8 @@ def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
     """``h_rupture / h`` of rows (heights, points) in the sense in which the oil is carried."""
     # Twice around, so that the second turn knows what came before the seam.
     count = fed.shape[1]
-    places = np.where(np.tile(fed, 2), np.arange(2 * count), -1)
-    last = np.maximum.accumulate(places, axis=1)[:, count:]
+    sources = np.where(np.tile(fed, 2), np.arange(2 * count), -1)
+    last = np.maximum.accumulate(sources, axis=1)[:, count:]
     rupture = np.take_along_axis(thickness, np.maximum(last, 0) % count, axis=1)
     return np.where(last < 0, 1.0, np.minimum(rupture / thickness, 1.0))
 
@@ -167,13 +167,13 @@ def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> f
     thickness = gap.thickness.ravel()[order]
     rate = gap.thickness_rate.ravel()[order]
     rise = np.roll(thickness, -1, axis=1) - thickness
-    apart = np.mod(np.roll(angle, -1, axis=1) - angle, 2 * np.pi)
+    spacing = np.mod(np.roll(angle, -1, axis=1) - angle, 2 * np.pi)
     # dh/dt by steps around: Omega is -turned / slopes, and no gap without slopes turns.
     turned = 0.5 * np.sum((rate + np.roll(rate, -1, axis=1)) * rise)
-    slopes = np.sum(rise**2 / apart)
-    ahead = np.mean(gap.mean_velocity) * slopes + radius * turned
+    slopes = np.sum(rise**2 / spacing)
+    relative = np.mean(gap.mean_velocity) * slopes + radius * turned
     both = SLOW * slopes * np.mean(np.abs(gap.sliding_velocity))
-    return float(np.clip(0.5 + 0.5 * ahead / max(both, np.finfo(float).tiny), 0.0, 1.0))
+    return float(np.clip(0.5 + 0.5 * relative / max(both, np.finfo(float).tiny), 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -220,12 +220,12 @@ class FilmFlows:
     def __init__(self, film: Film, state: FilmState):
         self._film = film
         self._state = state
-        # As conserved oil is balanced, node by node.
+        # Mass-conserving films lump supplies at the nodes.
         self._lumped = state.outflow is not None
 
     @cached_property
     def balance(self) -> FlowBalance:
-        """All flows; of a film that keeps account of its oil no cavity makes any."""
+        """All flows; with mass-conserving cavitation those of cavities are zero."""
         film = self._film
         inflow = self._inflow
         feeds = self._feeds
@@ -240,7 +240,7 @@ class FilmFlows:
             if ambient is None:
                 entering = np.zeros_like(entering)
             # Where the sides are at the cavitation pressure nothing can flow in: what
-            # appears to is the growth of cavities beside them. Told apart edge by edge,
+            # appears to is the growth of adjacent cavities. The two are distinguished edge by edge,
             # for a corner of the 8-node element alone has the wrong sign.
             cavity = 0.0
             if ambient == 0.0 and not conserved:
@@ -262,8 +262,8 @@ class FilmFlows:
           comes in over some edges and leaves over others, and what comes in takes nothing off that;
         - into a supply, as a whole: a groove that takes more than it gives. What is
           dragged into a groove at one edge and out of it at the other stays in the film. Under
-          condition (8) cavities fill the gap with oil that nobody supplied, and drag it there: as
-          much as they make is not counted.
+          condition (8) cavities fill the gap with oil that no supply delivered, and drag it there:
+          this flow is not counted.
 
         Not counted is what the gap's motion stores, nor what cavities take in and give back: over a
         cycle that comes to nothing, but for the oil that condition (8) makes where the film forms,
@@ -276,9 +276,9 @@ class FilmFlows:
         taken = 0.0
         supplied = np.zeros(len(angle), dtype=bool)
         for region in p.regions:
-            own = region.contains(angle, height, p.grid.radius) & ~supplied
-            supplied |= own
-            taken += max(0.0, -float(inflow[own].sum()))
+            nodes = region.contains(angle, height, p.grid.radius) & ~supplied
+            supplied |= nodes
+            taken += max(0.0, -float(inflow[nodes].sum()))
         taken += sum(max(0.0, -flow) for flow in self._feeds.values())
         if taken:
             leaving += max(0.0, taken - max(0.0, self.balance.cavities))
@@ -345,9 +345,9 @@ class FilmFlows:
     @cached_property
     def _work_at_ends(self) -> float:
         """Power of what flows in at nodes of given pressure [W]."""
-        given = np.ones(self._film.assembly.size, dtype=bool)
-        given[self._film.free] = False
-        return float(self._state.pressure[given] @ self._inflow[given])
+        fixed = np.ones(self._film.assembly.size, dtype=bool)
+        fixed[self._film.free] = False
+        return float(self._state.pressure[fixed] @ self._inflow[fixed])
 
     @cached_property
     def _defects(self) -> tuple[np.ndarray, float]:

@@ -13,6 +13,8 @@ Calculations of practice take their mean, ``outlet_weight = 0.5`` (DIN 31652 as 
 inggo.com/teachnet/53-waermebilanz.html). Q counts what leaves (`FilmFlows.leaving`); as
 much oil comes in, at the supply's temperature, wherever it comes from. rho is that of the effective
 temperature.
+
+Imports inside functions: `scipy.optimize` is slow to import, and films without heat do without.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from typing import TYPE_CHECKING, ClassVar
 import attrs
 import numpy as np
 
+from fenics_ehd.base import shared_settings
 from fenics_ehd.base.errors import HeatError, SettingsError
 from fenics_ehd.base.fields import REQUIRED, number
 from fenics_ehd.base.layout import Stateful, Value
@@ -63,15 +66,10 @@ class Heat:
         usual=(1, 200),
         example="80 for 353 K",
     )
-    conducted_share: float = number(
-        0.0, "of the dissipated power that journal and bore conduct away [-]", least=0, below=1
+    conducted_share: float = shared_settings.conducted_share(
+        "of the dissipated power that journal and bore conduct away [-]"
     )
-    outlet_weight: float = number(
-        0.5,
-        "where the effective temperature lies between supply, 0, and outlet, 1",
-        above=0,
-        most=1,
-    )
+    outlet_weight: float = shared_settings.outlet_weight()
     tolerance: float = number(
         0.1, "largest difference of the effective temperature from its balance [K]", above=0
     )
@@ -93,7 +91,7 @@ class Heat:
         return self.supply_temperature + rise / carried if carried > 0.0 else np.inf
 
     def balanced(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
-        """Effective temperature that power and flow at another one stand for [C]."""
+        """Effective temperature in balance with power and flow at another temperature [C]."""
         outlet = self.outlet(oil, temperature, power, flow)
         return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
 
@@ -248,13 +246,13 @@ def _thinner(oil: TemperatureLaw, temperature: float, hottest: float) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    from scipy.optimize import brentq  # slow to import, and films without heat do without
+    from scipy.optimize import brentq
 
     return float(brentq(function, low, high, xtol=1e-12))
 
 
 def run_away(name: str, search: TemperatureSearch, error: Exception | None = None) -> HeatError:
-    """The error that says why there is no temperature.
+    """Make the error of a film without a balanced temperature.
 
     Parameters
     ----------

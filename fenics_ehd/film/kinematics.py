@@ -56,11 +56,13 @@ if TYPE_CHECKING:
 #: Fewest angles of a table: with fewer there is no smooth curve through them.
 FEWEST_ANGLES = 4
 
-#: Overshoot of a spline beyond the two rows beside it, over the range of the table, that is
-#: accepted, and over the smaller of the two steps further out at an extreme between the rows. A
-#: cosine with n rows a wave overshoots by 0.139 of that step for n = 8, 0.150 for 6, 0.162 for 5;
+#: Accepted overshoot of a spline beyond its two neighbouring rows, over the range of the table.
+OVERSHOOT = 0.05
+
+#: Accepted overshoot at an extreme between the rows, over the smaller of the two steps further out.
+#: A cosine with n rows a wave overshoots by 0.139 of that step for n = 8, 0.150 for 6, 0.162 for 5;
 #: two rows that stand out, 0, 1, 1, 0, by 0.201.
-OVERSHOOT, ROUNDED = 0.05, 0.165
+ROUNDED = 0.165
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +71,14 @@ class ShapeTable:
 
     Beyond the first and last height the deviation there stays. At a height at which the spline
     overshoots its rows, at a step of the surface, a monotone cubic curve (PCHIP) takes its place:
-    its slope is continuous, too, and it never leaves the range of the two rows beside it.
+    its slope is continuous, too, and it never leaves the range of the two neighbouring rows.
 
     Attributes
     ----------
     angles
         Ascending within one turn, shape (n,) [rad].
     heights
-        Ascending, shape (k,) [m]; one stands for all.
+        Ascending, shape (k,) [m]; a single one is valid at all heights.
     deviations
         shape (n, k) [m].
 

@@ -8,7 +8,7 @@ through its values at 40 and 100 C. The standard adds terms that matter below 2 
 than where nu is `LARGEST` and hotter than where it is `SMALLEST` the equation is refused.
 Density falls linearly. Dynamic viscosity is their product.
 
-**Grades.** A grade stands for two nominal kinematic viscosities. The standard gives one of them:
+**Grades.** A grade has two nominal kinematic viscosities. The standard specifies one of them:
 ISO 3448 the number of an ISO VG grade at 40 C, SAE J300 a range at 100 C, whose middle is taken
 (fuchs.com, "Viscosity charts"; "SAE 10", a winter grade, goes from 4.1 mm2/s to where 15W begins).
 The other follows from an assumed viscosity index by ASTM D2270, whose formulas are at
@@ -18,8 +18,8 @@ noco.ca/viscosity-chart takes, as listed for multigrade oils. Density and specif
 `Oil`.
 
 **Shear thinning.** The shear rate is that of the sliding surfaces, ``gamma = |U| / h``. It is the
-mean of du/dy over the thickness whatever the pressure's slope is, whose own part is antisymmetric:
-``-h/2`` to ``h/2`` times ``(dp/dy) / eta``, zero in the middle and small beside U / h in a sliding
+mean of du/dy over the thickness for every slope of the pressure, whose part is antisymmetric:
+``-h/2`` to ``h/2`` times ``(dp/dy) / eta``, zero in the middle and small against U / h in a sliding
 film. So the viscosity is one number across the film and Reynolds' equation keeps its form; the film
 of surfaces that do not slide, a squeeze film, does not thin. Sources that carry the variation
 across the film (Dowson's generalised equation) differ where h^2 dp/dy / (2 eta U) is not small.
@@ -365,13 +365,13 @@ def grade_name(name: str) -> str:
     SettingsError
         It is not listed.
     """
-    found = _BY_PLAIN_NAME.get(_plain(name))
-    if found is None:
+    listed = _BY_PLAIN_NAME.get(_plain(name))
+    if listed is None:
         raise SettingsError(
             f"grade = {name!r} is not one of {', '.join(GRADES)}: give viscosity_40 and "
             "viscosity_100 of another"
         )
-    return found
+    return listed
 
 
 def oil_of_grade(name: str, **properties: float) -> Oil:

@@ -24,7 +24,7 @@ and a the one that the flow goes to, l their cells' lengths,
 Second order where s is smooth, first order at its extremes; c lies between s_u and s_a, so that
 nothing leaves an empty film and no more than all a full one. In the form of Harten (J. Comput.
 Phys. 49, 1983, 357), ``F (c_i - c_(i-1)) = C F (s_i - s_(i-1))`` with C >= 0: implicit Euler adds
-no variation and no extreme, whatever the step.
+no variation and no extreme, for any step.
 
 **Derivative.** The node that a flow comes from held, with kinks of c where x y = 0,
 
@@ -62,7 +62,7 @@ With the shares c of what a flow carries as they are t is linear, no entry off t
 and t is positive and no column sum negative; so it is for every matrix that takes the columns of
 full nodes from A and the others from t, and all these are M-matrices: theta is not below 0. For A
 that wants bilinear cells, strictly no longer than 1.4 times their width, in practice any we tried
-(theta > 0 at 9); 9-node cells are out, and it shows: theta = -0.1 beside the ends of a short
+(theta > 0 at 9); 9-node cells are out, and it shows: theta = -0.1 next to the ends of a short
 groove.
 
 Where the pressure is given above cavitation, and in grooves and holes at any
@@ -98,8 +98,11 @@ if TYPE_CHECKING:
 #: Below this rate of the contents a source counts as none.
 SMALLEST_SOURCE = 1e-6
 
-#: Nodes of a bilinear cell, in pairs around.
-LEFT, RIGHT = [0, 2], [1, 3]
+#: Nodes of a bilinear cell at its smaller angle, lower one first.
+LEFT = [0, 2]
+
+#: Nodes of a bilinear cell at its larger angle, lower one first.
+RIGHT = [1, 3]
 
 
 class Strips:
@@ -118,7 +121,7 @@ class Strips:
         As given.
     following, preceding, second
         Node after and before every node of its strip, and the one after the next, shape (nodes,).
-    beside
+    passing
         Nodes whose flows pass the nodes of every cell, these ascending, shape (c, k).
     ratio
         Length of a flow's cell over that of the cell behind it, for flows on and back.
@@ -138,7 +141,7 @@ class Strips:
         self._flow = -assembly.slopes_around[:, LEFT]
         self._from = nodes[:, LEFT]
         ascending = np.argsort(nodes, axis=1)
-        self.beside = np.take_along_axis(nodes[:, [0, 0, 2, 2]], ascending, axis=1)
+        self.passing = np.take_along_axis(nodes[:, [0, 0, 2, 2]], ascending, axis=1)
         self._own = np.arange(assembly.size)
         self.following = np.empty(assembly.size, dtype=int)
         self.following[self._from] = nodes[:, RIGHT]
@@ -320,16 +323,16 @@ class OilBalance:
         )
 
     def problem(self, step: OilStep) -> Complementarity:
-        """``r`` of the unknown nodes; an outflow stands for the pressure of a dry side."""
+        """``r`` of the unknown nodes; the unknown of a dry side is its outflow."""
 
         def residual(values: np.ndarray) -> np.ndarray:
             defect = self.full_film(step, self.nodal(values))[self.unknown]
             return defect + np.where(self.dry, values, 0.0)
 
         def entries(values: np.ndarray) -> np.ndarray:
-            whole = self.film.equation.forms.matrix(step.inputs, self.nodal(values))
+            entries_of_all = self.film.equation.forms.matrix(step.inputs, self.nodal(values))
             # Second neighbours have no place in it.
-            matrix = np.append(whole, 0.0)[self._places]
+            matrix = np.append(entries_of_all, 0.0)[self._places]
             if step.feed is not None:
                 lumped = self.assembly.source(step.feed.conductance.sum(axis=0))
                 matrix[self.pattern.diagonal] += lumped[self.unknown]
@@ -385,7 +388,7 @@ class OilBalance:
         step, nodal, transport
             One time step, pressures of all nodes, and the transport of their void fractions.
         values
-            Of the unknown nodes; an outflow stands for the pressure of a dry side.
+            Unknowns of the nodes: pressures, at dry sides outflows.
         """
         outflow = transport.nodal - self.full_film(step, nodal)
         outflow[self.film.free] = 0.0
@@ -400,10 +403,10 @@ class OilBalance:
         slope = np.broadcast_to(slope, step.gap.thickness.shape)
         full = self.film.equation.gap_derivatives(step.gap, nodal, inputs=step.inputs)
         if carried.void.any():
-            share = carried.carried[self.strips.beside][:, None, :]
-            for along, own in zip(full, self._dragged(step, slope), strict=True):
+            share = carried.carried[self.strips.passing][:, None, :]
+            for along, dragged in zip(full, self._dragged(step, slope), strict=True):
                 if along is not None:
-                    along.data -= (own * share).ravel()
+                    along.data -= (dragged * share).ravel()
             lost = (slope * step.flow.density / step.length)[:, :, None]
             stored = lost * self.assembly.by_nodes(carried.void)
             full[0].data -= with_weights(self.assembly.tested, stored).data
@@ -422,12 +425,12 @@ class OilBalance:
         drag = self.assembly.drag
         if equation.laws.dragging:
             none = np.zeros_like(equation.given)
-            found = equation.gap_derivatives(step.gap, none, inputs=step.driven)
-            return [None if own is None else own.data.reshape(drag.shape) for own in found]
+            derivatives = equation.gap_derivatives(step.gap, none, inputs=step.driven)
+            return [None if d is None else d.data.reshape(drag.shape) for d in derivatives]
         # Between surfaces of one roughness the flow is a product of thickness and mean velocity.
         speed = self.film.parameters.rate * self.film.parameters.grid.radius
         along = slope * flow.velocity, flow.thickness / speed
-        return [(flow.density * own)[:, :, None] * drag for own in along] + [None]
+        return [(flow.density * slope)[:, :, None] * drag for slope in along] + [None]
 
     def along_turn(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Change of the balance with the journal's angle, shape (nodes,) [1/rad]."""

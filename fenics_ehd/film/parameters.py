@@ -11,7 +11,7 @@ place continuously. w is the region's indicator, blurred over a width d of `BLUR
 ``t^2 (3 - 2 t)``: continuously differentiable along the journal's angle.
 
 Without a resistance kappa belongs to the film's own conductance on the scale of the blur,
-``kappa = C rho h^3 / (12 eta d^2)``. C is such that the pressure beside a straight edge is that of
+``kappa = C rho h^3 / (12 eta d^2)``. C is such that the pressure next to a straight edge is that of
 a region with p = p_s up to the edge itself (`EDGES`). With a hydraulic resistance, of the passage
 that leads to the region, kappa is uniform and ``int w kappa dA = 1 / resistance``: the flow is
 ``(p_s - mean p) / resistance`` to round-off, the mean weighted by w. Viscosity and density in kappa
@@ -105,7 +105,7 @@ class FilmParameters:
 #: with meets q = 0 at the edge for C = 33.1. A quarter of it moves the edge by 0.24 d inward, four
 #: times by 0.15 d outward. Load error of the groove of `BLUR` on 40 x 10, 80 x 20, 160 x 40 and 320
 #: x 80 cells: 0.9, 0.27, 0.08, 0.02 %; with 1000 in its place 9.3, 4.6, 2.3, 1.2 %. Bilinear cells,
-#: which resolve the decay less, need what is measured beside a groove all around: within 0.012 d
+#: which resolve the decay less, need what is measured next to a groove all around: within 0.012 d
 #: with 9 nodes, 0.012 d with 4, and 0.035 d lumped. Unchanged, 33.1 is 0.05 and 0.18 d off there.
 EDGES = {"lagrange": 33.119152, "serendipity": 33.119152, "bilinear": 24.0}
 
@@ -135,10 +135,10 @@ class FeedTerm:
     def outflow(self, pressure: np.ndarray, conductance: np.ndarray | None = None) -> np.ndarray:
         """``kappa w (P - P_s)`` into every supply, for P at the Gauss points, (n, cells, points).
 
-        Changes of the conductance may stand for it, as in `lumped`.
+        With a `conductance`, the flow of this one, or of a change of it.
         """
-        own = self.conductance if conductance is None else conductance
-        return own * (pressure - self.pressure[:, None, None])
+        conductance = self.conductance if conductance is None else conductance
+        return conductance * (pressure - self.pressure[:, None, None])
 
     def _supplied(self, conductance: np.ndarray) -> np.ndarray:
         """Flow from supplies with such conductances into a film without pressure."""
@@ -152,9 +152,9 @@ class FeedTerm:
 
         All flows stay what they are, and the matrix of the film an M-matrix.
         """
-        own = self.conductance if conductance is None else conductance
-        supplied = self._supplied(own)
-        return assembly.source(own.sum(axis=0)) * nodal - assembly.source(supplied)
+        conductance = self.conductance if conductance is None else conductance
+        supplied = self._supplied(conductance)
+        return assembly.source(conductance.sum(axis=0)) * nodal - assembly.source(supplied)
 
     def lumped_change(
         self, assembly: Assembly, slope: np.ndarray, nodal: np.ndarray
@@ -243,7 +243,7 @@ class Feeds:
         if turn != self._turn:
             share, slope = self.shares(turn)
             area, change = (
-                np.sum(self._area * own, axis=(1, 2), keepdims=True) for own in (share, slope)
+                np.sum(self._area * values, axis=(1, 2), keepdims=True) for values in (share, slope)
             )
             passage = self._passage * share / area
             passage_slope = self._passage * slope / area - passage * change / area
@@ -263,10 +263,10 @@ class Feeds:
         """
         film, passage, film_slope, passage_slope = self._at(gap.turn)
         cube = (LUMPED if lumped else 1.0) * thickness**3
-        own = film * cube
+        of_film = film * cube
         return FeedTerm(
-            own + passage,
-            3.0 * own / thickness,
+            of_film + passage,
+            3.0 * of_film / thickness,
             film_slope * cube + passage_slope,
             self._pressure(gap.time),
         )
@@ -279,7 +279,7 @@ class Feeds:
         """
         film, passage, *_ = self._at(gap.turn)
         weights = np.array([np.ones(len(film)), self._pressure(gap.time)])
-        return np.concatenate([np.tensordot(weights, own, 1) for own in (film, passage)])
+        return np.concatenate([np.tensordot(weights, kind, 1) for kind in (film, passage)])
 
 
 #: How much better than the film a recess conducts: 1e3 leaves a thousandth of the pressure's change

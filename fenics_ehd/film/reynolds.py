@@ -216,7 +216,7 @@ class ReynoldsEquation:
         return self.forms.vector(inputs, nodal)
 
     def problem(self, gap: Gap) -> Complementarity:
-        """The complementarity problem (11) of a gap; what nobody asks for is not assembled."""
+        """Complementarity problem (11) of a gap, assembled on demand."""
         inputs = self.inputs(gap)
 
         def residual(pressure: np.ndarray) -> np.ndarray:

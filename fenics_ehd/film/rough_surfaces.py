@@ -1,6 +1,6 @@
-"""Rough surfaces: the gap that the oil sees, and the pressure of asperities that touch.
+"""Rough surfaces: average gap and flow factors, and the pressure of asperity contact.
 
-**Asperities that touch** (Greenwood and Tripp 1970) are paraboloids of one radius beta, eta of them
+**Asperity contact** (Greenwood and Tripp 1970) are paraboloids of one radius beta, eta of them
 per area, their heights a Gaussian of the combined roughness sigma. Elastic contacts of pairs give,
 h the distance of the surfaces' mean planes, above which those of the asperities' tips lie by d
 sigma together,
@@ -25,10 +25,10 @@ the mobility is ``h^3 phi_p`` and the mean velocity
 
     V + (U / 2) sigma w phi_s / h_T,
 
-which is the same flow. Below H = 0.5, where no factor is published, the mobility goes on as the
+which is the same flow. Below H = 0.5, where no factor is published, the mobility continues as the
 power of h_T that has its value and slope there: our own continuation.
 
-An update or an error of h is small beside ``h_T / (dh_T / dh)``: h itself where the surfaces are
+An update or an error of h is compared with ``h_T / (dh_T / dh)``: h itself where the surfaces are
 apart, about sigma where they touch.
 
 **Mean flow and mean shear** of oil (Patir and Cheng 1978, 1979). With ``H = h / sigma``, h the
@@ -81,7 +81,8 @@ SHEAR_ABOVE = 1.126
 SHEAR_END = 5.0
 
 #: phi_fs = A_3 H^alpha_4 exp(-alpha_5 H + alpha_6 H^2) up to H = 7, 0 above.
-STRESS, STRESS_END = (11.1, 2.31, 2.38, 0.11), 7.0
+STRESS = (11.1, 2.31, 2.38, 0.11)
+STRESS_END = 7.0
 
 #: phi_fp = 1 - D exp(-s H).
 STRESS_PRESSURE = 1.4, 0.66
@@ -93,8 +94,11 @@ LEAST_FILM = 0.01
 SERIES_FROM = 30.0
 
 
-#: H below which h_T is evaluated as a continued fraction, and its levels.
-DEEP, LEVELS = -4.0, 10
+#: H below which h_T is evaluated as a continued fraction.
+DEEP = -4.0
+
+#: Levels of this fraction.
+LEVELS = 10
 
 
 def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
@@ -162,7 +166,7 @@ def stress_factor(ratio: np.ndarray) -> np.ndarray:
     """``phi_f / H``: the mean of one over the local film, over sigma.
 
     For heights of the density ``35 / 96 (1 - (s / 3)^2)^3``, films below `LEAST_FILM` left out;
-    it goes on without a jump to H = -3, from where on there is no film.
+    It is continued without a jump to H = -3, below which there is no film.
     """
     z = np.asarray(ratio, dtype=float) / 3
     result = np.zeros(z.shape)
@@ -196,17 +200,21 @@ def stress_pressure_factor(ratio: np.ndarray) -> np.ndarray:
     return np.maximum(1 - d * np.exp(-s * ratio), 0.0)
 
 
-#: Asperities are apart: beyond this H the pressure, below 1e-15 of that at H = 0, is zero.
+#: H above which the contact pressure, below 1e-15 of that at H = 0, is set to zero.
 APART = 8.0
 
-#: Least H of the table; what is above it is far below what any model of contact describes.
+#: Least H of the table, far below the range of any model of contact.
 DEEPEST = -8.0
 
-#: Distance of the points of the table, and the order of the series about them.
-SPACING, ORDER = 1.0 / 16.0, 10
+#: Distance of the points of the table.
+SPACING = 1.0 / 16.0
+
+#: Order of the series about these points.
+ORDER = 10
 
 #: Step and end of the trapezoidal rule: half the step changes no value by more than 1e-14 of it.
-STEP, END = 0.02, 5.0
+STEP = 0.02
+END = 5.0
 
 
 class AsperityContact(NamedTuple):
@@ -219,13 +227,13 @@ class AsperityContact(NamedTuple):
 
 def seven_halves(ratio: np.ndarray) -> np.ndarray:
     """F_7/2 and two derivatives, shape (3, ...), at H of any shape; below `DEEPEST` as there."""
-    found = np.zeros((3, *np.shape(ratio)))
+    values = np.zeros((3, *np.shape(ratio)))
     near = ratio < APART
     if near.any():
         inside = np.maximum(ratio[near], DEEPEST) - DEEPEST
-        place = np.rint(inside / SPACING).astype(int)
-        found[:, near] = _series(_table()[place], inside - SPACING * place)
-    return found
+        nearest = np.rint(inside / SPACING).astype(int)
+        values[:, near] = _series(_table()[nearest], inside - SPACING * nearest)
+    return values
 
 
 def _series(coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -288,8 +296,8 @@ class RoughSurfaces(Roughness):
     @classmethod
     def of(cls, settings: Roughness, modulus: float) -> RoughSurfaces | None:
         """Surfaces of a contact modulus E' [Pa] as settings say; None for smooth ones."""
-        own = {field.name: getattr(settings, field.name) for field in attrs.fields(Roughness)}
-        return cls(**own, modulus=modulus) if settings.roughness else None
+        values = {field.name: getattr(settings, field.name) for field in attrs.fields(Roughness)}
+        return cls(**values, modulus=modulus) if settings.roughness else None
 
     def separation(self, gap: np.ndarray) -> np.ndarray:
         """Distance of the mean planes of the tips at nominal gaps [m], over the roughness."""
@@ -323,7 +331,7 @@ class RoughSurfaces(Roughness):
 
     @property
     def dragging(self) -> bool:
-        """True where sliding surfaces take oil along beside what both carry."""
+        """True if sliding changes the flow, as one surface is rougher than the other."""
         return self.flow_factors and self.weight != 0.0
 
     def excess(self, thickness: np.ndarray) -> np.ndarray:
@@ -351,8 +359,8 @@ class RoughSurfaces(Roughness):
         inverse = stress_factor(ratio)
         if self.weight:
             inverse = inverse + abs(self.weight) * rough_stress_factor(ratio)
-        left = 1.0 - stress_pressure_factor(ratio)
-        deep = gap.thickness * (1.0 + self.weight * left)
+        on_slopes = 1.0 - stress_pressure_factor(ratio)
+        deep = gap.thickness * (1.0 + self.weight * on_slopes)
         return self.roughness / np.maximum(inverse, np.finfo(float).tiny), deep
 
     def length(self, gap: np.ndarray) -> np.ndarray:

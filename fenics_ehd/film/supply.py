@@ -361,11 +361,11 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
         raise SettingsError(
             f"{name} reaches from z = {1e3 * bottom:.4g} to {1e3 * top:.4g} mm, the bearing from "
             f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: a region must leave land at both sides, else "
-            "its oil runs out there and no film says how much"
+            "its oil flows out there without passing a film"
         )
     around, along = region.sizes(grid.radius)
     counts = list(grid.cells)
-    told = ""
+    breach = ""
     for direction, what, value in (
         (0, "a size", around),
         (1, "a size", along),
@@ -375,8 +375,9 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
         if value < cell * (1 - 1e-9):
             needed = int(np.ceil(grid.cells[direction] * cell / value - 1e-9))
             counts[direction] = max(counts[direction], needed)
-            told = (
-                told or f"{what} of {1e3 * value:.4g} mm, less than a film cell's {1e3 * cell:.4g}"
+            breach = (
+                breach
+                or f"{what} of {1e3 * value:.4g} mm, less than a film cell's {1e3 * cell:.4g}"
             )
-    if told:
-        raise SettingsError(f"{name} has {told}: use cells = {counts} or more")
+    if breach:
+        raise SettingsError(f"{name} has {breach}: use cells = {counts} or more")

@@ -81,9 +81,9 @@ class Surface:
                 "circumference, not a whole turn: they must be narrower than half a turn and "
                 "neither overlap nor leave gaps"
             )
-        places = ELEMENTS[self.family].nodes
-        found = self.reference(np.arange(len(self.cells)), self.cell_nodes)
-        off = np.abs(found - places).max(axis=2)
+        expected = ELEMENTS[self.family].nodes
+        reference = self.reference(np.arange(len(self.cells)), self.cell_nodes)
+        off = np.abs(reference - expected).max(axis=2)
         for hole in self.holes:
             on_rim = np.isin(self.cells, hole.rim)
             off[on_rim & (off <= RIM_TOLERANCE)] = 0.0
@@ -123,12 +123,12 @@ class Surface:
             return []
         angle, z = self.nodes.T
         try:
-            found = bore_holes(
+            holes = bore_holes(
                 np.column_stack([np.cos(angle), np.sin(angle), z]), self.cells, self.family
             )
         except StructureError:  # what they leave is no hole
             return []
-        return [hole.straight() for hole in found] if self.family != "bilinear" else found
+        return [hole.straight() for hole in holes] if self.family != "bilinear" else holes
 
     @property
     def triangular(self) -> bool:
@@ -202,9 +202,9 @@ def near_pairs(surface: Surface, points: np.ndarray, reach: float) -> tuple[np.n
         cKDTree(np.column_stack([np.mod(x[:, 0], TURN) % TURN, scale * x[:, 1]]), boxsize=[TURN, 0])
         for x in (surface.centres, points)
     ]
-    own = scaled_reach(surface, surface)
+    half_diagonal = scaled_reach(surface, surface)
     pairs = trees[0].sparse_distance_matrix(
-        trees[1], (1 + 1e-9) * (own + reach), output_type="ndarray"
+        trees[1], (1 + 1e-9) * (half_diagonal + reach), output_type="ndarray"
     )
     return pairs["i"], pairs["j"]
 
@@ -302,15 +302,15 @@ def _within(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
 def _around_holes(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
     """Shape functions at points, in a hole the extension from its rim."""
     matrix = sparse.lil_matrix((len(points), len(surface.nodes)))
-    left = np.ones(len(points), dtype=bool)
+    outside = np.ones(len(points), dtype=bool)
     for hole in surface.holes:
-        inside = np.flatnonzero(left & hole.contains(*points.T))
-        left[inside] = False
+        inside = np.flatnonzero(outside & hole.contains(*points.T))
+        outside[inside] = False
         x = points[inside]
         x[:, 0] = unwrap(x[:, 0], np.array(hole.angle))
         for row, weights in zip(inside, mean_value(hole.polygon, x, _scale(surface)), strict=True):
             matrix[row, hole.rim] = weights
-    matrix[left] = _within(surface, points[left])
+    matrix[outside] = _within(surface, points[outside])
     return matrix.tocsr()
 
 
@@ -521,14 +521,14 @@ def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
     total = sparse.csr_matrix(size)
     for start in range(0, len(tiles.areas), BLOCK):
         part = slice(start, start + BLOCK)
-        ours, theirs = (
+        of_structure, of_film = (
             ELEMENTS[surface.family]
             .shapes((barycentric @ corners[part]).reshape(-1, 2))
             .reshape(-1, len(weights), surface.cells.shape[1])
             for surface, corners in ((structure, tiles.on_structure), (film, tiles.on_film))
         )
-        scaled = (tiles.areas[part, None] * weights)[:, :, None] * theirs
-        entries = ours.swapaxes(1, 2) @ scaled
+        scaled = (tiles.areas[part, None] * weights)[:, :, None] * of_film
+        entries = of_structure.swapaxes(1, 2) @ scaled
         rows = structure.cells[tiles.structure_cells[part]][:, :, None]
         columns = film.cells[tiles.film_cells[part]][:, None, :]
         total = total + summed(entries, rows, columns, size)
@@ -565,11 +565,11 @@ def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.nda
 
     lagrange = (monomials(x) @ np.linalg.inv(monomials(points))).reshape(-1, len(weights), 9)
     moments = tiles.areas[:, None] * np.einsum("q,tqg->tg", weights, lagrange)
-    found = np.zeros((len(film.cells), 9))
-    np.add.at(found, tiles.film_cells, moments)
-    whole = film.determinants[:, None] * np.outer(*[GAUSS_WEIGHTS] * 2).ravel()
-    share = found / whole
-    share[np.abs(found.sum(axis=1) / whole.sum(axis=1) - 1.0) < WHOLE] = 1.0
+    solid = np.zeros((len(film.cells), 9))
+    np.add.at(solid, tiles.film_cells, moments)
+    complete = film.determinants[:, None] * np.outer(*[GAUSS_WEIGHTS] * 2).ravel()
+    share = solid / complete
+    share[np.abs(solid.sum(axis=1) / complete.sum(axis=1) - 1.0) < WHOLE] = 1.0
     return share
 
 

@@ -9,14 +9,14 @@ the weak form on the flat mesh of the unwrapped bore, v of the pressure's space,
 
     r(v) = int f . grad v + s v
 
-`flow_law` says what eta, rho, H, V and k are: it stands once, for the symbols of the weak form and
-for arrays, from which losses, friction and heat are evaluated. Derivatives are UFL's: along the
+`flow_law` defines eta, rho, H, V and k once, for the symbols of the weak form and for arrays, from
+which losses, friction and heat are evaluated. Derivatives are UFL's: along the
 pressure, and along the gap's data, functions of the quadrature space. That along the mean velocity
 needs none: it is ``-rho H`` times the slope of v.
 
 Between rough surfaces (`fenics_ehd.film.rough_surfaces`) H is the average gap ``h_T``, and with
 flow factors ``k = rho (sigma / c)^3 (h / sigma)^3 phi_p / eta`` and ``V + (U / 2) sigma w phi_s /
-h_T`` stand for k and V.
+h_T`` replace k and V.
 
 The source is written ``rho (a dH/dt + b H)``: a = 1, b = 0 for density that is steady; a = 0 and b
 one over the step for the content of a gap at the end of a step. Supplies add ``(H^3 q + t) P``,
@@ -127,7 +127,7 @@ class Laws:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers of a form, or the constants that stand for them.
+    """Numbers of a form, or its constants of these values.
 
     Attributes
     ----------
@@ -166,19 +166,19 @@ class Numbers:
     @cached_property
     def flat(self) -> np.ndarray:
         """All numbers in one array: `squeeze`, `storage`, `rate_shift` and `level` first."""
-        return np.hstack([getattr(self, own.name) for own in fields(self)]).astype(float)
+        return np.hstack([getattr(self, number.name) for number in fields(self)]).astype(float)
 
     @property
     def layout(self) -> tuple[int | None, ...]:
         """Number of values in every attribute, None for one that is no tuple."""
-        values = [getattr(self, own.name) for own in fields(self)]
+        values = [getattr(self, number.name) for number in fields(self)]
         return tuple(len(value) if isinstance(value, tuple) else None for value in values)
 
     @classmethod
     def spread(cls, layout: Sequence[int | None], constants: Iterable[Any]) -> Numbers:
         """Constants in the order of `flat`."""
-        left = iter(constants)
-        return cls(*(next(left) if n is None else tuple(islice(left, n)) for n in layout))
+        rest = iter(constants)
+        return cls(*(next(rest) if n is None else tuple(islice(rest, n)) for n in layout))
 
 
 class Flow(NamedTuple):
@@ -322,7 +322,7 @@ def compiled(laws: Laws, layout: tuple[int | None, ...]) -> tuple[WeakForm, dict
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Data of the forms beside the pressure.
+    """Data of the forms other than the pressure.
 
     Attributes
     ----------
@@ -412,9 +412,9 @@ class FilmForms:
         codes = rows * self._size + columns
         order = np.argsort(codes)
         wanted = nodes[pattern.rows] * self._size + nodes[pattern.indices]
-        found = np.searchsorted(codes, wanted, sorter=order)
-        places = order[np.minimum(found, len(order) - 1)]
-        return np.where(codes[places] == wanted, places, len(codes))
+        position = np.searchsorted(codes, wanted, sorter=order)
+        entries = order[np.minimum(position, len(order) - 1)]
+        return np.where(codes[entries] == wanted, entries, len(codes))
 
     def _make_forms(self) -> None:
         """Every form on this mesh, and a matrix for each kind of rows."""
@@ -422,8 +422,8 @@ class FilmForms:
         self._matrices: dict[str, Any] = {}
         named = {id(symbol): name for name, symbol in self._weak.coefficients.items()}
         for name, handle in self._handles.items():
-            own = self._weak.forms[name].coefficients()
-            taken = [named[id(own[i])] for i in compat.coefficient_positions(handle)]
+            symbols = self._weak.forms[name].coefficients()
+            taken = [named[id(symbols[i])] for i in compat.coefficient_positions(handle)]
             rows = {"residual": [], "pressure": ["nodes"]}.get(name, ["points"])
             spaces = [self._spaces[space] for space in [*rows, "nodes"]]
             functions = [self._functions[coefficient] for coefficient in taken]

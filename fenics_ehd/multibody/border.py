@@ -1,7 +1,7 @@
-"""Newton systems of films and motion: every film factorised alone, bordered by coordinates.
+"""Newton systems of films and motion: factors of every film, bordered by coordinates.
 
 With pressures P_f of film f at its full nodes, and all other unknowns x (coordinates, their
-multipliers, amplitudes of the leading residual patterns),
+multipliers, amplitudes of the retained residual patterns),
 
     A_f dP_f + B_f T_f dx = r_f,      S dx + sum_f O_f dP_f = g
 
@@ -37,9 +37,9 @@ class FilmBlock:
     outputs
         O's rows that are not zero, shape (o, m).
     rows
-        Their places in x, shape (o,).
+        Indices of these rows in x, shape (o,).
     gap
-        Change of the gap at the Gauss points for unit inputs, shape (g, b).
+        Gap change at the Gauss points for unit inputs, shape (g, b).
     along_gap
         Derivative along the gap at the Gauss points, its rate following, of all nodes.
     """
@@ -68,7 +68,7 @@ class FilmBlock:
         return block
 
     def on(self, full: np.ndarray) -> FilmBlock:
-        """The same, with outputs of full nodes alone; without W the others are zero anyway."""
+        """The block with outputs of full nodes only; without W the other pressures are zero."""
         if self.weights is None:
             return self
         outputs = np.zeros_like(self.outputs)
@@ -82,32 +82,32 @@ class FilmBlock:
         gap: np.ndarray,
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> FilmBlock:
-        """The same with more inputs and, if given, rows of outputs with their places."""
-        found = replace(
+        """The block with further inputs and, if given, outputs with their indices in x."""
+        block = replace(
             self,
             inputs=np.hstack([self.inputs, inputs]),
             spread=np.vstack([self.spread, spread]),
             gap=np.hstack([self.gap, gap]),
         )
         if outputs is None:
-            return found
-        more, rows = outputs
+            return block
+        values, rows = outputs
         return replace(
-            found,
-            outputs=np.vstack([self.outputs, more]),
+            block,
+            outputs=np.vstack([self.outputs, values]),
             rows=np.concatenate([self.rows, rows]),
         )
 
 
 class BorderedSystem:
-    """The system above.
+    """The bordered system of this module, factorised.
 
     Parameters
     ----------
     blocks
-        Of every film, prepared by the caller.
+        Factors of every film, prepared by the caller.
     borders
-        Of every film.
+        Derivatives of every film.
     core
         S, shape (x, x).
     responses
@@ -121,7 +121,7 @@ class BorderedSystem:
     Raises
     ------
     SolverError
-        What is left is singular.
+        The Schur complement is singular.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class BorderedSystem:
         matrix = core.copy()
         for border, response in zip(borders, responses, strict=True):
             matrix[border.rows] -= (border.outputs @ response) @ border.spread
-        # Forces, lengths and rates side by side: pivots are chosen among equals.
+        # Rows and columns have forces, lengths and rates: scaled so that pivots are comparable.
         self._row_scale = 1.0 / np.abs(matrix).max(axis=1)
         matrix *= self._row_scale[:, None]
         self._column_scale = 1.0 / np.abs(matrix).max(axis=0)
@@ -158,11 +158,11 @@ class BorderedSystem:
     ) -> tuple[list[np.ndarray], np.ndarray]:
         """Pressures of every film, y where it is not full, and x; right-hand sides (m,), (x,)."""
         alone = [b.solution(r) for b, r in zip(self.blocks, films, strict=True)]
-        given = rest.copy()
+        reduced = rest.copy()
         for border, pressure in zip(self.borders, alone, strict=True):
-            given[border.rows] -= border.outputs @ pressure
-        found = linalg.lapack.dgetrs(*self._factor, given * self._row_scale)[0]
-        x = found * self._column_scale
+            reduced[border.rows] -= border.outputs @ pressure
+        scaled = linalg.lapack.dgetrs(*self._factor, reduced * self._row_scale)[0]
+        x = scaled * self._column_scale
         pressures = [
             p - response @ (border.spread @ x)
             for p, response, border in zip(alone, self.responses, self.borders, strict=True)
@@ -173,7 +173,8 @@ class BorderedSystem:
 class ChangedSystem:
     """A `BorderedSystem` for full nodes that differ a little from those factorised.
 
-    Nodes that filled are unknowns more, and so are the defects of those that emptied:
+    Pressures of nodes that filled are additional unknowns, and so are defects of nodes that
+    emptied:
 
         [ A_II  A_Ia  E_r ] [P_I]
         [ A_aI  A_aa   0  ] [P_a]
@@ -182,9 +183,9 @@ class ChangedSystem:
     Parameters
     ----------
     former
-        What was factorised.
+        The factorised system.
     changes
-        Of every film: the nodes that filled and emptied.
+        Of every film, the nodes that filled and those that emptied.
     """
 
     def __init__(
@@ -192,14 +193,14 @@ class ChangedSystem:
         former: BorderedSystem,
         changes: Sequence[tuple[np.ndarray, np.ndarray]],
     ):
-        self._filled = changes
+        self._changes = changes
         self.size = first = former.size
-        total = first + sum(len(a) + len(e) for a, e in self._filled)
+        total = first + sum(len(a) + len(e) for a, e in self._changes)
         core = np.zeros((total, total))
         core[:first, :first] = former.core
         borders = []
         responses = []
-        self._places = []
+        self._indices = []
         for block, border, response, (added, emptied) in zip(
             former.blocks, former.borders, former.responses, changes, strict=True
         ):
@@ -224,7 +225,7 @@ class ChangedSystem:
             rows = np.arange(first, last)
             borders.append(wide.extended(inputs, np.eye(total)[rows], still, (outputs, rows)))
             responses.append(np.hstack([response, block.solution(inputs)]))
-            self._places.append(new)
+            self._indices.append(new)
             first = last
         self._total = total
         self.borders = former.borders
@@ -234,14 +235,14 @@ class ChangedSystem:
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
         """Solution as of `BorderedSystem`."""
-        given = np.zeros(self._total)
-        given[: self.size] = rest
-        for film, place, (added, _) in zip(films, self._places, self._filled, strict=True):
-            given[place] = film[added]
-        pressures, x = self._system.solve(films, given)
-        for pressure, place, (added, emptied) in zip(
-            pressures, self._places, self._filled, strict=True
+        right_side = np.zeros(self._total)
+        right_side[: self.size] = rest
+        for film, indices, (added, _) in zip(films, self._indices, self._changes, strict=True):
+            right_side[indices] = film[added]
+        pressures, x = self._system.solve(films, right_side)
+        for pressure, indices, (added, emptied) in zip(
+            pressures, self._indices, self._changes, strict=True
         ):
-            pressure[added] = x[place]
+            pressure[added] = x[indices]
             pressure[emptied] = 0.0
         return pressures, x[: self.size]

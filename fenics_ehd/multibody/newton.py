@@ -550,8 +550,10 @@ class CoupledSteps:
         """Derivatives for an active set, see `VariationalInequality`."""
         self._nodes = nodes
         full = []
-        for film, own in zip(self.equations.films, self.equations.film_indices, strict=True):
-            free = nodes[(nodes >= own.start) & (nodes < own.stop)] - own.start
+        each = zip(self.equations.films, self.equations.film_indices, strict=True)
+        for film, indices in each:
+            inside = (nodes >= indices.start) & (nodes < indices.stop)
+            free = nodes[inside] - indices.start
             full.append(film.full_nodes(free))
         self._settled = all(
             np.array_equal(now, then) for now, then in zip(full, self._full, strict=True)

@@ -120,18 +120,20 @@ HIGHEST = 1e9
 #: the pressure is rounding.
 RESTING = 1e-6
 
-#: Largest pressure over those of the steps before and after it, above which it is a spike of one
-#: step.
+#: Largest pressure over the pressures of the steps before and after it, above which it is a spike.
 #: The ten shipped scenes have 1.0002 to 1.005 at their peaks and 1.022 anywhere, the starved
 #: journal 1.29 and 1.63 while it fills; a peak of 858 MPa between 1.6 MPa has 536.
 SPIKE = 5.0
 
-#: Swings of a ringing start, each smaller than the one before, least of them as a share of the
-#: peak, and damping ratio below which a mode rings. A rod without damping that begins with the
-#: velocities of a rigid one swings from 73 MPa by 47, 30, 26 and 15 MPa (`slider-crank`, where 47
-#: MPa are its own); with its damping, and in all shipped scenes, no such swing follows the peak.
+#: Number of decreasing swings after the peak of a ringing start. A rod without damping that begins
+#: with the velocities of a rigid one swings from 73 MPa by 47, 30, 26 and 15 MPa (`slider-crank`,
+#: whose peak without ringing is 47 MPa); with its damping, and in shipped scenes, none follows.
 SWINGS = 4
+
+#: Smallest swing that counts, as a share of the peak.
 SMALLEST_SWING = 0.1
+
+#: Damping ratio below which a mode rings.
 RINGING = 0.02
 
 
@@ -145,7 +147,15 @@ def ratio_to_neighbours(values: np.ndarray) -> float:
 
 
 def turning_points(values: np.ndarray, least: float) -> list[float]:
-    """A curve's first value, a maximum, and extremes that it leaves by more than a least change."""
+    """First value of a curve, a maximum, and its further extremes.
+
+    Parameters
+    ----------
+    values
+        Of the curve, shape (k,).
+    least
+        Smallest change between two extremes that counts.
+    """
     points = [float(values[0])]
     rising = True
     for value in values[1:].tolist():
@@ -188,14 +198,14 @@ def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
         As of `resting_films`.
     """
     lines = [
-        f"{name}: {1e-6 * peak:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa: no lining bears that, "
-        "and no model here is made for it: see loads, units, size and whether a bore is meant to "
-        "be rigid"
+        f"{name}: the largest pressure is {1e-6 * peak:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa, "
+        "which no lining bears and no model of this program describes: check loads, units, sizes "
+        "and whether the bore is meant to be rigid"
         for name, peak in peaks.items()
         if peak > HIGHEST
     ]
     lines += [
-        f"{name}: nothing moves or loads its film, the {peaks[name]:.2g} Pa in it are rounding"
+        f"{name}: nothing moves or loads its film, its pressure of {peaks[name]:.2g} Pa is rounding"
         for name in resting_films(system, peaks)
     ]
     return lines
@@ -217,13 +227,14 @@ def unusual_peaks(name: str, pressures: np.ndarray, *, may_ring: bool) -> list[s
     ratio = ratio_to_neighbours(pressures)
     if ratio > SPIKE:
         return [
-            f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times "
-            "those around it: lower time.tolerance, and see what jumps there"
+            f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times the "
+            "pressures of the steps around it: lower time.tolerance, and check loads and shapes "
+            "for jumps at this time"
         ]
     if may_ring and rings(pressures):
         return [
             f"{name}: the peak of {peak:.4g} MPa is the first swing of a start that rings, "
             "with modes of hardly any damping: let loads grow (ramp), damp the bodies "
-            "(damping_time, damping_ratio), or see later cycles (time.periodic = true)"
+            "(damping_time, damping_ratio), or simulate until periodic (time.periodic = true)"
         ]
     return []

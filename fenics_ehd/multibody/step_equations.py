@@ -48,7 +48,7 @@ GapChanges = Sequence[tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class FilmFriction:
-    """Friction of a film: what the oil's shear does to its two bodies.
+    """Friction of a film: forces of the oil's shear on its two bodies.
 
     Attributes
     ----------
@@ -58,10 +58,10 @@ class FilmFriction:
         On the shaft about its axis [N m], negative when it brakes a shaft that turns in the
         positive sense; its opposite turns the rod.
     sheared
-        ``int theta eta U^2 / h dA`` [W]; of rough surfaces all that is lost beside the pressure
+        ``int theta eta U^2 / h dA`` [W]; of rough surfaces all losses but those of the pressure
         flow.
     sheared_fraction
-        Share theta of the width that is sheared, at the Gauss points.
+        Fraction theta of the width that is sheared, at the Gauss points.
     """
 
     on_xi: np.ndarray
@@ -90,12 +90,12 @@ def film_friction(
     driven = area * deep * fields.slope_around
     sheared = np.sum(couette * gap.sliding_velocity)
     if p.surfaces is not None:
-        # What the pressure's stress does beyond the drag of `Film.powers`; between smooth surfaces
-        # ``h dp/dy`` does the work of both.
+        # Work of the pressure's stress beyond the drag of `Film.powers`, which is zero between
+        # smooth surfaces: there ``h dp/dy`` does the work of both.
         flow = film.equation.flow(gap)
         carried = p.clearance * p.rate * p.grid.radius * flow.thickness * flow.velocity
-        beside = deep * gap.mean_velocity - carried
-        sheared += np.sum(area * fields.slope_around * beside)
+        difference = deep * gap.mean_velocity - carried
+        sheared += np.sum(area * fields.slope_around * difference)
     # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding.
     on_xi = -driven.ravel() @ journal.mean_velocity - couette.ravel() @ journal.sliding_velocity
     shaft_radius = p.grid.radius - p.clearance

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.columns import split_unit
+from fenics_ehd.base.extremes import over_time
 from fenics_ehd.film.film import steepest_thickening
-from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.notices import (
     RINGING,
@@ -53,16 +54,32 @@ def extreme_step(column: str, values: np.ndarray) -> int:
     return int(np.argmin(values) if column.startswith("min_") else np.argmax(values))
 
 
-def extremes_of(columns: Columns) -> dict[str, Extremes]:
-    """Extremes of `PEAKS` by joint, over columns by path."""
+def extreme_of(
+    column: str, times: np.ndarray, values: np.ndarray, period: float | None
+) -> tuple[float, float]:
+    """Extreme of a column between its steps, and its time [s], see `fenics_ehd.base.extremes`."""
+    return over_time(times, values, period, -1 if column.startswith("min_") else 1)
+
+
+def extremes_of(columns: Columns, period: float | None = None) -> dict[str, Extremes]:
+    """Extremes of `PEAKS` by joint, over columns by path.
+
+    Parameters
+    ----------
+    columns
+        Of all steps of a run, or of one cycle.
+    period
+        Of a search for a periodic solution [s]; None: there is none.
+    """
     extremes: dict[str, Extremes] = {}
     clock = columns.get("run/cycle_time_s", columns.get("time_s"))
+    if clock is None or period is None or clock[-1] < (1.0 - END_ROUNDING) * period:
+        period = None
     for path, values in columns.items():
         joint, _, column = path.removeprefix("joints/").partition("/")
         if column in PEAKS:
             assert clock is not None
-            step = extreme_step(column, values)
-            extreme = float(values[step]), float(clock[step])
+            extreme = extreme_of(column, np.asarray(clock), values, period)
             extremes.setdefault(joint, {})[split_unit(column)[0]] = extreme
     return extremes
 
@@ -83,14 +100,16 @@ def cycle_figures(
     figures: dict[str, float] = {}
     times = columns["time_s"]
     rows = cycle.rows(times)
+    period = float(times[rows][-1]) - cycle.start if cycle.periodic else None
     for name, column, prefix, others in EXTREMES:
         values = columns[f"joints/{joint}/{column}"][rows]
         row = rows.start + extreme_step(column, values)
-        for reported in (column, *others):
-            value = columns[f"joints/{joint}/{reported}"][row]
-            figures[f"cycle_{prefix}{reported}"] = float(value)
-        angle = columns["run/crank_angle_deg"][row]
-        figures[f"cycle_{name}_crank_angle_deg"] = float(angle)
+        value, time = extreme_of(column, times[rows], values, period)
+        figures[f"cycle_{prefix}{column}"] = value
+        for reported in others:
+            figures[f"cycle_{prefix}{reported}"] = float(columns[f"joints/{joint}/{reported}"][row])
+        angle = float(np.interp(time, times[rows], columns["run/crank_angle_deg"][rows]))
+        figures[f"cycle_{name}_crank_angle_deg"] = angle
     under_way = rows.stop == len(times) and (cycle.periodic or not cycle.start)
     for name in ("force_N", *(() if under_way else rates)):
         values = columns[f"joints/{joint}/{name}"]
@@ -134,14 +153,22 @@ class RunSummary:
     @cached_property
     def extremes(self) -> dict[str, Extremes]:
         """Extremes of every film over the cycle under way, or the run."""
-        return extremes_of({name: v[self.first :] for name, v in self.columns.items()})
+        columns = {name: v[self.first :] for name, v in self.columns.items()}
+        return extremes_of(columns, self._period)
+
+    @property
+    def _period(self) -> float | None:
+        """Period of a search for a periodic solution [s]; None: there is no search."""
+        cycles = self.recorder.cycles
+        return None if cycles is None else cycles.period
 
     @property
     def former_extremes(self) -> dict[str, Extremes]:
         """Extremes of every film over the cycle before; empty without one."""
         if not self.first:
             return {}
-        return extremes_of({name: v[: self.first] for name, v in self.columns.items()})
+        columns = {name: v[: self.first] for name, v in self.columns.items()}
+        return extremes_of(columns, self._period)
 
     @property
     def peaks(self) -> dict[str, float]:

@@ -71,7 +71,7 @@ def outline(faces: np.ndarray) -> np.ndarray:
     return edges[first[counts == 1]]
 
 
-#: Outer radius of the ring that stands for a part whose basis is not at hand, over the bore's.
+#: Outer radius of the ring that is drawn in place of a part without a basis, over the bore's.
 RING = 1.42
 
 
@@ -89,8 +89,8 @@ class PartShape:
         In-plane displacements of unit elastic coordinates, then of residual patterns, shape
         (p, 2, n + r).
     mesh
-        Whether the faces are a finite-element mesh, whose lines are worth drawing, not rings that
-        stand for a part.
+        Whether the faces are a finite-element mesh, whose lines are drawn, or rings in
+        place of a part.
     """
 
     nodes: np.ndarray
@@ -131,7 +131,8 @@ def shape_of_bores(body: ReducedBody) -> PartShape:
 
 #: Clearance as drawn over the bore's radius, and largest displacement as drawn over the part's
 #: extent, that an automatic scale may reach.
-DRAWN_CLEARANCE, DRAWN_DISPLACEMENT = 0.18, 0.08
+DRAWN_CLEARANCE = 0.18
+DRAWN_DISPLACEMENT = 0.08
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,8 @@ from fenics_ehd.scenes.scene import as_stored, meshed
 ALONG = 17
 
 #: Wall of a rigid bore as drawn, over its radius, and what a body at rest is filled with.
-WALL, HATCH = 0.3, "////"
+WALL = 0.3
+HATCH = "////"
 
 Show = Callable[[int], None]
 Bodies = Mapping[str, BodyView]
@@ -133,9 +134,9 @@ class Bearing:
         # The mean over the width has no share of the journal's tilt.
         gap, pressure = self.gap[frame].mean(axis=0), self.pressure[frame].max(axis=0)
         place, clearance = self.offset[frame] / self.radius, self._enlarged * self.film.clearance
-        told = f"pressure, {1e-6 * pressure.max():.3g} MPa", f"thinnest, {1e6 * gap.min():.3g} µm"
+        labels = f"pressure, {1e-6 * pressure.max():.3g} MPa", f"thinnest, {1e6 * gap.min():.3g} µm"
         draw_section(
-            axes, self._enlarged * gap, pressure / highest, place, clearance, told,
+            axes, self._enlarged * gap, pressure / highest, place, clearance, labels,
             turn=turn, centre=centre, radius=radius,
         )  # fmt: skip
         journal = turn + self.journal_body.pose[frame, 2] - self.body.pose[frame, 2]
@@ -175,7 +176,8 @@ class Bearing:
 LINKS = ("#e3d5c0", "#cfd9e3", "#d5e0cc", "#e4cfd3", "#d9d2e6")
 
 #: Size of a joint's symbol over the mechanism's extent, and room around it in symbols.
-SYMBOL, ROOM = 0.02, 3.0
+SYMBOL = 0.02
+ROOM = 3.0
 
 #: Corners of a square around the origin.
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -402,7 +404,7 @@ def draw_run(
     Parameters
     ----------
     directory
-        Of the run, also of one that goes on or was stopped.
+        Of the run, also of one that is in progress or was stopped.
     joint
         Name of the lubricated joint whose film is drawn; None: that of the highest pressure.
     count
@@ -509,10 +511,10 @@ def draw(
             bearing.unwrap(panels["film"], frame)
             dot.set_data(*places[frame, :, None])
             now.set_xdata([moment])
-        told = [joint] if joint else []
-        told.append(f"t = {moment:.2f} ms")
-        told += [f"{name} {angle[frame]:.0f}°" for name, angle in driven.items()]
-        title.set_text(", ".join(told))
+        words = [joint] if joint else []
+        words.append(f"t = {moment:.2f} ms")
+        words += [f"{name} {angle[frame]:.0f}°" for name, angle in driven.items()]
+        title.set_text(", ".join(words))
 
     # Sizes are settled on one frame: labels of changing width must not move the panels.
     show(0)

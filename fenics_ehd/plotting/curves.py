@@ -31,7 +31,8 @@ from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 Rows = Mapping[str, Sequence[ShownJoint]]
 
 #: Height of a panel, alone and of several [inches].
-ALONE, STACKED = 4.0, 2.7
+ALONE = 4.0
+STACKED = 2.7
 
 #: What columns of angles that go around end with.
 AROUND = "_angle_deg"
@@ -49,11 +50,12 @@ class Panel:
     label
         Of the axis, its unit in brackets.
     columns
-        What they are called by their names, or by patterns of these: then what the star stands for.
+        Labels by name of column, or by pattern: the text that matches the star follows if the
+        label is empty.
     extreme
-        Of every curve that is marked and told, `numpy.argmax` or `numpy.argmin`.
+        Extreme that is marked and labelled, `numpy.argmax` or `numpy.argmin`.
     mean
-        Whether means over time are drawn and told.
+        Whether means over time are drawn and labelled.
     scale
         ``"zero"``: linear from zero on; ``"linear"``; ``"log"``; ``"angle"``: once around.
     budget
@@ -75,7 +77,7 @@ class Panel:
         shown = {}
         for pattern, called in self.columns.items():
             for name, values in columns.items():
-                if fnmatchcase(name, pattern) and (self.unchanged or _told(values)):
+                if fnmatchcase(name, pattern) and (self.unchanged or _is_known(values)):
                     star = name.removesuffix(pattern.removeprefix("*")).strip("_.")
                     shown[name] = called or star.replace("_", " ")
         return shown
@@ -83,7 +85,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Curves:
-    """Panels beside or below each other, a row of them for every joint.
+    """Panels below each other, for every joint in turn.
 
     Attributes
     ----------
@@ -101,7 +103,7 @@ class Curves:
 
     def has(self, joint: ShownJoint) -> bool:
         """True where there is anything to draw."""
-        if self.needed and not _told(joint.columns.get(self.needed)):
+        if self.needed and not _is_known(joint.columns.get(self.needed)):
             return False
         return any(panel.found(joint.columns) for panel in self.panels)
 
@@ -136,7 +138,7 @@ class Curves:
         return figure
 
 
-def _told(values: np.ndarray | None) -> bool:
+def _is_known(values: np.ndarray | None) -> bool:
     """True of a column that is known and not all zero."""
     return values is not None and bool(np.any(np.nan_to_num(values)))
 
@@ -158,9 +160,11 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             known = np.flatnonzero(np.isfinite(y))  # errors are estimated at some steps only
             place = known[panel.extreme(y[known])]
             axes.plot(x[place], y[place], "o", color=look["color"], markersize=5, zorder=4)
-            figures.append(f"{with_unit(y[place], panel.label)} at {said(x[place], over)}")
-        if (worth := _worth(joint, panel.budget)) is not None:
-            extreme, largest = worth
+            figures.append(
+                f"{with_unit(y[place], panel.label)} at {position_label(x[place], over)}"
+            )
+        if (errors := _reported_errors(joint, panel.budget)) is not None:
+            extreme, largest = errors
             # Pressures are judged over their peak, films place by place.
             half = largest * (y.max() if panel.extreme is np.argmax else y)
             axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
@@ -171,8 +175,8 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             )
             axes.axhline(average, color=look["color"], linewidth=0.8, alpha=0.7, zorder=1)
             figures.append(f"mean {with_unit(average, panel.label)}")
-        told = ", ".join(filter(None, (joint.run.name if len(joints) > 1 else "", called)))
-        label = ": ".join(filter(None, (told, ", ".join(figures))))
+        parts = ", ".join(filter(None, (joint.run.name if len(joints) > 1 else "", called)))
+        label = ": ".join(filter(None, (parts, ", ".join(figures))))
         if panel.scale == "angle":
             y = np.where(np.abs(np.diff(y, append=y[-1])) > 180.0, np.nan, y)  # once around
         axes.plot(x, y, label=label or None, **look)
@@ -180,7 +184,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
     _lay_out(axes, joints, panel, over, drawn)
 
 
-def _worth(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
+def _reported_errors(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
     """Estimated relative errors of an extreme and over the cycle, None where there are none."""
     budget = joint.run.figures.get(joint.name, {}).get("error_budget", {})
     if quantity not in budget:
@@ -194,8 +198,8 @@ def mean(values: np.ndarray, time: np.ndarray) -> np.ndarray:
     return trapezoid(values, time, axis=0) / np.ptp(time) if len(time) > 1 else values[0]
 
 
-def said(x: float, over: str) -> str:
-    """A place on the common axis."""
+def position_label(x: float, over: str) -> str:
+    """Label of a position on the common axis."""
     return f"{x:.0f}°" if over == ANGLE else f"{x:.3f} ms"
 
 
@@ -229,8 +233,8 @@ def _lay_out(
 ) -> None:
     """Limits, labels, legend."""
     axes.set_ylabel(panel.label)
-    told = "".join(f", {joint.run.told}" for joint in joints[:1] if joint.run.told)
-    axes.set_xlabel(("crank angle [°]" if over == ANGLE else "time [ms]") + told)
+    label = "".join(f", {joint.run.label}" for joint in joints[:1] if joint.run.label)
+    axes.set_xlabel(("crank angle [°]" if over == ANGLE else "time [ms]") + label)
     axes.margins(x=0)
     axes.xaxis.set_major_locator(MultipleLocator(span(over, joints)))
     if panel.scale == "log":
@@ -384,11 +388,11 @@ def _mark(
     places = np.interp(instants, x, vector.real) + 1j * np.interp(instants, x, vector.imag)
     colour = style(number)["color"]
     axes.plot(np.angle(places), np.abs(places), "o", color=colour, markersize=3.5)
-    told: list[complex] = []
+    labelled: list[complex] = []
     for instant, place in zip(instants, places, strict=True):
-        if number or any(abs(place - other) < apart for other in told):
+        if number or any(abs(place - other) < apart for other in labelled):
             continue
-        told.append(place)
+        labelled.append(place)
         axes.annotate(
             f"{instant + 0.0:g}", (np.angle(place), abs(place)), (4, 4),
             textcoords="offset points", fontsize=7.5, color=colour,

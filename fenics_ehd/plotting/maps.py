@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.plotting.curves import Rows, common_axis, mean, pressure_and_film, said
+from fenics_ehd.plotting.curves import Rows, common_axis, mean, position_label, pressure_and_film
 from fenics_ehd.plotting.picture import (
     BLUE,
     PANEL,
@@ -199,7 +199,7 @@ class Bores:
         return bool(joint.name)
 
     def draw(self, rows: Rows) -> Figure:
-        """The figure: two instants beside each other, every joint and run below the other."""
+        """The figure: two instants in a row, a row for every joint and run."""
         cells = [(title, joint, joints) for title, joints in rows.items() for joint in joints]
         figure, panels = plt.subplots(
             len(cells), 2, figsize=(2 * PANEL, (PANEL + 0.4) * len(cells)), layout="constrained",
@@ -216,8 +216,10 @@ class Bores:
                 over = common_axis([joint])
                 now = joint.columns[over][step] * (1.0 if over == ANGLE else 1e3)
                 _draw(axes, joint, step, scale)
-                told = f"{instant}, {said(now, over)}\nclearance and deformation × {scale:g}"
-                axes.set_title(f"{name}: {told}" if name else told)
+                title = (
+                    f"{instant}, {position_label(now, over)}\nclearance and deformation × {scale:g}"
+                )
+                axes.set_title(f"{name}: {title}" if name else title)
         return figure
 
 
@@ -263,12 +265,12 @@ def round_scale(largest: float) -> float:
 def _draw(axes: Axes, joint: ShownJoint, step: int, scale: float) -> None:
     film, columns = joint.film, joint.columns
     gap, pressure, place = profile(joint, step)
-    told = (
+    labels = (
         f"pressure, up to {1e-6 * columns['max_pressure_Pa'][step]:.4g} MPa",
         f"thinnest, {1e6 * columns['min_film_thickness_m'][step]:.4g} µm",
     )
     share, enlarged = pressure / (film.pressure.max() or 1.0), scale / film.radius
-    draw_section(axes, enlarged * gap, share, enlarged * place, enlarged * film.clearance, told)
+    draw_section(axes, enlarged * gap, share, enlarged * place, enlarged * film.clearance, labels)
     lay_out_section(axes)
 
 
@@ -278,7 +280,7 @@ def draw_section(
     pressure: np.ndarray,
     place: np.ndarray,
     clearance: float,
-    told: tuple[str, str],
+    labels: tuple[str, str],
     *,
     turn: float = 0.0,
     centre: Sequence[float] | np.ndarray = (0.0, 0.0),
@@ -294,8 +296,8 @@ def draw_section(
         Enlarged, over the bore's radius; over the largest one; at `ANGLES`.
     place, clearance
         Of the journal, shape (2,), and between round bore and journal; enlarged, over the radius.
-    told
-        What pressure and thinnest film are called.
+    labels
+        Labels of the pressure and of the thinnest film in the legend.
     turn, centre, radius
         Of the bore in the picture, its x axis turned from the picture's [rad].
     """
@@ -305,7 +307,7 @@ def draw_section(
     journal = middle[:, 0] + turned @ place
     axes.fill(
         *(middle + turned @ fan), color=RED, alpha=0.35, linewidth=0, clip_on=False,
-        label=told[0], zorder=4,
+        label=labels[0], zorder=4,
     )  # fmt: skip
     round_bore = middle + radius * NORMALS
     axes.plot(*round_bore, color="0.4", linewidth=1.0, linestyle=":", label="round bore", zorder=4)
@@ -318,7 +320,7 @@ def draw_section(
     axes.plot(*(middle + turned @ bore), color=BLUE, linewidth=2.0, label="bore as it is", zorder=4)
     axes.plot(*journal, "+", color="0.35", zorder=4)
     thinnest = middle[:, 0] + turned @ bore[:, int(gap.argmin())]
-    axes.plot(*thinnest, "o", color="white", markeredgecolor="black", label=told[1], zorder=4)
+    axes.plot(*thinnest, "o", color="white", markeredgecolor="black", label=labels[1], zorder=4)
 
 
 def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
@@ -370,9 +372,16 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
     axes["curves"].set(xlabel=along, xlim=(-180, 180), xticks=np.arange(-180, 181, 45))
     axes["map"].sharex(axes["curves"])
     enlarged = ENLARGED / settings.clearance
-    share, told = middle / (highest or 1.0), ("pressure at mid-width", "thinnest there")
+    share = middle / (highest or 1.0)
+    section_labels = ("pressure at mid-width", "thinnest there")
     draw_section(
-        axes["section"], enlarged * gap, share, enlarged * position, ENLARGED, told, turn=-np.pi / 2
+        axes["section"],
+        enlarged * gap,
+        share,
+        enlarged * position,
+        ENLARGED,
+        section_labels,
+        turn=-np.pi / 2,
     )
     lay_out_section(axes["section"], -np.pi / 2)
     axes["section"].set_aspect("equal", adjustable="box")

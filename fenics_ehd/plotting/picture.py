@@ -45,10 +45,12 @@ COLOURS = (BLUE, RED, YELLOW, BLACK, "#44AA99", "#882255", "#999933")
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (6, 2, 1, 2)))
 
 #: Colours of fields, from light to dark also in grey: pressures and films.
-PRESSURES, FILMS = "YlOrRd", "cividis"
+PRESSURES = "YlOrRd"
+FILMS = "cividis"
 
-#: Width of a picture [inches], and of a panel beside others.
-WIDTH, PANEL = 7.2, 4.4
+#: Width of a picture [inches], and of one of several panels in a row.
+WIDTH = 7.2
+PANEL = 4.4
 
 #: Endings of what matplotlib writes.
 ENDINGS = tuple(f".{name}" for name in sorted(FigureCanvasBase.get_supported_filetypes()))
@@ -75,7 +77,7 @@ def style(number: int) -> dict[str, Any]:
 
 
 def factor_of(label: str) -> float:
-    """Factor from SI units to that which a label has in brackets; columns of angles have theirs."""
+    """Factor from SI units to that which a label has in brackets; of columns of angles 1."""
     known = unit(unit_of(label).partition(" of ")[0])
     return 1.0 if known is None or known.turns else float(1 / known.factor)
 
@@ -161,9 +163,9 @@ def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         picture = BytesIO()
         # Without the date the same figure is the same file.
-        told = {"Date": None} if path.suffix == ".svg" else {}
+        metadata = {"Date": None} if path.suffix == ".svg" else {}
         with plt.rc_context({"svg.hashsalt": SETTINGS["svg.hashsalt"]}):
-            figure.savefig(picture, format=path.suffix[1:], dpi=150, metadata=told)
+            figure.savefig(picture, format=path.suffix[1:], dpi=150, metadata=metadata)
         content = picture.getvalue()
         write_whole(path, _numbered_clips(content) if path.suffix == ".svg" else content)
     plt.close(figure)

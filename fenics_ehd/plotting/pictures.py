@@ -189,7 +189,8 @@ class Pictures:
         if difference and len(runs) != 2:
             raise SettingsError(f"--difference: that of 2 runs, of {len(runs)} there is none")
         self._runs = [ShownRun(name, folder) for name, folder in runs.items()]
-        self._difference, self._joints = difference, joints
+        self._difference = difference
+        self._joints = joints
         rows = _rows(self._runs, joints)
         if difference and all(len(same) < 2 for same in rows.values()):
             first, second = (", ".join(run.joints) or "none" for run in self._runs)
@@ -300,7 +301,7 @@ def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:
 
 
 def _rows(runs: Sequence[ShownRun], joints: Sequence[str]) -> Rows:
-    """Joints by name; the only one of each run stands beside those of the others."""
+    """Joints by name; the only ones of all runs share a row."""
     known = list(dict.fromkeys(name for run in runs for name in run.joints))
     for name in joints:
         if name not in known:

@@ -25,7 +25,7 @@ from fenics_ehd.scenes.run import stored_scene
 
 
 def recorded(directory: Path, result: History | None = None) -> RecordedMotion:
-    """All recorded steps of a run of a scene, also of one that goes on or was killed.
+    """All recorded steps of a run of a scene, also of one that is in progress or was killed.
 
     Parameters
     ----------
@@ -55,7 +55,8 @@ def moving_part(history: History) -> History:
 
 
 #: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.
-ANGLE, TIME = "crank_angle_deg", "time_s"
+ANGLE = "crank_angle_deg"
+TIME = "time_s"
 
 #: Column of kinetic and strain energy, less those at the start.
 STORED = "stored_energy_J"
@@ -90,8 +91,8 @@ class ShownRun:
         Whether it is that of an initial value problem from its start on.
     figures
         Of joints in the summary, as far as they are of that cycle.
-    told
-        What is to be said of a cycle that is not a full one, else nothing.
+    label
+        Label of a cycle that is not complete, for the axis; empty of a complete one.
 
     Raises
     ------
@@ -100,13 +101,14 @@ class ShownRun:
     """
 
     def __init__(self, name: str, directory: str | Path):
-        self.name, self.directory = name, Path(directory)
+        self.name = name
+        self.directory = Path(directory)
         result = load_history(directory)
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
         time = result.run.time
         cycle = result.cycle
         start = cycle.start
-        self.told = "" if cycle.complete else cycle.label
+        self.label = "" if cycle.complete else cycle.label
         # Over its first cycle a search builds up its films as any other run does at its start.
         self.starts = start <= 0.0
         self._start = 0.0 if cycle.periodic else start

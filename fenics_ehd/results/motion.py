@@ -66,7 +66,8 @@ class RecordedMotion:
     """
 
     def __init__(self, mechanism: Mechanism, motion: History):
-        self.motion, self.time = motion, motion.run.time
+        self.motion = motion
+        self.time = motion.run.time
         self.bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
         self.system = System(mechanism)
         self._equations = StepEquations(self.system)
@@ -106,9 +107,9 @@ class RecordedMotion:
 
     def part(self, body: str) -> ReducedBody:
         """The part that a flexible body is."""
-        found = self.bodies[body]
-        assert isinstance(found, FlexibleBody)
-        return found.reduced
+        flexible = self.bodies[body]
+        assert isinstance(flexible, FlexibleBody)
+        return flexible.reduced
 
     def elastic(self, body: str) -> tuple[np.ndarray, np.ndarray]:
         """Elastic coordinates of a flexible body and amplitudes of its residual patterns.
@@ -118,12 +119,13 @@ class RecordedMotion:
         coordinates, amplitudes : numpy.ndarray
             shape (t, n), (t, r).
         """
-        part, own = self.part(body), self.coordinates(body)
-        amplitudes = np.zeros((len(own), part.residual.rank if part.residual else 0))
+        part = self.part(body)
+        coordinates = self.coordinates(body)
+        amplitudes = np.zeros((len(coordinates), part.residual.rank if part.residual else 0))
         responses = self._equations.responses
         if body in responses.bodies:
             amplitudes = self._states[:, responses.of_body(body)]
-        return own[:, own.shape[1] - part.modes :], amplitudes
+        return coordinates[:, coordinates.shape[1] - part.modes :], amplitudes
 
     def in_equilibrium(self, body: str) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and amplitudes whose elastic forces balance the loads, shapes as `elastic`.
@@ -137,14 +139,14 @@ class RecordedMotion:
         rates = rates[:, rates.shape[1] - part.modes :]
         films, equations = self.system.films, self._equations
         if body in equations.responses.bodies:
-            own = equations.responses.bodies[body].patterns
+            patterns = equations.responses.bodies[body].patterns
             pressures = [self.motion.pressures[p.name] for p in films]
             gaps = [self.observed[p.name][:, : -self.nodes(p)] for p in films]
             amplitudes = np.zeros_like(amplitudes)  # those of the run stay
             for row in range(len(amplitudes)):
                 forces = equations.contacts.forces([gap[row] for gap in gaps])
                 static = equations.responses.static([p[row] for p in pressures], forces)
-                amplitudes[row] = static[own]
+                amplitudes[row] = static[patterns]
         return coordinates + flexible.damping_time * rates, amplitudes
 
     def loads(self, body: str) -> tuple[np.ndarray, np.ndarray]:
@@ -179,8 +181,8 @@ class RecordedMotion:
                 gaps = self.observed[binding.name][:, : -self.nodes(binding)]
                 contact = np.array([joint.at_gap(gap).pressure for gap in gaps])
                 pressing += joint.area[:, None] * contact.T
-            own = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
-            forces[:, part.rows_of(binding.bore).nodes] = own
+            nodal = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
+            forces[:, part.rows_of(binding.bore).nodes] = nodal
         angle = self.bodies[body].angle_index
         rates = self.motion.rates[:, self.system.bodies[body]]
         return forces, np.zeros(len(forces)) if angle is None else rates[:, angle]

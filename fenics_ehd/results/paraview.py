@@ -140,7 +140,8 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
 
 
 #: Names of fields in a file, which ParaView shows at first.
-DISPLACEMENT, PRESSURE = "displacement_m", "pressure_Pa"
+DISPLACEMENT = "displacement_m"
+PRESSURE = "pressure_Pa"
 
 #: meshio's names of a film's cells by family, with what takes their nodes to VTK's order.
 FILM_CELLS = {

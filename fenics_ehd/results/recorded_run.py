@@ -1,10 +1,12 @@
-"""A run into its folder: history, checkpoints, a summary whatever happens.
+"""A run in its folder: history, checkpoints, and a summary of every run, failed or not.
+
+Imports inside functions: `largest_multiplier` is slow to import, and most runs do without.
 
 One process at a time holds the folder of a run, and no complete result is given up before another
-one is complete. A run works in its folder, in place of a former one that is not complete. Beside a
-complete result it works in ``replacement`` there, whose files take the place of the others as soon
-as it is complete, too. Killed at any instant, the folder holds a run to go on with, or results, or
-both.
+one is complete. A run works in its folder and replaces a former one that is not complete. In a
+folder with a complete result it works in ``replacement`` there; its files replace the others as
+soon as it is complete, too. Killed at any instant, the folder holds a run to continue, or results,
+or both.
 
 A checkpoint is the history so far, and with it in one file what a run carries from step to step
 and no row has: points of the integrator's formula, the search for a cycle, times. A run that goes
@@ -77,7 +79,7 @@ from fenics_ehd.multibody.verdict import verdict
 
 
 class _Unobserved:
-    """The error output; nobody has to be there, and a full disk may be behind it."""
+    """The error output; errors of writing to it, by a closed pipe or a full disk, are ignored."""
 
     def write(self, text: str) -> None:
         """Write it, if possible."""
@@ -91,7 +93,7 @@ class _Unobserved:
 
 
 def progress_bar(end: float, shown: bool) -> tqdm:
-    """Bar of the simulated time up to `end` [s]; seldom redrawn where nobody watches."""
+    """Bar of the simulated time up to `end` [s]; seldom redrawn if not shown on a terminal."""
     return tqdm(
         total=1e3 * end,
         disable=not shown,
@@ -106,17 +108,20 @@ def progress_bar(end: float, shown: bool) -> tqdm:
 #: Stresses over the cycle, made of a run's result.
 STRESS = "stress.json"
 
-#: File of a flexible body beside the history of its run.
+#: File of a flexible body in the folder of its run.
 BODY_FILE = "body-{}.h5"
 
-#: Series for ParaView; and a run that is to replace the complete result beside it.
-SERIES, REPLACEMENT = "vtk/", "replacement/"
+#: Folder of the series for ParaView.
+SERIES = "vtk/"
 
-#: What a run consists of, beside its bodies. The history is there as soon as there is a step.
+#: Folder of a run that is to replace the complete result above it.
+REPLACEMENT = "replacement/"
+
+#: Files of a run without its bodies. The history exists from the first step on.
 RUN = (FIELDS_NAME, CSV_NAME, SCENE_NAME, ACCURACY)
 
-#: What is made of a run that came to an end. The summary says that all else is there: it is the
-#: first to go and the last to come.
+#: Files made of a run that has ended. The summary means that all others are complete: it is the
+#: first to be removed and the last to be written.
 MADE = (
     SUMMARY,
     ERROR_BUDGET,
@@ -308,7 +313,7 @@ class RunFolder:
         begun = (self.path / FIELDS_NAME).exists()
         if begun and isinstance(error, KeyboardInterrupt | OutputError):
             lines.append(f"go on with: fenics-ehd run --resume {self.directory}")
-        with suppress(OSError):  # whoever was reading may be gone
+        with suppress(OSError):  # the reader of the error output may have ended
             for line in lines:
                 click.echo(escaped(line), err=True)
 
@@ -325,7 +330,8 @@ class CsvFile:
     """
 
     def __init__(self, path: Path, rows: int):
-        self._path, self._rows = path, rows
+        self._path = path
+        self._rows = rows
         self._file: FileIO | None = None
 
     def write(self, row: Mapping[str, float]) -> None:
@@ -352,7 +358,7 @@ class CsvFile:
         return open(self._path, "ab", buffering=0)
 
 
-#: Seconds between two checkpoints, unless told otherwise.
+#: Default number of seconds between two checkpoints.
 CHECKPOINT_EVERY = 10.0
 
 #: Time between two of them over that which one takes.
@@ -365,7 +371,7 @@ Budgets = Mapping[str, Mapping[str, Any]]
 Judge = Callable[[Recorder, Path], tuple[Budgets, Mapping[str, Any]]]
 
 
-#: What a summary says of the run that began, also of one that went on.
+#: Entries of a summary that stay those of the first start when a run is resumed.
 BEGAN = ("reduction_time_s", "scene")
 
 
@@ -410,7 +416,8 @@ def load_run_state(folder: Path) -> Checkpoint:
         The folder has no run to go on with, one of another version, or it changed since it was
         written.
     """
-    path, refused = folder / FIELDS_NAME, "no checkpoint to go on from"
+    path = folder / FIELDS_NAME
+    refused = "no checkpoint to go on from"
     if not path.exists():
         raise InputError(f"{folder}: {refused}, {missing(path, 'it has no')}")
     with opened_history(path, refused) as file:
@@ -475,18 +482,20 @@ def recorded_steps(
         one is due at once.
     """
     table = CsvFile(directory / CSV_NAME, run.counts["steps"])
-    due, whole = -inf, None
+    due = -inf
+    recorded = None
     try:
         for step, row in run.steps():
             table.write(row)
-            whole, began = run.run.state, monotonic()
+            recorded = run.run.state
+            began = monotonic()
             if began >= due:
                 save_run_state(run, directory, fields)
                 due = monotonic() + max(interval, REST * (monotonic() - began))
             yield step
     finally:
         # In the middle of a step, by a second Ctrl-C say, there is nothing to go on from.
-        if run.run.state is whole:
+        if run.run.state is recorded:
             save_run_state(run, directory, fields)
 
 
@@ -548,13 +557,13 @@ def record_run(
     directory
         For ``history.csv``, ``history.h5``, ``summary.json`` and the checkpoint.
     about
-        What else the summary says; ``reduction_time_s`` stays that of the run that began.
+        Further entries of the summary; ``reduction_time_s`` stays that of the first start.
     fingerprints
-        Digests of what a run that goes on must have in common with the one that began.
+        Digests of the inputs that a resumed run must have in common with the first start.
     interval
         Between two checkpoints [s].
     shown
-        Whether a bar shows the progress; whatever fails, it has ended when the error is told.
+        Whether a bar shows the progress; it is closed before an error is printed.
     former
         Checkpoint to go on from.
     multiplier
@@ -595,7 +604,7 @@ def record_run(
         ):
             for number, step in enumerate(steps):
                 if former is not None and number == 0:
-                    # What was made of the run is stale as soon as it goes on.
+                    # Files made of the run are stale as soon as it is resumed.
                     clear(directory, [name for name in listed(directory) if not _of_run(name)])
                 _show(bar, run, step)
                 check()

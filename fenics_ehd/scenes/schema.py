@@ -133,7 +133,7 @@ class FlexibleSettings(Pose):
     body: str = text(NONE, "HDF5 file of the reduced part, in place of a model")
     bores: tuple[str, ...] = names("surfaces that films bend, the first one's axis is z", ("bore",))
     points: tuple[str, ...] = not_with(
-        names("surfaces of the model whose mean places are points"), "body"
+        names("surfaces of the model whose mean positions are points"), "body"
     )
     clamped: str = not_with(text(NONE, "surface of the model that does not move, or none"), "body")
     cells: str = not_with(
@@ -351,14 +351,14 @@ class GravitySettings:
 class TimeSettings:
     """Duration of a run, and its steps."""
 
-    end: float = not_with(number(0.0, "[s]; 0: as revolutions say", least=0), "periodic")
+    end: float = not_with(number(0.0, "[s]; 0: given by revolutions", least=0), "periodic")
     revolutions: float = number(
-        0.0, "to simulate, or in a period; 0: as end or period say", least=0
+        0.0, "to simulate, or in a period; 0: given by end or period", least=0
     )
     of: str = text("crank", "body whose revolutions count, at its speed at the start")
     periodic: bool = flag(False, "whether cycles are run until the films repeat")
     period: float = only_with(
-        number(0.0, "of all drives and forces [s]; 0: as revolutions say", least=0),
+        number(0.0, "of all drives and forces [s]; 0: given by revolutions", least=0),
         "periodic",
         among=(True,),
     )
@@ -376,15 +376,15 @@ class TimeSettings:
     )
     order: int = count(
         3,
-        "of the backward differentiation formula, 1 to 3; 2 for 3 where modes lack damping or oil "
-        "is conserved",
+        "of the backward differentiation formula, 1 to 3; lowered from 3 to 2 if modes lack "
+        "damping or oil is conserved",
         least=1,
         most=3,
     )
     first_step: float = number(1e-8, "[s]; the film builds up from zero eccentricity", above=0)
     smallest_step: float = number(1e-13, "[s]", above=0)
     largest_step: float = number(
-        0.02, "share of a revolution where those are given, else of end or period",
+        0.02, "share of a revolution if revolutions are given, else of end or period",
         above=0, below=1,
     )  # fmt: skip
 

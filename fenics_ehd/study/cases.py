@@ -54,18 +54,18 @@ def resolve_key(scene: Scene, name: str) -> str:
     """
     values, free = scene_values(scene)
     name = today(name)
-    found = _ending(values, name)
-    if not found and _ending(free, name):
+    candidates = _ending(values, name)
+    if not candidates and _ending(free, name):
         table = _ending(free, name)[0]
         raise SettingsError(f"key {name} is a table: write {table}.NAME for a name in it")
     table, _, entry = name.rpartition(".")
-    if not found and entry:
-        found = [f"{key}.{entry}" for key in _ending(free, table)]
-    if not found:
+    if not candidates and entry:
+        candidates = [f"{key}.{entry}" for key in _ending(free, table)]
+    if not candidates:
         raise SettingsError(f"unknown key {name}: {key_hint(values, name)}")
-    if len(found) > 1:
-        raise SettingsError(f"key {name} is ambiguous: {' or '.join(found)}")
-    return found[0]
+    if len(candidates) > 1:
+        raise SettingsError(f"key {name} is ambiguous: {' or '.join(candidates)}")
+    return candidates[0]
 
 
 def _ending(keys: Any, name: str) -> list[str]:
@@ -255,13 +255,13 @@ def make_case(
     SettingsError, MeshError
         A value that cannot be used, or there is no such model.
     """
-    own = with_values(scene, values, optional)
-    if own.output.accuracy:
+    varied = with_values(scene, values, optional)
+    if varied.output.accuracy:
         raise SettingsError(
-            f"output.accuracy = {own.output.accuracy:g}: cases are compared with the settings that "
-            "they have: drop it"
+            f"output.accuracy = {varied.output.accuracy:g}: cases are compared with the settings "
+            "that they have: drop it"
         )
-    return Case(name, own, needed_bodies(own), tuple(values.values()))
+    return Case(name, varied, needed_bodies(varied), tuple(values.values()))
 
 
 def identity(scene: Scene) -> dict[str, str]:

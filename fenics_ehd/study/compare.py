@@ -5,10 +5,10 @@ extreme moves from one place to the next, that no interpolation meets. The other
 more steps, is interpolated point by point before its extremes are taken. Of periodic runs the
 last cycles are compared as functions of the time in the cycle.
 
-Bodies come first, then the runs, the reference before the others. ``study.json`` tells what was
-studied, with which programs, on which machine; ``errors-AGAINST.npz`` beside a run how its errors
-change over time, ``reference.json`` how good the run is that all are measured against;
-``table.csv`` has a row for every run, joint, group.
+Bodies come first, then the runs, the reference before the others. ``study.json`` has the settings,
+versions and machine of the study; ``errors-AGAINST.npz`` in the folder of a run its errors over
+time; ``reference.json`` the errors of the reference itself; ``table.csv`` a row for every run,
+joint and group.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from scipy.integrate import trapezoid
 from fenics_ehd import __version__
 from fenics_ehd.base.columns import TIME
 from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.files import claim, clear, read_json, versions, write_whole
 from fenics_ehd.base.processes import interrupt_kept
 from fenics_ehd.multibody.history import History, load_history
@@ -128,12 +129,16 @@ class StoredRun:
         curves = {TIME: times}
         errors = {}
         for joint in self.joints:
-            own = run.result.joints[joint]
+            joint_result = run.result.joints[joint]
             peak = self.result.joints[joint].max_pressure[self.counted].max()
-            nodal = exact.joints[joint].film.pressure
+            film = exact.joints[joint].film
+            # The gap is observed at Gauss points, then at nodes.
+            nodal_gap = right[joint][:, -len(film.angle) :]
+            rows = FilmRows.of(film.angle, film.height)
+            peaks, thinnest = rows.film_extremes(film.pressure, nodal_gap)
             pairs = {
-                "pressure": (own.max_pressure[inside], nodal.max(axis=1)),
-                "film": (own.min_film_thickness[inside], right[joint].min(axis=1)),
+                "pressure": (joint_result.max_pressure[inside], peaks),
+                "film": (joint_result.min_film_thickness[inside], thinnest),
             }
             errors[joint] = {GAP: float(np.abs(ours[joint] - right[joint]).max())}
             for name, (values, true) in pairs.items():
@@ -150,7 +155,7 @@ def _mean(times: np.ndarray, values: np.ndarray) -> float:
 
 
 def errors_path(directory: Path, against: str) -> Path:
-    """File beside a run's history with its errors relative to another run."""
+    """File with the errors of a run relative to another one, in the folder of the run."""
     return directory / f"errors-{against}.npz"
 
 
@@ -177,7 +182,7 @@ def read_errors(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path}: not the errors of a run ({error})") from None
 
 
-#: What makes a folder a study, and what study and report leave there beside reduced bodies.
+#: Files of a study and its report, besides reduced bodies; the first one identifies the folder.
 STUDY = "study.json"
 MADE = (STUDY, "table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/")
 
@@ -228,8 +233,8 @@ class StudyFolder(RunsFolder):
         self.runs.clear()
         self._errors.clear()
         for name in self.cases:
-            found = [path.name for path in self.run(name).glob(errors_path(Path(), "*").name)]
-            clear(self.run(name), found)
+            error_files = [path.name for path in self.run(name).glob(errors_path(Path(), "*").name)]
+            clear(self.run(name), error_files)
         return super().take_stock()
 
     def read(self, name: str) -> None:
@@ -253,9 +258,9 @@ class StudyFolder(RunsFolder):
         if run == against or not {run, against} <= self.runs.keys():
             return None
         if (run, against) not in self._errors:
-            curves, found = self.runs[against].differences(self.runs[run])
+            curves, largest = self.runs[against].differences(self.runs[run])
             write_errors(errors_path(self.run(run), against), curves)
-            self._errors[run, against] = found
+            self._errors[run, against] = largest
         return self._errors[run, against]
 
     def why_not(self, run: str, against: str) -> str:
@@ -283,11 +288,11 @@ class StudyFolder(RunsFolder):
         other meshes the error of the last mesh but the finest one.
         """
         if row.against == REFERENCE:
-            own = [self.own_error(kind) for kind in LIMITING]
+            candidates = [self.own_error(kind) for kind in LIMITING]
         else:
             last = [r.run for r in self.study.rows if r.against == row.against and row.against]
-            own = [self.errors(last[-1], row.against)] if last else []
-        known = [errors[joint] for errors in own if errors is not None]
+            candidates = [self.errors(last[-1], row.against)] if last else []
+        known = [errors[joint] for errors in candidates if errors is not None]
         if not known:
             return None, None
         return max(e["pressure_max"] for e in known), max(e["film_max"] for e in known)
@@ -308,7 +313,7 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
     case = folder.study.cases[REFERENCE]
     outcome = folder.outcomes.get(REFERENCE)
     settings = next(iter(case.bodies.values())).settings.reduction
-    found: dict[str, Any] = {
+    description: dict[str, Any] = {
         "run": REFERENCE,
         "method": settings.method,
         "status": folder.status(REFERENCE),
@@ -318,9 +323,9 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
     }
     if outcome is not None and outcome.complete:
         names = ("film_cells", "coordinates", "pressure_columns", "dropped_columns")
-        found |= {name: outcome.figures[name] for name in names}
-        found["dropped_because"] = DROPPED if found["dropped_columns"] else ""
-    return found | {kind: _own_error(folder, kind) for kind in ("step", "film", "basis")}
+        description |= {name: outcome.figures[name] for name in names}
+        description["dropped_because"] = DROPPED if description["dropped_columns"] else ""
+    return description | {kind: _own_error(folder, kind) for kind in ("step", "film", "basis")}
 
 
 def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
@@ -328,8 +333,8 @@ def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     errors = folder.own_error(kind)
     if errors is None:
         return dict.fromkeys(ERRORS) | {"why": folder.why_not(run, REFERENCE)}
-    joints = {joint: {name: own[name] for name in ERRORS} for joint, own in errors.items()}
-    largest = {name: max(own[name] for own in joints.values()) for name in ERRORS}
+    joints = {joint: {name: values[name] for name in ERRORS} for joint, values in errors.items()}
+    largest = {name: max(values[name] for values in joints.values()) for name in ERRORS}
     about = {"run": run, "against": REFERENCE, "how": meaning}
     return largest | about | {"joints": joints}
 
@@ -423,7 +428,7 @@ CLOCK = "processor time of one core with one thread, compilation left out"
 def describe_study(study: Study) -> dict[str, object]:
     """Scene, settings, versions and machine."""
     with interrupt_kept():  # Gmsh may be imported for its version
-        found = versions(installed=True)
+        program_versions = versions(installed=True)
     return {
         "scene": study.scene.name,
         "joints": list(study.joints),
@@ -433,7 +438,7 @@ def describe_study(study: Study) -> dict[str, object]:
         "clock": CLOCK,
         "start": study.start,
         "runs": len(study.cases),
-        "versions": found,
+        "versions": program_versions,
         "settings": dict(study.scene.tables),
     }
 
@@ -441,9 +446,9 @@ def describe_study(study: Study) -> dict[str, object]:
 def machine() -> dict[str, object]:
     """Processor, cores that this process may use, memory [GB] and operating system."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    told = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     return {
-        "cpu": told[1] if told else platform.machine(),
+        "cpu": model[1] if model else platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_GB": round(memory, 1),
         "os": platform.platform(),

@@ -20,7 +20,7 @@ from fenics_ehd.scenes.scene import Scene, as_stored, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS
 from fenics_ehd.study.cases import Case, make_case, with_values
 
-#: Stands for the cells of every film, as many times the scene's own in both directions.
+#: Key of the cells of every film: a factor on the scene's cells in both directions.
 FILM = "film"
 
 
@@ -98,26 +98,26 @@ def film(factor: float) -> dict[str, Any]:
 
 def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
     """Values of a variant by full key."""
-    found: dict[str, Any] = {}
+    by_key: dict[str, Any] = {}
     for key, value in values.items():
         if key.startswith("reduction."):
-            found |= {f"bodies.{name}.{key}": value for name in meshed(scene)}
+            by_key |= {f"bodies.{name}.{key}": value for name in meshed(scene)}
         elif key == FILM:
             joints = tuple(scene.films)
-            found |= {f"joints.{joint}.cells": _times(scene, joint, value) for joint in joints}
+            by_key |= {f"joints.{joint}.cells": _times(scene, joint, value) for joint in joints}
         else:
-            found[key] = value
-    return found
+            by_key[key] = value
+    return by_key
 
 
 def _times(scene: Scene, joint: str, factor: float) -> list[int]:
     """Cells of a film multiplied; those of the scene itself stay as they are written."""
     if factor == 1.0:
         return list(scene.joints[joint].cells)
-    own = planned_cells(scene, joint)
+    scene_cells = planned_cells(scene, joint)
     return [
         max(int(factor * cells + 0.5), least)
-        for cells, least in zip(own, FEWEST_CELLS, strict=True)
+        for cells, least in zip(scene_cells, FEWEST_CELLS, strict=True)
     ]
 
 
@@ -374,8 +374,8 @@ def make_study(
     ]
     checks = _checks(add, scope)
     others = dict.fromkeys(run for run, _ in checks.values())
-    own = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others)]
-    unique = tuple(dict.fromkeys([*own, *rows]))
+    own_rows = [Row(REFERENCE, OWN, ""), *(Row(run, OWN, REFERENCE) for run in others)]
+    unique = tuple(dict.fromkeys([*own_rows, *rows]))
     by_name = {case.name: case for case in cases.values()}
     assert len(by_name) == len(cases), "two runs of a scope have one name"
     return Study(scene, quick, start, by_name, unique, checks)
@@ -397,11 +397,11 @@ def _tolerance_rows(add: Add, scope: Scope) -> list[Row]:
 
     rows = []
     for variant in scope.stepped:
-        own = add(variant.but("finest", scope.finest_steps))
+        finest_row = add(variant.but("finest", scope.finest_steps))
         for tolerance in scope.tolerances:
             run = stepped(variant, tolerance)
-            rows.append(Row(run, TOLERANCE, REFERENCE, own if run != own else ""))
-        rows.append(Row(own, TOLERANCE, REFERENCE))
+            rows.append(Row(run, TOLERANCE, REFERENCE, finest_row if run != finest_row else ""))
+        rows.append(Row(finest_row, TOLERANCE, REFERENCE))
     loose = [stepped(variant, scope.tolerances[0]) for variant in scope.loose]
     return rows + [Row(run, TOLERANCE, REFERENCE) for run in loose]
 

@@ -440,12 +440,8 @@ def run_cases(
         interrupt_between_steps() as check,
     ):
         failures = reduce_missing(cases, folder.bodies, pool, check)
-        lost = {
-            case: failures[body.name]
-            for case in cases
-            for body in case.bodies.values()
-            if body.name in failures
-        }
+        needed = ((case, body.name) for case in cases for body in case.bodies.values())
+        lost = {case: failures[name] for case, name in needed if name in failures}
         ready = (case for case in cases if case not in lost)
         tasks = folder.tasks(ready, keep, travel=executor is not None)
         results = outcomes(executor or pool, run_case, tasks, check)

@@ -1,7 +1,7 @@
 """Parameter sweeps: one scene over the product of given values.
 
 ``sweep.csv`` has a row for every case that ended, in the order of the product, and is written again
-whenever one ends. ``sweep.json`` beside it says which sweep they belong to. Complete cases are not
+whenever one ends. ``sweep.json`` has the scene and the values of the sweep. Complete cases are not
 run again.
 """
 
@@ -146,7 +146,7 @@ FIGURES = (
 )
 
 
-#: What a sweep leaves beside reduced bodies, which are named by what they are and stay.
+#: Files of a sweep besides reduced bodies, which are named by their content and stay.
 OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
@@ -167,7 +167,7 @@ class SweepFolder(RunsFolder):
     resume
         Insist on rows of a former attempt.
     overwrite
-        Begin anew, whatever the folder holds.
+        Begin anew, and replace the files of a former sweep.
 
     Raises
     ------
@@ -198,8 +198,8 @@ class SweepFolder(RunsFolder):
         """Row of a case; a figure that is no finite number is empty."""
         outcome = self.outcomes[case.name]
         figures = dict(outcome.figures)
-        for joint, own in outcome.figures.get("joints", {}).items():
-            figures |= {f"{joint}.{name}": value for name, value in own.items()}
+        for joint, joint_figures in outcome.figures.get("joints", {}).items():
+            figures |= {f"{joint}.{name}": value for name, value in joint_figures.items()}
         row = {"case": int(case.name), **dict(zip(self.sweep.keys, case.values, strict=True))}
         row["status"] = outcome.status
         columns = figure_columns(self.sweep.joints)

@@ -1,8 +1,8 @@
 """Figures of a study's report: errors against cost, tolerance, film mesh, over time; the bores.
 
-One look for all: a colour and a marker for each method. Yellow, red and blue of Paul Tol's
-high-contrast scheme beside black stay apart for colour-blind readers and printed in grey; what a
-colour does not say, markers and lines do. No error is drawn below the reference's own, a grey band.
+Every method has a colour and a marker. Black and the yellow, red and blue of Paul Tol's
+high-contrast scheme are distinct for colour-blind readers and printed in grey; markers and lines
+distinguish the rest. Errors below that of the reference, a grey band, are not drawn.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
 #: Of M3, by pressure set; how a marker is filled tells the selection.
 PRESSURE_MARKERS = {"pc1": "p", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
 
-#: An error of which only a bound is known, and what the legend says.
+#: Marker of an error of which only a bound is known.
 BOUND = "v"
+
+#: Label of such an error in the legend.
 BOUND_LABEL = "at most this, where the reference cannot tell"
 FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
 
@@ -270,11 +272,11 @@ def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) 
     others = "small signs: other step tolerances"
     for row in rows:
         style = line_style(row)
-        place = (row[cost], 100 * row.visible_error(curve))
+        point = (row[cost], 100 * row.visible_error(curve))
         if row.bounded(curve):
-            axes.plot(*place, BOUND, color=style["color"], label=BOUND_LABEL)
+            axes.plot(*point, BOUND, color=style["color"], label=BOUND_LABEL)
         elif row["group"] != "methods":
-            axes.plot(*place, label=others, **(style | SMALL))
+            axes.plot(*point, label=others, **(style | SMALL))
 
 
 def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
@@ -356,15 +358,15 @@ def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
     def draw(axes: Axes, _: object, joint: JointData, curve: Curve) -> None:
         floor = joint.own_error("step", curve)
         series = tolerance_series(joint, curve)
-        told = ["slopes"]
+        slopes = ["slopes"]
         percent_axes(axes, "time.tolerance", f"largest step error of {curve.title} [%]")
         for label, (row, points) in series.items():
             exponent = slope(points, floor)
-            told += [f"{family(row)}: {exponent:.2f}"] if math.isfinite(exponent) else []
+            slopes += [f"{family(row)}: {exponent:.2f}"] if math.isfinite(exponent) else []
             axes.plot(*(np.array(points) * [1, 100]).T, label=label, **line_style(row))
         _draw_guide(axes, *min(series.values(), key=lambda item: item[1][-1][1]))
         draw_floor(axes, 100 * floor)
-        axes.text(0.03, 0.97, "\n".join(told), transform=axes.transAxes, va="top", fontsize=8.5)
+        axes.text(0.03, 0.97, "\n".join(slopes), transform=axes.transAxes, va="top", fontsize=8.5)
 
     return joint_figure({joint: tolerance_series(joint, FILM) for joint in joints}, 4.2, draw)
 
@@ -455,8 +457,8 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
         for joint in joints
     }
     # A rigid bore's joint has no estimate.
-    told = {joint: own for joint, own in rows.items() if own}
-    return joint_figure(told, 4.9, draw, (FILM,))
+    estimated = {joint: members for joint, members in rows.items() if members}
+    return joint_figure(estimated, 4.9, draw, (FILM,))
 
 
 #: Curves of one method from few modes to many.
@@ -476,12 +478,12 @@ def alike(study: StudyData) -> list[StudyRow]:
     """A run of each method with about as many coordinates, the best of M4, which needs few."""
     methods = sorted(COLOURS.keys() - {"m4"})
     runs = [study.joints[0].measured("methods", method=method) for method in methods]
-    size = float(np.median([row["coordinates"] for own in runs for row in own] or [0.0]))
+    size = float(np.median([row["coordinates"] for members in runs for row in members] or [0.0]))
 
     def distance(row: StudyRow) -> tuple[float, float]:
         return abs(row["coordinates"] - size), study.worst_error(row["run"])
 
-    return [min(own, key=distance) for own in runs if own] + best(study, "m4")
+    return [min(members, key=distance) for members in runs if members] + best(study, "m4")
 
 
 def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
@@ -524,10 +526,10 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             axes.set_yscale("symlog", linthresh=linear, linscale=0.4)
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
             axes.axhspan(-100 * floor, 100 * floor, color=FLOOR, linewidth=0, label=FLOOR_LABEL)
-        for row, found in errors:
-            error = found[f"{curve.key}_error"]
+        for row, over_time in errors:
+            error = over_time[f"{curve.key}_error"]
             axes.plot(
-                1e3 * found["time_s"],
+                1e3 * over_time["time_s"],
                 100 * np.where(np.abs(error) < floor, np.nan, error),
                 color=colour(row),
                 linestyle=selection(row)[1],
@@ -540,7 +542,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
         axes.set_xlim(left=1e3 * study.info["start"])
 
     errors = {
-        joint: [(row, found) for row in rows if (found := joint.errors_over_time(row["run"]))]
+        joint: [(row, curves) for row in rows if (curves := joint.errors_over_time(row["run"]))]
         for joint in study.joints
     }
     return joint_figure(errors, 3.9, draw)
@@ -574,15 +576,15 @@ def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
 
     The name is the body's, of one with several bores with the bore's.
     """
-    found: dict[str, dict[str, ReducedBody]] = {}
+    by_joint: dict[str, dict[str, ReducedBody]] = {}
     for row in (row for method in SHOWN for row in best(study, method)):
         for path in sorted(study.folder(row["run"]).glob("body-*.h5")):
             body = load_body(path)
             name = path.stem.removeprefix("body-")
             for bore in body.bores:
                 key = f"{name}_{bore}" if len(body.bores) > 1 else name
-                found.setdefault(key, {})[row["method"]] = body.at_bore(bore)
-    return found
+                by_joint.setdefault(key, {})[row["method"]] = body.at_bore(bore)
+    return by_joint
 
 
 def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
@@ -620,8 +622,8 @@ def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
         title = f"{method.upper()}, {kind} modes"
         row[0].set_title(title, loc="left", fontsize=10, fontweight="bold")
         circles = _circles(body, shapes)
-        for axes, own, note in zip(row, np.moveaxis(circles, -1, 0), notes, strict=False):
-            _draw_shape(axes, own, COLOURS[method])
+        for axes, circle, note in zip(row, np.moveaxis(circles, -1, 0), notes, strict=False):
+            _draw_shape(axes, circle, COLOURS[method])
             axes.text(0, 0, note, ha="center", va="center", fontsize=8.5)
     legend_below(figure)
     return figure
@@ -658,13 +660,13 @@ def draw_pressure(joint: JointData) -> Figure | None:
     history = joint.study.history(REFERENCE, films=True)
     if history is None:
         return None
-    found = history.joints[joint.name]
+    film_history = history.joints[joint.name]
     moments = {
-        "highest pressure": int(found.max_pressure.argmax()),
-        "thinnest film": int(found.min_film_thickness.argmin()),
+        "highest pressure": int(film_history.max_pressure.argmax()),
+        "thinnest film": int(film_history.min_film_thickness.argmin()),
     }
-    grid = film_grid(found.film)
-    pressure = 1e-6 * found.film.pressure
+    grid = film_grid(film_history.film)
+    pressure = 1e-6 * film_history.film.pressure
     rasters = [
         raster_of(grid, pressure[step], f"{moment}, {1e3 * history.time[step]:.3f} ms")
         for moment, step in moments.items()

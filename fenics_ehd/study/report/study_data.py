@@ -141,7 +141,7 @@ class JointData:
     name: str
 
     def planned(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Runs of some groups with these values, whatever came of them."""
+        """Runs of some groups with these values, complete or not."""
         return [
             row
             for row in self.study.rows
@@ -164,11 +164,11 @@ class JointData:
     def errors_over_time(self, run: str) -> Columns | None:
         """``time_s`` and signed ``pressure_error``, ``film_error`` of a run, None without any."""
         try:
-            found = read_errors(errors_path(self.study.folder(run), REFERENCE))
+            stored = read_errors(errors_path(self.study.folder(run), REFERENCE))
         except InputError:
             return None
         # Of one joint, versions before 0.4 stored bare names.
-        return {column.removeprefix(f"{self.name}."): v for column, v in found.items()}
+        return {column.removeprefix(f"{self.name}."): v for column, v in stored.items()}
 
 
 #: Columns of the table that hold text; the others hold numbers.
@@ -194,11 +194,11 @@ def read_study(directory: str | Path) -> StudyData:
         about = dict(read_json(info))
         about |= {key: about[key] for key in ("scene", "joints", "runs", "start")}
     with named(InputError, f"{reference}: cannot be read"):
-        found = dict(read_json(reference)) if reference.is_file() else {}
+        figures = dict(read_json(reference)) if reference.is_file() else {}
     with named(InputError, f"{table}: not the table of a study"):
         cells = read_table(table, COLUMNS) if table.is_file() else []
         rows = tuple(StudyRow(_row(row)) for row in cells)
-    return StudyData(folder, about, found, rows)
+    return StudyData(folder, about, figures, rows)
 
 
 def _row(cells: Mapping[str, str]) -> dict[str, Any]:

@@ -113,8 +113,8 @@ def _fastest(rows: list[StudyRow], limit: float) -> str:
         return f"none, best {percent(min(row.worst_error for row in rows))}"
     row = min(good, key=lambda row: row["online_s"])
     words = [family(row)[3:].strip(), f"{row['coordinates']:.0f} coordinates"]
-    told = ", ".join([*filter(None, words), f"tolerance {row['tolerance']:g}"])
-    return f"{row['online_s']:.1f} s: {told}"
+    settings = ", ".join([*filter(None, words), f"tolerance {row['tolerance']:g}"])
+    return f"{row['online_s']:.1f} s: {settings}"
 
 
 def run_table(study: StudyData) -> Table:
@@ -228,8 +228,8 @@ FIGURES = "figures"
 def write_report(directory: str | Path) -> Path:
     """Write ``report.html``, ``report.md`` and ``figures/`` of a study.
 
-    A study that goes on, or was stopped, is reported as far as it got. The same study gives
-    the same files.
+    A study that is in progress or was stopped is reported with its complete runs. The same study
+    gives the same files.
 
     Parameters
     ----------
