@@ -61,7 +61,7 @@ def heed_interrupt():
 
 
 def start(arguments, **streams):
-    """The command in a process of its own, begun; what it says goes nowhere unless told."""
+    """The command in a process of its own, started; without streams its output is discarded."""
     return subprocess.Popen(
         [*COMMAND, *map(str, arguments)],
         preexec_fn=heed_interrupt,
@@ -83,23 +83,23 @@ def stop_after(process, folder, rows, how):
 def assert_same_results(one, other):
     """Two folders hold the same run, to the last bit."""
     assert (one / "history.csv").read_bytes() == (other / "history.csv").read_bytes()
-    ours, theirs = ehd.load_results(one), ehd.load_results(other)
+    ours, expected = ehd.load_results(one), ehd.load_results(other)
     for name in ("time", "coordinates", "rates", "quasi_static"):
-        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+        np.testing.assert_array_equal(getattr(ours, name), getattr(expected, name))
     for name, joint in ours.joints.items():
         for field in ("pressure", "gap"):
-            fields = (getattr(found.film, field) for found in (joint, theirs.joints[name]))
+            fields = (getattr(found.film, field) for found in (joint, expected.joints[name]))
             np.testing.assert_array_equal(*fields)
-    assert ours.columns.keys() == theirs.columns.keys()
+    assert ours.columns.keys() == expected.columns.keys()
     for name, values in ours.columns.items():
-        np.testing.assert_array_equal(values, theirs.columns[name])
-    ours, theirs = (json.loads((f / "summary.json").read_text()) for f in (one, other))
-    for key in set(theirs) - OF_THE_MACHINE:
-        assert ours[key] == theirs[key], key
+        np.testing.assert_array_equal(values, expected.columns[name])
+    ours, expected = (json.loads((f / "summary.json").read_text()) for f in (one, other))
+    for key in set(expected) - OF_THE_MACHINE:
+        assert ours[key] == expected[key], key
 
 
 def killed_again_and_again(folder, command, resume, moments):
-    """Kill a run at these rows, the next time as it goes on, and let it end at last.
+    """Kill a run at these rows, again after each resume, and let it end at last.
 
     Yields the folder after each kill.
     """

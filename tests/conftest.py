@@ -32,8 +32,8 @@ from shared_runs import shared_results
 import fenics_ehd as ehd
 from fenics_ehd.scenes.part import elastic_part
 
-# How long an example takes says what else the machine does; the same examples for everybody, so
-# that no change fails by chance (`--hypothesis-profile=default` draws others).
+# No deadline, as the time of an example depends on the load of the machine; the same examples every
+# time, so that no change fails by chance (`--hypothesis-profile=default` draws others).
 settings.register_profile("any machine", deadline=None, derandomize=True)
 settings.load_profile("any machine")
 

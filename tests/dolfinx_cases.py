@@ -1,4 +1,4 @@
-"""Meshes and elements of dolfinx that only tests need, whatever its version."""
+"""Meshes and elements of dolfinx that only tests need, for every version."""
 
 import inspect
 

@@ -2,7 +2,7 @@
 
 ``pytest --figures=FILE tests`` runs the tests with such numbers alone and writes them to FILE,
 if all pass; `make figures` does that for ``docs/validation.json``. A test that is skipped, for a
-program that is not installed say, has no numbers: then nothing is written and it says why.
+program that is not installed for instance, has no numbers: then nothing is written but the reason.
 """
 
 import json

@@ -15,7 +15,7 @@ R, C, OMEGA, ETA = 0.0225, 17e-6, 500.0, 0.01
 
 
 def make_film(cells=(20, 5), family="lagrange", *, grid=None, width=2 * R, oil=None, **more):
-    """Bearing with L/D = 1 unless told otherwise; `more` goes to parameters or film."""
+    """Bearing with L/D = 1 by default; `more` goes to parameters or film."""
     options = {name: more.pop(name) for name in ("options_prefix", "tolerance") if name in more}
     grid = ehd.uniform_grid(R, width, cells, family) if grid is None else grid
     values = {"clearance": C, "rate": OMEGA} | more

@@ -3,7 +3,7 @@
 A golden is the history of a scene of `tests/golden/house` or of a shipped one as the program gave
 it when the file was made: times of all its steps, and at some of them extremes, forces, torques,
 flows and contents of every film, solved to 1e-9; the last step's pressures; and what a run in steps
-of its own found. It says what was computed, not what is true.
+of its own found. It is a record of computed values, not a reference solution.
 
 This module is the only one of these tests that looks below the public names.
 """
@@ -71,8 +71,8 @@ class Curve:
         found = {}
         for name, own in {**self.columns, **self.pressures}.items():
             largest = max(float(np.abs(own).max()), np.finfo(float).tiny)
-            theirs = (other.columns | other.pressures)[name]
-            found[name] = float(np.abs(own - theirs).max()) / largest
+            expected = (other.columns | other.pressures)[name]
+            found[name] = float(np.abs(own - expected).max()) / largest
         return found
 
 

@@ -1,4 +1,4 @@
-"""A film that keeps account of its oil, alone and without PETSc: implicit Euler by active sets."""
+"""Mass-conserving film (JFO), alone and without PETSc: implicit Euler by active sets."""
 
 import numpy as np
 from scipy.sparse import diags

@@ -22,7 +22,7 @@ def oil_film(
 
 
 def conserved(**oil):
-    """What a lubricated joint is given whose film keeps account of its oil."""
+    """Arguments of a lubricated joint with a mass-conserving film."""
     return {"cavitation": "mass-conserving", **oil}
 
 

@@ -40,7 +40,7 @@ def enumerate_active_sets(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     # The side that should vanish does so to round-off: only the other one can have a wrong sign.
     signs = np.where(film, pressures * np.diag(matrix), fluxes)
     best = signs.min(axis=1).argmax()
-    # Pivoting leaves round-off where an equation says p = 0.
+    # Pivoting leaves round-off where an equation is p = 0.
     return np.where(film[best], np.maximum(pressures[best], 0.0), 0.0)
 
 

@@ -194,7 +194,7 @@ class RoughClosedJournalFilm(ClosedJournalFilm):
     """The same between rough surfaces, by quadrature over Gaussian heights.
 
     Oil is held by the mean of the gaps that are open; the pressure's flow is ``h^3 phi_p``, that of
-    the velocity V has ``drag phi_s`` beside that mean, ``drag = sigma w (U / 2) / V``: both as
+    the velocity V has ``drag phi_s`` and that mean, ``drag = sigma w (U / 2) / V``: both as
     Patir and Cheng have them for H = h / sigma from 0.5 to 5.
     """
 
@@ -232,7 +232,7 @@ class SqueezedJournal:
     """Infinitely wide journal that moves along x without turning, ``H = 1 - e(t) cos phi``.
 
     Lines of supply at a pressure ``P_s`` at ``phi = +-pi/2``; dimensionless, the flow along phi is
-    ``-H^3 dP/dphi``, so that ``H^3 dP/dphi`` grows by dH/dt. Beside the largest distance, phi = 0,
+    ``-H^3 dP/dphi``, so that ``H^3 dP/dphi`` grows by dH/dt. Next to the largest distance, phi = 0,
     the half that opens may become empty for ``|phi| < S(t)``. While that grows, pressure and slope
     vanish at its edge; what is empty keeps the oil that it had, and while it shrinks the flow fills
     what lacks: ``(H - H_S) S' = -Q`` with ``H_S(phi)`` the gap when phi became empty.

@@ -1,7 +1,7 @@
 """A rigid rod by mechanics written out for itself: no coordinates, no frame, no code of the scene.
 
 The shaft's eccentricity changes the motion of a slider-crank by clearance over crank length,
-some 1e-4. Without it crank, rod and piston move as every textbook says, and Newton's laws give the
+some 1e-4. Without it crank, rod and piston move as in every textbook, and Newton's laws give the
 force between rod and crank as a function of time. The film then has to bear it: an equation of
 first order for the eccentricity of a journal without mass in a bearing at rest.
 """
@@ -96,7 +96,7 @@ class _JournalLoad:
         self._machine, self._speed = machine, speed
 
     def component(self, axis: int) -> Table:
-        """Of the force over time [N]; its derivative is nobody's business."""
+        """Of the force over time [N]; its derivative is not used."""
         return lambda time: (self._machine.load(self._speed * time, self._speed)[axis], 0.0)
 
     def angle(self, time: float) -> tuple[float, float]:

@@ -23,7 +23,7 @@ NAN = float("nan")
 
 
 def run(name, **values):
-    """A row of a table: complete, with errors of a per cent or two unless said otherwise."""
+    """A row of a table: complete, with errors of a per cent or two by default."""
     usual = {"group": "methods", "method": "m3", "status": "complete", "tolerance": 1e-5,
              "order": 2, "film_cells": "20x5", "coordinates": 39, "offline_s": 4.0,
              "online_s": 8.0, "steps": 500, "newton_iterations": 700, "max_pressure_Pa": 45e6,
@@ -49,7 +49,7 @@ def m2(modes, pressure=0.1, film=0.1, **values):
 
 
 def m3(modes, pressure=0.01, film=0.02, **values):
-    """The slider-crank's default of M3 unless said otherwise."""
+    """The slider-crank's default of M3, with changes."""
     usual = {"pressure_set": "pc2", "selection": "lowest-frequency", "residual_modes": modes,
              "vibration_modes": 6, "coordinates": modes + 8, "pressure_error_max": pressure,
              "film_error_max": film}  # fmt: skip
@@ -165,12 +165,12 @@ def write_history(
 
 
 def write_bodies(study, *names):
-    """Reduced rings of M1, M3 with two numbers of residual modes, and M4, beside these runs."""
+    """Reduced rings of M1, M3 with two numbers of residual modes, and M4, in the runs' folder."""
     part = ring()
-    told = {"pressure_set": "pc2", "selection": "lowest-frequency"}
+    message = {"pressure_set": "pc2", "selection": "lowest-frequency"}
     bodies = [
         ehd.craig_bampton(part, 8),
-        *(replace(ehd.load_dependent(part, 6, n), provenance=told | {"residual_modes": str(n)})
+        *(replace(ehd.load_dependent(part, 6, n), provenance=message | {"residual_modes": str(n)})
           for n in (6, 12)),
         ehd.residual_flexibility(part, 6),
     ]  # fmt: skip

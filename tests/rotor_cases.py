@@ -39,7 +39,7 @@ def held_body(film, modes=(), frequencies=()):
             )
         },
         bore_basis=basis,
-        # Of the modes' rows nobody asks where film and bore have the same nodes.
+        # The modes' rows are not used if film and bore have the same nodes.
         load_projection=np.vstack([rigid, np.zeros((n, rigid.shape[1]))]),
         spin_load_projection=np.zeros((3 + n, rigid.shape[1])),
         inertia=InertiaIntegrals(mass, nothing, nothing),

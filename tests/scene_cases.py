@@ -15,7 +15,7 @@ from fenics_ehd.scenes.library import shipped
 from fenics_ehd.scenes.part import elastic_part
 from fenics_ehd.scenes.scene import scene_of
 
-#: The paper's machine with a rod of a file beside the scene, for `hand_made_rod.make_body`.
+#: The paper's machine with a rod of a file next to the scene, for `hand_made_rod.make_body`.
 ROD_OF_A_FILE = {
     "bodies.rod": {
         "kind": "flexible",
@@ -57,7 +57,7 @@ LOADED_JOURNAL = {
 
 
 class Raw(str):
-    """A value as TOML has it, whatever that is."""
+    """Text of a value in TOML, written as it is."""
 
 
 def tables_of(scene: str, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def _lines(tables: Mapping[str, Any], place: str = "") -> Iterator[str]:
 
 
 def write_scene(path: Path, scene: str, *changes: Mapping[str, Any]) -> Path:
-    """Write a shipped scene with changes, and the load that `LOADED_JOURNAL` names beside it."""
+    """Write a shipped scene with changes, and the load that `LOADED_JOURNAL` names."""
     together = {key: value for change in changes for key, value in change.items()}
     path.write_text(toml(tables_of(scene, together)))
     if together.get("forces.load.file") == "load.csv":

@@ -1,4 +1,4 @@
-"""M3 with patterns trained on snapshots, under a name beside those of the selections."""
+"""M3 with patterns trained on snapshots, under a name in addition to those of the selections."""
 
 import fenics_ehd as ehd
 from fenics_ehd.reduction import SELECTIONS

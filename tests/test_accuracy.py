@@ -1,4 +1,4 @@
-"""Settings refined for an accuracy: what is refined, the runs, and what the last one is worth."""
+"""Settings refined for an accuracy: what is refined, the runs, and the error of the last one."""
 
 import json
 import tomllib
@@ -62,7 +62,7 @@ def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         (
             {"output.accuracy_keeps": ["mass"]},
@@ -74,8 +74,8 @@ def test_a_pilot_is_the_finer_the_tighter_the_accuracy():
         ({"output.accuracy": 0.0, "output.accuracy_keeps": ["cells"]}, "without output.accuracy"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(values, told):
-    with pytest.raises(ehd.errors.SettingsError, match=told):
+def test_what_cannot_be_asked_is_refused(values, message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         start_search(changed(ehd.read_scene("four-bar"), {"output.accuracy": 0.01} | values))
 
 
@@ -189,7 +189,7 @@ def test_every_component_moves_its_own_setting():
 
     before, after = wanted(basis=0.011)
     assert set(after) == {"bodies.rod.reduction"}
-    # What is left of seven tenths of the accuracy beside four components of 1e-4 each.
+    # Seven tenths of the accuracy less four components of 1e-4 each.
     assert after["bodies.rod.reduction"]["vibration_modes"] == ceil(6 * 0.011 / 6.6e-3)
     assert after["bodies.rod.reduction"]["method"] == "m4"
     # Two thirds of it with 1.2 times the cells, in tens.

@@ -1,7 +1,7 @@
 """Structure, reduction and a whole run against `oracle_rod.py`, and elasticity against theory.
 
-The oracle shares no line with the package, so whatever both compute alike is
-neither's bug. Where they agree to round-off the tolerance says so.
+The oracle shares no line with the package, so a value that both compute alike is
+no bug of one of them. Agreement to round-off shows in the tolerance.
 """
 
 import json
@@ -53,9 +53,9 @@ BLOCK_FREQUENCIES = [5141.75, 9426.97, 11895.56, 13412.34, 22106.97, 23871.66, 2
                      36001.69, 36872.09]  # fmt: skip
 
 
-def largest_defect(ours, theirs):
+def largest_defect(ours, expected):
     """Largest difference relative to the largest entry."""
-    return np.abs(ours - theirs).max() / np.abs(theirs).max()
+    return np.abs(ours - expected).max() / np.abs(expected).max()
 
 
 @pytest.fixture(scope="module")
@@ -86,10 +86,10 @@ def test_the_default_body_agrees(rod_body, oracle_body):
     assert rod_body.pressure_nodes.shape == (440, 3)
     np.testing.assert_allclose(rod_body.bore_nodes, oracle_body.bore_nodes, atol=1e-12)
     np.testing.assert_allclose(rod_body.pressure_nodes, oracle_body.pressure_nodes, atol=1e-12)
-    ours, theirs = rod_body.inertia, oracle_body.inertia
-    assert ours.total_mass == pytest.approx(theirs.total_mass, rel=1e-10)
-    np.testing.assert_allclose(ours.centre_of_mass, theirs.centre_of_mass, rtol=1e-10, atol=1e-12)
-    assert ours.polar_inertia == pytest.approx(theirs.polar_inertia, rel=1e-10)
+    ours, expected = rod_body.inertia, oracle_body.inertia
+    assert ours.total_mass == pytest.approx(expected.total_mass, rel=1e-10)
+    np.testing.assert_allclose(ours.centre_of_mass, expected.centre_of_mass, rtol=1e-10, atol=1e-12)
+    assert ours.polar_inertia == pytest.approx(expected.polar_inertia, rel=1e-10)
     pins = (body.points["pin"][:, :3] for body in (rod_body, oracle_body))
     np.testing.assert_allclose(*pins, rtol=1e-9, atol=1e-12)
     flexibility = oracle_body.basis_flexibility()
@@ -108,8 +108,8 @@ def test_free_vibration_frequencies_agree(rod_body, oracle_body, figure):
 
 def test_bore_flexibility_of_the_whole_part_agrees(rod_body, oracle_body, figure):
     ours = rod_body.basis_flexibility() + rod_body.missing_flexibility
-    theirs = oracle_body.basis_flexibility() + oracle_body.missing_flexibility
-    error = largest_defect(ours, theirs)
+    expected = oracle_body.basis_flexibility() + oracle_body.missing_flexibility
+    error = largest_defect(ours, expected)
     figure("part and reduction", "flexibility of the bore, the same", error, most=1e-9)
 
 
@@ -159,8 +159,8 @@ def test_frequencies_follow_a_changed_design(name, rod_body):
     changes, arguments = DESIGNS[name]
     part = structure("slider-crank-paper", "rod", MPI.COMM_SELF, changes)
     body = ehd.load_dependent(part, 6, 0, estimate_error=False)
-    theirs = build_rod(**arguments).vibration_modes[0] / (2 * np.pi)
-    np.testing.assert_allclose(body.frequencies[:6], theirs, rtol=1e-9)
+    expected = build_rod(**arguments).vibration_modes[0] / (2 * np.pi)
+    np.testing.assert_allclose(body.frequencies[:6], expected, rtol=1e-9)
     ratios = body.frequencies[:6] / rod_body.frequencies[:6]
     if name == "softer":
         np.testing.assert_allclose(ratios, np.sqrt(0.9), rtol=1e-9)
@@ -194,9 +194,11 @@ def test_a_scene_file_with_a_changed_design_runs_as_with_the_body_of_the_oracle(
     status, out, errors = exit_of(capfd, *command)
     assert status == 0, errors
     ours = json.loads(out)
-    theirs = extremes(reduce_rod(build_rod(**arguments)))
+    expected = extremes(reduce_rod(build_rod(**arguments)))
     keys = "max_pressure_Pa", "min_film_thickness_m"
-    for key, there, before, change in zip(keys, theirs, unchanged_run, CHANGES[name], strict=True):
+    for key, there, before, change in zip(
+        keys, expected, unchanged_run, CHANGES[name], strict=True
+    ):
         error = abs(ours[key] / there - 1)
         name = "peak pressure and thinnest film of a changed rod, from mesh to run, the same"
         figure("machines", name, error, most=1e-4, unit="%")

@@ -48,7 +48,7 @@ crank = {kind = "speed", speed = 100.0}
 end = 0.02
 """
 
-#: Parts whose shape over the width nobody sees.
+#: Parts whose shape over the width is not visible.
 COARSE_ROD = {
     "bodies.rod.geometry.bore_cells_along": 2,
     "bodies.rod.reduction.method": "m4",
@@ -570,10 +570,10 @@ def test_command_makes_the_series_of_a_run_after_it(crank, tmp_path, capsys):
     assert (done.status, done.out) == (0, f"{series / 'run.pvd'}\n"), done.err
     *_, (*_, found) = opened(series / "run.pvd")
     *_, (*_, expected) = opened(series_of(crank, tmp_path, 2))
-    ours, theirs = (blocks["bodies", "rod"] for blocks in (found, expected))
-    np.testing.assert_allclose(ours.points, theirs.points, atol=1e-15)
+    ours, reference = (blocks["bodies", "rod"] for blocks in (found, expected))
+    np.testing.assert_allclose(ours.points, reference.points, atol=1e-15)
     # What M4's residual patterns move between the bores is not in a basis.
-    moved = [mesh.point_data["displacement_m"] for mesh in (ours, theirs)]
+    moved = [mesh.point_data["displacement_m"] for mesh in (ours, reference)]
     assert 0 < np.abs(moved[0] - moved[1]).max() < 0.2 * np.abs(moved[1]).max()
     on_bore = np.abs(moved[0] - moved[1]).max(axis=1) < 1e-15
     assert np.count_nonzero(on_bore) >= len(crank.run.part("rod").bore_nodes)

@@ -340,7 +340,7 @@ def test_a_step_below_the_smallest_names_the_key_and_the_reason():
 
 
 class Hopeless(Linear):
-    """Every update is of length 1, whatever the step."""
+    """Every update is of length 1, for every step."""
 
     def linearise(self, *arguments):
         _, jacobian, state = super().linearise(*arguments)

@@ -12,7 +12,7 @@ FORCE, BEARING_WIDTH = 3600.0, 0.022
 
 
 def shaft(diameter=0.045, *, elements=20, density=DENSITY, supports=1e13):
-    """Pinned at its ends unless told otherwise."""
+    """Pinned at its ends by default."""
     return ehd.Shaft(LENGTH, diameter, MODULUS, density, supports, elements)
 
 

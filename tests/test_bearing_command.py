@@ -52,15 +52,18 @@ def test_numbers_may_have_units_as_in_scenes(call):
     units = ("--load", "5 kN", "--speed", "300 rad/s", "--groove", "90 deg", "10", "1 bar")
     assert call(*units, "--cells", "20x4") == plain
     assert plain[0] == 0
-    for wrong, told in (("5 kW", "a unit of the same kind: kW"), ("five", "or one with its unit")):
+    for wrong, reported in (
+        ("5 kW", "a unit of the same kind: kW"),
+        ("five", "or one with its unit"),
+    ):
         status, _, err = call("--load", wrong)
         assert status == 2
         assert f"'--load': '{wrong}' must be a" in err
-        assert told in err
+        assert reported in err
 
 
 def test_an_oil_is_told_by_its_grade_or_viscosity(call):
-    for given, told in (
+    for given, reported in (
         ((), "viscosity 0.01 Pa s"),
         (("--grade", "ISO VG 46", "--temperature", 60), "ISO VG 46"),
         (
@@ -70,7 +73,7 @@ def test_an_oil_is_told_by_its_grade_or_viscosity(call):
     ):
         status, out, _ = call("--load", 1000, *given, "--cells", "20x4")
         assert status == 0
-        assert f"clearance 17 um, {told}, shaft at" in out
+        assert f"clearance 17 um, {reported}, shaft at" in out
 
 
 def test_coefficients(call):
@@ -221,8 +224,8 @@ def test_a_line_without_pressure_is_held_for_the_coefficients(call):
     groove = json.loads(call(*options, "--groove", opposite, 0, 0)[1])
     assert groove["load_N"] == pytest.approx(line["load_N"], rel=1e-3)
     for name in ("stiffness_N_per_m", "damping_Ns_per_m"):
-        found, theirs = np.array(line[name]), np.array(groove[name])
-        assert np.abs(found - theirs).max() < 2e-3 * np.abs(theirs).max(), name
+        found, expected = np.array(line[name]), np.array(groove[name])
+        assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max(), name
 
 
 def test_supplied_oil_all_leaves_at_the_sides_when_mass_is_conserved(call):
@@ -241,14 +244,14 @@ def test_supplied_oil_all_leaves_at_the_sides_when_mass_is_conserved(call):
 def test_failed_film_is_kept(call, tmp_path, monkeypatch):
     def fail(*_arguments, **_options):
         raise ehd.errors.CavitationError(
-            "no luck", {"pressure": np.arange(3.0), "thickness": np.ones((2, 2))}
+            "no solution", {"pressure": np.arange(3.0), "thickness": np.ones((2, 2))}
         )
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(fenics_ehd.analysis.bearing, "solve_bearing", fail)
     status, _, err = call("--eccentricity", 0.5)
     assert status == 1
-    assert "no luck; the film is saved in failed_film.h5" in err
+    assert "no solution; the film is saved in failed_film.h5" in err
     with h5py.File(tmp_path / "failed_film.h5") as file:
         np.testing.assert_array_equal(file["pressure"], [0.0, 1.0, 2.0])
         assert file["thickness"].shape == (2, 2)

@@ -105,7 +105,7 @@ def test_energy_is_balanced_and_newtons_method_converges_fast(method):
 
 @pytest.mark.slow
 def test_films_of_both_ends_keep_account_of_their_oil():
-    """M4's patterns couple the bores; under Reynolds' condition beside it, too."""
+    """M4's patterns couple the bores; also if one film has Reynolds' condition."""
     found = {}
     for name in ("full", "m4"):
         mechanism = machine(body_of(name))

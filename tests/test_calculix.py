@@ -48,7 +48,7 @@ def both(folder, solid, element):
     weights = ours.attachments["pin"][0].array.reshape(-1, 3)[:, 0]
     used = np.flatnonzero(weights)
     faces = read.indices(numbers[surfaces(solid)["bore"]])
-    theirs = ehd.Structure(
+    expected = ehd.Structure(
         read.stiffness,
         read.mass,
         solid.points,
@@ -56,13 +56,13 @@ def both(folder, solid, element):
         {"pin": PointWeights(places[used], weights[used])},
         comm=MPI.COMM_SELF,
     )
-    return theirs, ours, (3 * places[:, None] + np.arange(3)).ravel()
+    return expected, ours, (3 * places[:, None] + np.arange(3)).ravel()
 
 
-def difference(theirs, ours, order):
+def difference(expected, ours, order):
     """Largest difference of matrices, relative to the largest entry."""
-    ours, theirs = to_scipy(ours), to_scipy(theirs)[order][:, order]
-    return abs(theirs - ours).max() / abs(ours).max()
+    ours, expected = to_scipy(ours), to_scipy(expected)[order][:, order]
+    return abs(expected - ours).max() / abs(ours).max()
 
 
 def with_rule(monkeypatch, cell, **degrees):
@@ -81,35 +81,35 @@ def compliance(part):
 
 
 def test_ring_of_c3d20_is_the_same_body(tmp_path, figure):
-    theirs, ours, order = both(tmp_path, ring_solid("hex"), "serendipity")
+    expected, ours, order = both(tmp_path, ring_solid("hex"), "serendipity")
     group = "part and reduction"
     name = "ring of C3D20, matrices of CalculiX: largest difference of "
-    figure(group, name + "K", difference(theirs.stiffness, ours.stiffness, order), most=1e-12)
+    figure(group, name + "K", difference(expected.stiffness, ours.stiffness, order), most=1e-12)
     # The mass by 3 points a direction there, by 4 here.
-    figure(group, name + "M", difference(theirs.mass, ours.mass, order), most=1e-3)
-    masses = [to_scipy(part.mass)[::3, ::3].sum() for part in (theirs, ours)]
+    figure(group, name + "M", difference(expected.mass, ours.mass, order), most=1e-3)
+    masses = [to_scipy(part.mass)[::3, ::3].sum() for part in (expected, ours)]
     assert masses[0] == pytest.approx(masses[1], rel=1e-12)
-    work = compliance(theirs) / compliance(ours) - 1
+    work = compliance(expected) / compliance(ours) - 1
     figure(group, name + "the bore's flexibility", np.abs(work).max(), most=1e-9)
-    bodies = [ehd.residual_flexibility(part, 6) for part in (theirs, ours)]
+    bodies = [ehd.residual_flexibility(part, 6) for part in (expected, ours)]
     ratio = bodies[0].frequencies[:6] / bodies[1].frequencies[:6] - 1
     figure(group, name + "six frequencies of M4", np.abs(ratio).max(), most=3e-5)
 
 
 def test_mass_of_c3d20_by_the_same_rule_is_the_same(tmp_path, monkeypatch):
     with_rule(monkeypatch, "hexahedron", mass=5)
-    theirs, ours, order = both(tmp_path, ring_solid("hex"), "serendipity")
-    assert difference(theirs.mass, ours.mass, order) < 1e-12
+    expected, ours, order = both(tmp_path, ring_solid("hex"), "serendipity")
+    assert difference(expected.mass, ours.mass, order) < 1e-12
 
 
 def test_c3d10_by_the_same_rule_is_the_same_and_its_mass_is_refused(tmp_path, monkeypatch):
     with_rule(monkeypatch, "tetrahedron", stiffness=2, mass=2)
-    theirs, ours, order = both(tmp_path, ring_solid("tet"), "triangle")
+    expected, ours, order = both(tmp_path, ring_solid("tet"), "triangle")
     for name in ("stiffness", "mass"):
-        assert difference(getattr(theirs, name), getattr(ours, name), order) < 1e-12
+        assert difference(getattr(expected, name), getattr(ours, name), order) < 1e-12
     # Four points a cell: the mass of one has rank 12 of 30.
     with pytest.raises(ehd.errors.StructureError, match="mass is singular"):
-        ehd.residual_flexibility(theirs, 6)
+        ehd.residual_flexibility(expected, 6)
 
 
 @pytest.mark.slow
@@ -117,8 +117,8 @@ def test_c3d10_with_an_exact_mass_differs_by_the_rule_for_k_alone(tmp_path, figu
     differences = []
     for around, along, across in ((12, 2, 1), (24, 4, 2)):
         solid = ring_solid("tet", around, along, across)
-        theirs, ours, order = both(tmp_path, solid, "triangle")
-        exact = replace(theirs, mass=tetrahedron_mass(solid.points, solid.cells, DENSITY))
+        expected, ours, order = both(tmp_path, solid, "triangle")
+        exact = replace(expected, mass=tetrahedron_mass(solid.points, solid.cells, DENSITY))
         assert difference(exact.mass, ours.mass, order) < 1e-13
         work = compliance(exact) / compliance(ours) - 1
         bodies = [ehd.residual_flexibility(part, 6) for part in (exact, ours)]

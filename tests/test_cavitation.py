@@ -192,7 +192,7 @@ def test_unfinished_iteration_is_a_named_error_with_its_state(petsc_options, fam
     np.testing.assert_array_equal(state["thickness_rate"], gap.thickness_rate)
     np.testing.assert_array_equal(state["mean_velocity"], gap.mean_velocity)
     assert state["pressure"].shape == state["flux"].shape == film.free.shape
-    # Other films are not touched, and this one goes on with an easier problem.
+    # Other films are not touched, and this one solves an easier problem next.
     assert solve(make_film((40, 4), family), 0.9).pressure.max() > 0
     assert film.solve(given_gap(film, 1.0, rate=1.0)).pressure.max() == 0
 

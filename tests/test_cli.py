@@ -55,8 +55,14 @@ def test_inventory_says_what_was_dropped(tmp_path, capfd):
     arguments = ("reduce", "conrod", "--residual-modes", 2, "-o", tmp_path / "rod.h5")
     status, out, _ = exit_of(capfd, *arguments)
     assert status == 0
-    for told in ("10 modes", "polar inertia", "dropped: 78,", "not selected", "of the bore's flex"):
-        assert told in out
+    for reported in (
+        "10 modes",
+        "polar inertia",
+        "dropped: 78,",
+        "not selected",
+        "of the bore's flex",
+    ):
+        assert reported in out
 
 
 def test_run_writes_everything_it_promises(tmp_path, capfd):
@@ -156,7 +162,7 @@ def test_run_from_body_file_equals_run_from_mesh(tmp_path, capfd):
     assert not (tmp_path / "a" / "max_pressure.png").exists()
 
 
-#: Options whose numbers Python would read, and what is said.
+#: Options whose numbers Python would read, and the message.
 WRITTEN = [
     ("bearing --load 1_0", "'1_0' must be a number in N"),
     ("bearing --load \u0663", "must be a finite number in N"),
@@ -216,7 +222,7 @@ for line in os.fsencode(sys.argv[1]).split(b";"):
     assert all("\\udcff.toml" in error for error in errors)
 
 
-#: A NumPy that stands before Debian's, and what is said of it.
+#: A NumPy that is found before Debian's, and the message about it.
 OTHER_NUMPY = {
     "raise ImportError('numpy.core.multiarray failed to import')": "multiarray failed to import",
     "__version__ = '9.9'": "numpy 9.9 of {place} does not work",
@@ -320,7 +326,7 @@ def test_an_installation_tests_itself(monkeypatch, capsys):
     assert status == 0
     assert printed.endswith("all is well\n")
     assert "attitude angle 51.9" in printed
-    # And says so where it does not work.
+    # And reports it if it does not work.
     monkeypatch.setitem(check.CHECKS, "film", lambda _: check._within(50.0, 51.98, 0.1, "{:.2f}"))
     for name in ("reduction", "steps", "two ranks"):
         monkeypatch.delitem(check.CHECKS, name)

@@ -1,4 +1,4 @@
-"""Compiled forms: one process compiles, nobody waits for ever, what killed processes left goes."""
+"""Compiled forms: one process compiles, none waits for ever, killed ones leave no files."""
 
 import errno
 import os

@@ -349,7 +349,7 @@ def test_a_turning_oval_journal_keeps_account_of_its_oil(order):
         assert state.content.sum() + left == pytest.approx(content, rel=1e-12)
 
 
-# --- Beside Reynolds' condition
+# --- Compared with Reynolds' condition
 
 
 @pytest.mark.parametrize("residual", [False, True])
@@ -406,7 +406,7 @@ def test_residual_patterns_are_coordinates_without_mass(made, pressure):
     assert found[0][pressure][-1] > 1e5
 
 
-# --- Beside smooth surfaces
+# --- Compared with smooth surfaces
 
 
 def test_without_roughness_the_film_is_that_of_smooth_surfaces(figure):
@@ -583,12 +583,12 @@ def test_films_that_cannot_conserve_oil_are_refused():
     quadratic = whirling(oil_film((12, 3), family="lagrange"), 0.5, 150.0)
     with pytest.raises(ehd.errors.SettingsError, match="needs element = 'bilinear'"):
         ehd.simulate(quadratic, 1e-3)
-    for wrong, told in (
+    for wrong, message in (
         ({"initial_filling": 1.2}, r"initial_filling = 1\.2"),
         ({"ambient": "water"}, "ambient = 'water' must be one of air, oil"),
         ({"cavitation": "gumbel"}, "cavitation = 'gumbel' must be one of reynolds, mass-con"),
     ):
-        with pytest.raises(ehd.errors.SettingsError, match=told):
+        with pytest.raises(ehd.errors.SettingsError, match=message):
             ehd.LubricatedJoint("a", "b", oil_film((12, 3)), **wrong)
 
 

@@ -100,7 +100,7 @@ def test_wear_is_where_the_surfaces_rub():
     assert figures["max_contact_pressure_Pa"] == largest
     distance = 500.0 * 22.5e-3 * 1.5 * END  # at most: the rod turns against the crank
     assert 0 < figures["contact_sliding_Pa_m"] < largest * distance
-    # What is recorded goes on where it was.
+    # Recorded values continue without a jump.
     other = Recorder(equations, END)
     other.state, other.rows = tracker.state, tracker.rows
     np.testing.assert_equal(only_joint(RunSummary(other).entries()), figures)

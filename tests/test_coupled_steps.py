@@ -169,7 +169,7 @@ def assert_derivatives(mechanism, most=1e-7):
         if part is not None:
             direction[np.setdiff1d(np.arange(len(start)), np.arange(len(start))[part])] = 0.0
         found, expected = matrix @ direction, slope(residual, step=1e-3)
-        # Row by row: forces on frames stand beside elastic ones that are 1e9 times as large.
+        # Row by row: forces on frames are next to elastic ones that are 1e9 times as large.
         size = np.abs(matrix) @ sizes
         size[:m] = size[:m].max()
         assert np.all(np.abs(found - expected) <= most * size)

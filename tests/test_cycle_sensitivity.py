@@ -180,7 +180,7 @@ def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
 
 
 @pytest.mark.parametrize(
-    ("key", "told"),
+    ("key", "message"),
     [
         ("clearence", "did you mean joints.bearing.clearance"),
         ("bearing.cells", "not a continuous parameter"),
@@ -190,8 +190,8 @@ def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
         ("bearing.lubricant", "not a continuous parameter"),
     ],
 )
-def test_keys_without_a_derivative_are_refused(key, told):
-    with pytest.raises((ehd.errors.SensitivityError, ehd.errors.SettingsError), match=told):
+def test_keys_without_a_derivative_are_refused(key, message):
+    with pytest.raises((ehd.errors.SensitivityError, ehd.errors.SettingsError), match=message):
         parameter_path(scene("loaded-journal", JOURNAL), key)
 
 
@@ -242,17 +242,17 @@ def test_an_unknown_quantity_is_refused_after_one_step(tmp_path, capfd):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("max_pressure_angle", "did you mean bearing.max_pressure"),
         ("max_pressure_angle_deg", "unknown quantity max_pressure_angle_deg"),
         ("mean_max_pressure", "did you mean bearing.max_pressure"),
     ],
 )
-def test_the_largest_angle_of_a_peak_is_no_figure(name, told):
+def test_the_largest_angle_of_a_peak_is_no_figure(name, message):
     columns = ("max_pressure_Pa", "max_pressure_angle_deg", "side_flow_m3_per_s")
     paths = [f"joints/bearing/{column}" for column in columns]
-    with pytest.raises(ehd.errors.SensitivityError, match=told):
+    with pytest.raises(ehd.errors.SensitivityError, match=message):
         objective_of(name, paths)
     assert objective_of("bearing.mean_side_flow", paths).column == "side_flow_m3_per_s"
     with pytest.warns(DeprecationWarning, match=r"mean_side_flow is now bearing\.mean_side_flow"):
@@ -273,7 +273,7 @@ def test_the_command_prints_a_table_and_json(tmp_path, capfd):
     along = found["along"][CLEARANCE]
     assert not status
     assert along["method"] == "differences in the same steps"
-    # The table says by how much 24 x 5 cells change it.
+    # The table has the change by 24 x 5 cells.
     more = 100 * (along["on_finer_film"] / along["derivative"] - 1)
     assert 0.1 < abs(more) < 10.0
     assert along["elasticity"] == pytest.approx(along["derivative"] * along["at"] / found["value"])

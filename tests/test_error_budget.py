@@ -1,4 +1,4 @@
-"""What a run says of its own errors, beside what they are."""
+"""Error budgets of runs, compared with true errors."""
 
 import json
 from dataclasses import replace
@@ -264,7 +264,7 @@ def test_a_finer_film_holds_the_same_share_of_oil():
 
 
 @pytest.mark.parametrize(
-    ("changes", "known", "total", "said"),
+    ("changes", "known", "total", "statement"),
     [
         ({}, 0.28, 0.28, "+- 28 %, too high by about 13 MPa, "),
         ({"part_mesh": NOT_APPLICABLE}, 0.25, 0.25, "+- 25 %, too high by about 13 MPa, "),
@@ -273,14 +273,15 @@ def test_a_finer_film_holds_the_same_share_of_oil():
         (dict.fromkeys(COMPONENTS, NOT_ESTIMATED), None, None, "+- not estimated "),
     ],
 )
-def test_the_total_is_the_sum_and_none_where_a_component_is_missing(changes, known, total, said):
+def test_the_total_is_the_sum_and_none_where_a_component_is_missing(
+    changes, known, total, statement
+):
     errors = dict(zip(COMPONENTS, (0.2, 0.02, 0.03, 0.02, 0.01), strict=True))
     found = summed(errors | {"bias": 0.28} | changes)
     assert found["known"] == (NOT_ESTIMATED if known is None else pytest.approx(known))
     assert found["total"] == (NOT_ESTIMATED if total is None else pytest.approx(total))
-    assert (
-        error_text({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa") == said
-    )
+    text = error_text({"error_budget": {"max_pressure": found}}, "max_pressure", 46.3, "MPa")
+    assert text == statement
 
 
 @pytest.mark.parametrize("family", ["lagrange", "serendipity", "bilinear"])
@@ -296,7 +297,7 @@ def test_a_peak_between_nodes_is_met_as_it_passes_them(family):
     assert np.log2(nodes[0] / nodes[1]) < 2.6
     assert np.log2(between[0] / between[1]) > 3.0
     assert between[0] < 0.1 * nodes[0]
-    # At the end of a row it is as its node says.
+    # At the end of a row it is the value of the node.
     rising = FilmRows.of(*places).largest((height + 0.0 * angle)[None])[0]
     assert rising[0] == pytest.approx(0.005)
 
@@ -377,16 +378,16 @@ def test_estimates_of_a_rigid_rod_are_the_errors(family, figure):
     budget, found = ehd.error_budget(history), {}
     exact = extremes(machine(cells, family=family), 1e-5)
     finer = extremes(machine((3 * cells[0], 3 * cells[1]), family=family), 1e-5)
-    for quantity, said, steps, mesh in zip(QUANTITIES, own, exact, finer, strict=True):
+    for quantity, statement, steps, mesh in zip(QUANTITIES, own, exact, finer, strict=True):
         estimates = budget.joints["big_end"][quantity]
         assert set(estimates) == {*COMPONENTS, "between_nodes", "known", "total", "bias"}
         assert estimates["basis"] == NOT_APPLICABLE
         assert estimates["start"] == NOT_APPLICABLE
         # A mesh three times as fine leaves a ninth of an error of order two.
         found[quantity] = (
-            abs(said - steps) / said / estimates["step_size"],
-            9 / 8 * abs(steps - mesh) / said / estimates["film_mesh"],
-            abs(said - mesh) / said / estimates["total"],
+            abs(statement - steps) / statement / estimates["step_size"],
+            9 / 8 * abs(steps - mesh) / statement / estimates["film_mesh"],
+            abs(statement - mesh) / statement / estimates["total"],
         )
         name = f"rigid rod, {family}: {quantity}, true error over its estimate"
         figure("error budget", name, found[quantity][-1], most=WITHIN)

@@ -106,12 +106,12 @@ def test_plane_motion_is_a_part_of_spatial_motion(rod_structure, bodies):
     plane = np.delete(np.arange(4 + body.modes), 3)
     square = np.ix_(plane, plane)
     size = np.sqrt(np.diag(body.inertia.mass))
-    for ours, theirs in (
+    for ours, reference in (
         (mass, body.inertia.mass),
         (spin[2], body.inertia.spin),
         (centrifugal[2, 2], body.inertia.centrifugal),
     ):
-        assert np.abs((ours[square] - theirs) / np.outer(size, size)).max() < 1e-12
+        assert np.abs((ours[square] - reference) / np.outer(size, size)).max() < 1e-12
     np.testing.assert_allclose(centrifugal[:, :, 0, 0], body.rigid_mass[3:, 3:], atol=1e-14)
 
 

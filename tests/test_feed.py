@@ -159,7 +159,7 @@ def test_no_pressure_gives_no_oil():
 
 
 @pytest.mark.parametrize(
-    ("feed", "told"),
+    ("feed", "message"),
     [
         (lambda: ehd.HoleSupply(diameter=2 * R), "must leave land at both sides"),
         (lambda: ehd.HoleSupply(height=0.9 * R, diameter=0.5 * R), "must leave land at both sides"),
@@ -171,8 +171,8 @@ def test_no_pressure_gives_no_oil():
         (lambda: evolve(HOLE, resistance=-1), "resistance = -1.0 must be at least 0"),
     ],
 )
-def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, told):
-    with pytest.raises(ehd.errors.SettingsError, match=told):
+def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         make_film((40, 10), feeds=(feed(),))
 
 

@@ -115,7 +115,7 @@ def test_one_cell_wide_bilinear_film_has_no_unknown_and_says_so():
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("cells", [(12, 3), (20, 5), (33, 7)])
 def test_centred_shaft_gives_no_pressure(family, cells):
-    # Whatever is left of the source by round-off.
+    # The rest of the source by round-off.
     film = make_film(cells, family)
     for speed in (0.0, OMEGA, -3 * OMEGA):
         for eccentricity in (0.0, 1e-15, 1e-12):

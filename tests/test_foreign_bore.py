@@ -46,7 +46,7 @@ def cylinder(element, around=12, along=3, radius=RADIUS, width=WIDTH):
     places = corner + kind.nodes
     if kind.corners == 3:
         places = np.vstack([places, corner + 1 - kind.nodes])
-    # Half steps, so that nodes are told apart by whole numbers.
+    # Half steps, so that whole numbers distinguish nodes.
     keys = np.round(2 * places).astype(int)
     keys[:, :, 0] %= 2 * around
     grid, faces = np.unique(keys.reshape(-1, 2), axis=0, return_inverse=True)
@@ -56,14 +56,14 @@ def cylinder(element, around=12, along=3, radius=RADIUS, width=WIDTH):
 
 
 def test_bore_and_load_matrix_are_those_of_the_volume_mesh(rod):
-    theirs = rod.bore
-    ours = ehd.bore_from_faces(rod.coordinates, theirs.nodes[theirs.cells], theirs.family)
+    other = rod.bore
+    ours = ehd.bore_from_faces(rod.coordinates, other.nodes[other.cells], other.family)
     for name in ("nodes", "coordinates", "pressure_coordinates", "cells", "pressure_cells"):
-        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
-        assert getattr(ours, name).dtype == getattr(theirs, name).dtype
+        np.testing.assert_array_equal(getattr(ours, name), getattr(other, name))
+        assert getattr(ours, name).dtype == getattr(other, name).dtype
     for name in ("radius", "width", "family", "pressure_family"):
-        assert getattr(ours, name) == getattr(theirs, name)
-    load = to_scipy(theirs.load)
+        assert getattr(ours, name) == getattr(other, name)
+    load = to_scipy(other.load)
     assert abs(ours.load - load).max() < 1e-10 * abs(load).max()
 
 

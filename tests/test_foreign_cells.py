@@ -479,10 +479,10 @@ def test_mesh_of_gmsh_with_a_group_for_some_cells(tmp_path):
         gmsh.model.addPhysicalGroup(3, volumes)
         gmsh.option.setNumber("Mesh.SaveAll", 1)
         gmsh.write(str(tmp_path / "other.msh"))
-    ours, theirs = (read_mesh(tmp_path / f"{name}.msh", "m") for name in ("other", "ring"))
-    for solid in (ours, theirs):
+    ours, reference = (read_mesh(tmp_path / f"{name}.msh", "m") for name in ("other", "ring"))
+    for solid in (ours, reference):
         assert solid.cells.shape == (144, 10)
-    middles = [np.sort(s.points[s.cells].mean(axis=1), axis=0) for s in (ours, theirs)]
+    middles = [np.sort(s.points[s.cells].mean(axis=1), axis=0) for s in (ours, reference)]
     np.testing.assert_allclose(*middles, atol=1e-12)
 
 
@@ -569,8 +569,8 @@ def test_first_order_ring_yields_as_the_second_order_one(kind, around, most, tmp
     ]
     masses = [rigid(structure).inertia.total_mass for structure, _ in parts]
     assert masses[0] == pytest.approx(masses[1], rel=1e-12)
-    ours, theirs = (answers.compliance for _, answers in parts)
-    assert max(compliance_errors(ours - theirs, theirs).values()) < most
+    ours, reference = (answers.compliance for _, answers in parts)
+    assert max(compliance_errors(ours - reference, reference).values()) < most
 
 
 def test_curvature_that_turns_cells_inside_out_is_named(tmp_path):

@@ -169,8 +169,8 @@ def test_any_numbers_rows_and_triangle_give_the_same_matrices(tmp_path_factory, 
             ]
             file.write_text("".join(",".join(x) + "\n" for x in lines))
         found = ehd.read_abaqus(*files, numbers)
-    for ours, theirs in zip((found.stiffness, found.mass), matrices, strict=True):
-        np.testing.assert_array_equal(ours.toarray(), theirs.toarray())
+    for ours, expected in zip((found.stiffness, found.mass), matrices, strict=True):
+        np.testing.assert_array_equal(ours.toarray(), expected.toarray())
     np.testing.assert_array_equal(found.numbers, numbers)
     wanted = random.integers(0, count, (2, 3))
     np.testing.assert_array_equal(found.indices(numbers[wanted]), wanted)
@@ -190,7 +190,7 @@ def test_held_nodes_are_held(small, tmp_path):
     np.testing.assert_array_equal(without.numbers, numbers[2:])
     with pytest.raises(ehd.errors.StructureError, match="node 5 has no row in the matrices"):
         without.indices([[7, 5]])
-    # A penalty says the same.
+    # A penalty has the same effect.
     penalty = small[0].copy()
     penalty.setdiag(np.where(np.isin(np.arange(len(k)), held), 1e36, penalty.diagonal()))
     files = write_abaqus(tmp_path, "labels", (penalty, small[1]), numbers)

@@ -73,10 +73,10 @@ def nodes_and_cells(solid):
 
 
 def assert_same(found, solid):
-    """The same cells, of nodes in whatever order."""
+    """The same cells, of nodes in any order."""
     assert found.kind == solid.kind
-    ours, theirs = (s.points[s.cells] for s in (found, solid))
-    np.testing.assert_allclose(ours, theirs, atol=1e-9)
+    ours, expected = (s.points[s.cells] for s in (found, solid))
+    np.testing.assert_allclose(ours, expected, atol=1e-9)
 
 
 def test_deck_of_parts_and_an_assembly(ring, tmp_path):
@@ -260,7 +260,7 @@ def test_a_check_that_fails_leaves_no_model(tmp_path, monkeypatch, capfd):
 
 @pytest.mark.parametrize("check", ["--check", "--no-check"])
 def test_a_full_disk_leaves_no_model(check, tmp_path):
-    """Gmsh writes what there is room for, and says nothing."""
+    """Gmsh writes what there is room for, without an error."""
     solid = ring_solid("tet")
     write_deck(tmp_path / "ring.inp", solid, np.arange(1, len(solid.points) + 1))
     # After MPI has begun, which has files of its own.
@@ -295,12 +295,12 @@ def test_a_broken_file_is_one_line(name, text, tmp_path, monkeypatch, capfd):
     assert len(err.splitlines()) == 1, err
 
 
-#: What the numbers of an XDMF file may be in, and what is said of it.
+#: Sources of the numbers of an XDMF file, and the message about each.
 ELSEWHERE = {
     "pipe": "is not a regular file",
     "device": "is not a regular file",
     "folder above": "is not a regular file",
-    "pipe beside the file that a link leads to": "is not a regular file",
+    "pipe next to the file that a link leads to": "is not a regular file",
     "HDF5 of another file": "lies in another file",
     "HDF5 of a pipe": "lies in another file",
     "HDF5 without data": "claims",
@@ -340,7 +340,7 @@ def test_xdmf_that_leads_elsewhere_is_refused_at_once(where, tmp_path, capfd):
 
 
 def test_nothing_but_the_answer_is_printed(tmp_path):
-    # meshio takes a .msh for one of Ansys first, and says so in an empty line.
+    # meshio takes a .msh for one of Ansys first, and prints an empty line then.
     write_model(tmp_path / "ring.msh", ring_solid("tet"))
     done = program("part", "ring.msh", "--json", cwd=tmp_path)
     assert json.loads(done.stdout)["file"] == "ring.msh"
@@ -348,9 +348,9 @@ def test_nothing_but_the_answer_is_printed(tmp_path):
 
 
 def test_what_compiled_code_prints_goes_nowhere(capfd):
-    with printing_kept() as said:
+    with printing_kept() as reported:
         os.write(1, b"loud\n")
         print("heard")
     print("after")
     assert capfd.readouterr().out == "after\n"
-    assert said.getvalue() == "heard\n"
+    assert reported.getvalue() == "heard\n"

@@ -289,7 +289,7 @@ def write_spoiled(folder, name, matrix):
     elif name == "pipe.dat":
         os.mkfifo(path)
     elif name.startswith("text"):
-        path.write_text("this is no matrix at all, whatever its name says")
+        path.write_text("this is no matrix at all, despite its name")
     elif not name.startswith("missing"):
         write_hdf5(path, matrix)
         with h5py.File(path, "a") as file:
@@ -299,21 +299,21 @@ def write_spoiled(folder, name, matrix):
 # The whole part in a file
 
 
-def same_part(ours, theirs):
-    """Whether two parts agree to the last bit, whatever their ranks."""
+def same_part(ours, reference):
+    """Whether two parts agree to the last bit, on any ranks."""
     for name in ("stiffness", "mass"):
-        np.testing.assert_array_equal(whole(getattr(ours, name)), whole(getattr(theirs, name)))
-    np.testing.assert_array_equal(whole(ours.bore.load), whole(theirs.bore.load))
+        np.testing.assert_array_equal(whole(getattr(ours, name)), whole(getattr(reference, name)))
+    np.testing.assert_array_equal(whole(ours.bore.load), whole(reference.bore.load))
     for name in ("nodes", "coordinates", "pressure_coordinates", "cells", "reference"):
-        np.testing.assert_array_equal(getattr(ours.bore, name), getattr(theirs.bore, name))
+        np.testing.assert_array_equal(getattr(ours.bore, name), getattr(reference.bore, name))
     for name in ("radius", "width", "family", "pressure_family"):
-        assert getattr(ours.bore, name) == getattr(theirs.bore, name)
+        assert getattr(ours.bore, name) == getattr(reference.bore, name)
     np.testing.assert_array_equal(
-        *(np.vstack(p.comm.allgather(p.coordinates)) for p in (ours, theirs))
+        *(np.vstack(p.comm.allgather(p.coordinates)) for p in (ours, reference))
     )
-    assert list(ours.attachments) == list(theirs.attachments)
+    assert list(ours.attachments) == list(reference.attachments)
     for name, vectors in ours.attachments.items():
-        for one, other in zip(vectors, theirs.attachments[name], strict=True):
+        for one, other in zip(vectors, reference.attachments[name], strict=True):
             arrays = (np.concatenate(v.comm.tompi4py().allgather(v.array)) for v in (one, other))
             np.testing.assert_array_equal(*arrays)
 
@@ -391,10 +391,10 @@ def test_reordering_undoes_a_permutation_and_holds_what_is_left_out(nodes, held,
     dofs = np.full(size, -1)
     dofs[kept] = random.permutation(len(kept))
     ours = random.standard_normal((size, size))
-    theirs = np.zeros((len(kept), len(kept)))
-    theirs[np.ix_(dofs[kept], dofs[kept])] = ours[np.ix_(kept, kept)]
-    result = reorder(sparse.csr_matrix(theirs), dofs.reshape(nodes, 3)).toarray()
-    expected = np.diag(np.full(size, theirs.diagonal().mean()))
+    reference = np.zeros((len(kept), len(kept)))
+    reference[np.ix_(dofs[kept], dofs[kept])] = ours[np.ix_(kept, kept)]
+    result = reorder(sparse.csr_matrix(reference), dofs.reshape(nodes, 3)).toarray()
+    expected = np.diag(np.full(size, reference.diagonal().mean()))
     expected[np.ix_(kept, kept)] = ours[np.ix_(kept, kept)]
     np.testing.assert_allclose(result, expected)
 

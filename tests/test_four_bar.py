@@ -33,7 +33,7 @@ FREE = {
 
 
 def linkage(*changes):
-    """The shipped one, its coupler's centre beside the line between its joints."""
+    """The shipped one, its coupler's centre off the line between its joints."""
     together = {"bodies.coupler.centre": [COUPLER / 2, 0.01]}
     for change in changes:
         together |= change
@@ -113,7 +113,7 @@ def ideal_energy(time, step=1e-6):
 def test_energy_of_a_four_bar_without_a_film_converges_with_the_step(figure):
     """Over whole turns nothing is lost and nothing stays: the drive's work is the kinetic energy's.
 
-    Where it is not, beside the closed form, is what the run says of itself, and of second order.
+    The distance from the closed form is that of the run's own balance, and of second order.
     """
     mechanism, stated, true = linkage(IDEAL), [], []
     for largest in (0.01, 0.005, 0.0025):

@@ -96,7 +96,7 @@ def test_a_disk_in_an_elastic_rod_keeps_momenta_and_energy(rod_structure, method
     errors = []
     for tolerance in (1e-5, 1e-7):
         result = ehd.simulate(mechanism, END, tolerance=tolerance, order=3, largest=1.0)
-        # Without friction the film exchanges little beside what it loses at once.
+        # Without friction the film exchanges little apart from what it loses at once.
         errors.append(
             (*changes(rod_structure, part, result), result.summary()["energy_balance_error"])
         )

@@ -52,7 +52,7 @@ def test_keys_of_version_0_2_are_read_and_one_line_gives_the_name_of_today():
         "joints.bearing.heat.conducted is now called conducted_share",
         "joints.bearing.heat.mixing is now called outlet_weight",
     ]
-    # A run has the scene as stored, or with other values, and says so all the same.
+    # A run has the scene as stored, or with other values, and reports it in both cases.
     assert stored(scene).warnings == changed(scene, {"time.cycles": 3}).warnings == scene.warnings
     given_anew = changed(scene, {"bodies.part.held_by": "none"})
     assert given_anew.bodies["part"].clamped == "none"

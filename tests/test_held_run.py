@@ -1,4 +1,4 @@
-"""Derivatives in the steps of the run beside the exact ones of the equations of these steps.
+"""Derivatives in the steps of the run against the exact ones of the equations of these steps.
 
 Version 0.2 differentiated every step by its own matrix, along numbers and all that was before; the
 elasticities here are those.

@@ -65,7 +65,7 @@ def test_thickness_rate_is_the_rate_of_that_distance_whatever_the_spin(position,
     size = C * (1.0 + np.abs(rate).max())
     expected = slope(lambda t: distance(position + t * rate), step=1e-5)
     assert np.abs(found - expected).max() < 1e-7 * size
-    # (2) on the shaft's own surface: it carries its points along whatever they do on it.
+    # (2) on the shaft's own surface: it carries its points along, for any motion on it.
     x, y, about_x, about_y = C * position / np.array([1, 1, WIDTH, WIDTH])
     vx, vy, wx, wy = C * rate / np.array([1, 1, WIDTH, WIDTH])
     phi, z = POINTS.angle, POINTS.height

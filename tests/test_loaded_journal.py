@@ -220,8 +220,8 @@ def test_mesh_too_coarse_for_the_thinnest_film_is_called_untrustworthy(
     mechanism, period = journal(make_film((cells, 2)), ellipse(0.3, 0.5, 2), 0.02)
     run = Run(mechanism, IntegratorOptions(), period)
     tracker = Recorder(run, period)
-    told = {"max_pressure": (1e6, 0.0), "min_film_thickness": (thickness * C, 0.0)}
-    monkeypatch.setattr(RunSummary, "extremes", {"bearing": told})
+    message = {"max_pressure": (1e6, 0.0), "min_film_thickness": (thickness * C, 0.0)}
+    monkeypatch.setattr(RunSummary, "extremes", {"bearing": message})
     reason = verdict(RunSummary(tracker))
     assert (reason == "complete") == enough
     if not enough:

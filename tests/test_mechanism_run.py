@@ -12,7 +12,7 @@ from fenics_ehd.base.extremes import over_time
 from fenics_ehd.base.files import to_json
 from fenics_ehd.scenes.library import shipped
 
-#: Rows over the crank's angle, beside the scene.
+#: Rows over the crank's angle, in the folder of the scene.
 PUSH = "angle_deg,force_N\n0,0\n90,40\n180,0\n270,-40\n360,0\n"
 
 

@@ -1,4 +1,4 @@
-"""What a part's mesh misses of its bores' flexibility, and what that is worth in a run."""
+"""Flexibility of the bores that a part's mesh misses, and its effect in a run."""
 
 import json
 
@@ -69,7 +69,7 @@ def known(request):
 
 
 def test_what_a_mesh_misses_is_known_within_two(known):
-    """Told by the work of pressures, and in the displacement of the bore."""
+    """By the work of pressures, and in the displacement of the bore."""
     body, own, true = known
     estimated, true = (compliance_errors(found, own) for found in (missing_in(body), true))
     for name in PATTERNS:

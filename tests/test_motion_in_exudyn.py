@@ -186,9 +186,9 @@ class InExudyn:
 def test_rigid_mechanisms_move_as_in_exudyn(exudyn, make, figure):
     end, mechanism = 0.12, make()
     result = ehd.simulate(mechanism, end, tolerance=2e-8, order=3)
-    times, theirs = InExudyn(exudyn, mechanism).angles(end, 20000)
+    times, expected = InExudyn(exudyn, mechanism).angles(end, 20000)
     late = times > 1e-3
-    for name, turned in theirs.items():
+    for name, turned in expected.items():
         ours = result.bodies[name].coordinates[:, 2]
         spline = CubicHermiteSpline(result.time, ours, result.bodies[name].rates[:, 2])
         error = np.abs(spline(times[late]) - ours[0] - turned[late]).max()
@@ -264,7 +264,7 @@ class RodInExudyn:
 
 
 def deflections(body, result, times, coordinates):
-    """Of the pin in the rod's frame, ours and theirs, shape (times, 2) [m]."""
+    """Deflections of the pin in the rod's frame, here and in Exudyn, shape (times, 2) [m]."""
     pin = body.points["pin"][:2, 3:].T
     start = np.zeros((1, body.modes))
     ours, rates = (
@@ -293,8 +293,8 @@ def test_a_rod_that_is_spun_up_bends_as_in_exudyn(exudyn, body, file, figure):
     result = ehd.simulate(mechanism, END, tolerance=1e-8, order=3)
     rod = RodInExudyn(exudyn, file, body.modes)
     rod.lead(lambda time: [0.0, 0.0, 0.0, 0.0, 0.0, spinning(time)[0]], [1] * 6)
-    ours, theirs = deflections(body, result, *rod.coordinates(END, 8000))
-    worst = (np.abs(ours - theirs).max(axis=0) / np.abs(theirs).max(axis=0)).max()
+    ours, expected = deflections(body, result, *rod.coordinates(END, 8000))
+    worst = (np.abs(ours - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
     figure("machines", "rod spun up, deflection against Exudyn", worst, most=1e-5)
 
 
@@ -327,7 +327,7 @@ def test_an_elastic_rod_of_a_slider_crank_bends_as_in_exudyn(exudyn, body, file,
     )
     pin = len(body.bore_nodes) + list(body.points).index("pin")
     rod.add_piston(0.5, [CRANK + ROD, 0.0, 0.0], pin)
-    ours, theirs = deflections(body, result, *rod.coordinates(end, 8000))
-    worst = (np.abs(ours - theirs).max(axis=0) / np.abs(theirs).max(axis=0)).max()
+    ours, expected = deflections(body, result, *rod.coordinates(end, 8000))
+    worst = (np.abs(ours - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
     name = "elastic rod of a slider-crank, deflection against Exudyn"
     figure("mechanisms", name, worst, most=1e-4)

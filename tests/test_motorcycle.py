@@ -41,10 +41,10 @@ def folder(tmp_path, monkeypatch):
 def test_motorcycle_runs_from_an_empty_folder(folder, capfd):
     # Rigid, the rod is off by more than what a run is complete with.
     quick = "--no-plots", "--no-error-budget"
-    status, told, errors = exit_of(capfd, "run", "motorcycle.toml", *quick, "-o", "answer")
+    status, message, errors = exit_of(capfd, "run", "motorcycle.toml", *quick, "-o", "answer")
     assert status == 0, errors
-    assert "whole run: no full cycle, from 0.000 to 0.667 ms" in told
-    assert re.search(r"thinnest of the run .* um  at .* deg of the bore, .* mm, crank", told)
+    assert "whole run: no full cycle, from 0.000 to 0.667 ms" in message
+    assert re.search(r"thinnest of the run .* um  at .* deg of the bore, .* mm, crank", message)
     history = read_history(folder / "answer", "big_end")
     assert list(history)[:2] == ["time_s", "crank_angle_deg"]
     assert history["crank_angle_deg"][-1] == pytest.approx(36.0)

@@ -28,7 +28,7 @@ def multiplier_of(mechanism, period, tolerance, periodicity=1e-4):
 
 @pytest.mark.slow
 def test_mass_on_a_spring_keeps_what_its_damper_leaves(figure):
-    """Beside a massless journal: all of a change is left that the film does not squeeze out."""
+    """With a massless journal: all of a change remains that the film does not squeeze out."""
     mass, stiffness, damping = 2.0, 2.0 * 60.0**2, 2 * 0.05 * 2.0 * 60.0
     load = ehd.RotatingForce("journal", 0.3 * UNIT_LOAD, OMEGA)
     spring = ehd.SpringDamper(("mass", "ground.wall"), stiffness, damping)

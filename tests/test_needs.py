@@ -112,7 +112,7 @@ def test_every_need_is_a_setting():
     assert {word for key in keys for word in key.split(".")} <= names
 
 
-#: What every shipped scene lists, without effect once another key of theirs is switched.
+#: Keys that every shipped scene lists, without effect once another of its keys is switched.
 SWITCHED = [
     (CRANK, ROUGH | {f"{FILM}.smallest_film": 0.1}, f"{FILM}.smallest_film = 0.1 has no effect"),
     (CRANK, {"time.periodicity": 1e-3}, "time.periodicity = 0.001 has no effect without"),

@@ -133,7 +133,7 @@ def test_a_load_that_turns_with_the_shaft_runs_the_table_backwards():
 class TwoBearings:
     """Free shaft with a disk in its middle, in two narrow bearings that are loaded alike.
 
-    The load acts at the journals: the shaft rests straight, whatever the disk's mass.
+    The load acts at the journals: the shaft rests straight, for any mass of the disk.
     """
 
     ratio = 0.3

@@ -117,7 +117,7 @@ def stages(oil, share, cells=(16, 3)):
 
 def test_a_step_that_fails_with_thick_oil_says_so():
     failure = ehd.errors.SolverError("no convergence")
-    for oil, told in ((OILS["Barus"], True), (OILS["Cross"], False)):
+    for oil, message in ((OILS["Barus"], True), (OILS["Cross"], False)):
         going, _ = stages(oil, 1.0)
         equations, former = going.equations, going.state.solver
         assert classify_failure(failure, equations, None) is failure
@@ -126,14 +126,14 @@ def test_a_step_that_fails_with_thick_oil_says_so():
         highest = equations.films[0].pressure(former.values[0][equations.film_indices[0]]).max()
         thick = replace(former, values=former.values * 155e6 / highest)
         named = classify_failure(failure, equations, thick)
-        assert isinstance(named, ehd.errors.ViscosityError) == told
-        if told:
+        assert isinstance(named, ehd.errors.ViscosityError) == message
+        if message:
             assert "the viscosity of the oil in bearing runs away" in str(named)
             assert "at 155 MPa it is 4.9e+02 times" in str(named)
         beyond = replace(former, values=former.values * 1e12 / highest)
         assert (
             isinstance(classify_failure(failure, equations, beyond), ehd.errors.ViscosityError)
-            == told
+            == message
         )
 
 

@@ -103,10 +103,10 @@ def test_edges_tell_the_faces_of_a_mesh(parts, name):
     faces = opened(parts / name, "mm").faces
     drawn = opened(parts / "rod.step", "mm").faces
     assert [face.kind for face in faces] == [face.kind for face in drawn]
-    for ours, theirs in zip(faces[:4], drawn[:4], strict=True):
+    for ours, expected in zip(faces[:4], drawn[:4], strict=True):
         # Nodes are rounded to 0.1 um.
-        assert ours.cylinder.radius == pytest.approx(theirs.cylinder.radius, abs=1e-7)
-        np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-7)
+        assert ours.cylinder.radius == pytest.approx(expected.cylinder.radius, abs=1e-7)
+        np.testing.assert_allclose(ours.centre, expected.centre, atol=1e-7)
 
 
 @pytest.mark.slow
@@ -204,11 +204,11 @@ def difference(ours, reference):
 
 
 def made(path, target):
-    """What `part` says of a file, whose model is then there."""
+    """Figures that `part` prints of a file, whose model is written."""
     call = ["part", str(path), "--unit", "mm", "--bore", "22.5mm", "--point", "12mm"]
-    told = CliRunner().invoke(cli, [*call, "-o", str(target), "--json"])
-    assert told.exit_code == 0, told.output
-    return json.loads(told.stdout)
+    reported = CliRunner().invoke(cli, [*call, "-o", str(target), "--json"])
+    assert reported.exit_code == 0, reported.output
+    return json.loads(reported.stdout)
 
 
 @pytest.mark.slow
@@ -306,7 +306,7 @@ def test_what_cannot_be_is_named(wrong_parts, arguments, message, monkeypatch):
 
 @pytest.fixture(scope="module")
 def wrong_parts(parts):
-    """Beside them what is none."""
+    """Not surfaces: what is next to them."""
     one = meshio.read(parts / "turned.msh")
     other = meshio.Mesh(
         np.vstack([one.points, one.points + 1e3]),
@@ -327,7 +327,7 @@ def test_mesh_error_is_not_told_from_the_same_mesh(parts, tmp_path):
     done = CliRunner().invoke(cli, [*asked, "-o", str(target), "--json"], catch_exceptions=False)
     stated = json.loads(done.stdout)["flexibility_mesh_error"]
     assert stated > 1e-3
-    # A scene that takes the model knows it, whatever its material; Gmsh skips what says so.
+    # A scene that takes the model knows it, for any material; Gmsh skips the entry.
     rod = ehd.read_scene("slider-crank-paper").bodies["rod"]
     soft = attrs.evolve(rod.material, youngs_modulus=70e9)
     method = attrs.evolve(rod.reduction, method="m1", modes=8)

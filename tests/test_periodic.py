@@ -131,9 +131,9 @@ def test_films_that_repeat_every_few_cycles_are_named(cycles):
     whirl[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     run = AffineRun(whirl)
     run.state = run.at(0.0, np.array([0.4, 0.0, 0.0, 0.0]))
-    told = f"repeat every {cycles} cycles of 1 s .*: make .* time.period {cycles} times as long"
+    message = f"repeat every {cycles} cycles of 1 s .*: make .* time.period {cycles} times as long"
     search = PeriodicSolver(run, 1.0, 1e-4, 20)
-    with pytest.raises(ehd.errors.PeriodicityError, match=told):
+    with pytest.raises(ehd.errors.PeriodicityError, match=message):
         list(search)
     assert search.number <= 2 * cycles
 
@@ -158,7 +158,7 @@ def over_angle(degrees):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         ({"gas": over_angle(720.0)}, r"forces\.gas repeats 0\.5 times .* 2 times as long"),
         (
@@ -173,13 +173,13 @@ def over_angle(degrees):
     ],
     ids=["over two turns", "faster", "beating", "whole numbers"],
 )
-def test_loads_of_another_period_than_the_cycle_are_refused_at_once(change, told):
+def test_loads_of_another_period_than_the_cycle_are_refused_at_once(change, message):
     mechanism = rotor(5.0, 60.0)
     mechanism = replace(mechanism, forces={**mechanism.forces, **change})
-    if told is None:
+    if message is None:
         check_period(mechanism, 2 * np.pi / 300, 1e-4)
         return
-    with pytest.raises(ehd.errors.SettingsError, match=told):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
         ehd.simulate(mechanism, period=2 * np.pi / 300)
 
 

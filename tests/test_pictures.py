@@ -86,9 +86,9 @@ def test_a_curve_is_its_column_over_the_crank_angle(quantity, column, factor):
     worst = values.argmax() if quantity == "max_pressure" else values.argmin()
     (mark,) = (line for line in axes.lines if line.get_marker() == "o")
     assert mark.get_xydata().tolist() == [[TURN[worst], values[worst]]]
-    told = axes.get_legend().get_texts()[0].get_text()
-    assert f"{values[worst]:.4g}" in told
-    assert f"at {TURN[worst]:.0f}°" in told
+    message = axes.get_legend().get_texts()[0].get_text()
+    assert f"{values[worst]:.4g}" in message
+    assert f"at {TURN[worst]:.0f}°" in message
     assert axes.get_ylim()[0] == 0.0
 
 
@@ -181,8 +181,12 @@ def test_a_difference_keeps_the_order_of_columns_and_tells_what_is_known():
     }
     twice = {name: 2.0 * values for name, values in errors.items()}
     axes = drawn("error_budget", joint(**errors), joint(**twice), difference=True)
-    told = [line.get_label() for line in curves(axes[-1])]
-    assert told == ["step size: 0.1 % at 360°", "film mesh: 0.3 % at 360°", "start: 0.01 % at 360°"]
+    message = [line.get_label() for line in curves(axes[-1])]
+    assert message == [
+        "step size: 0.1 % at 360°",
+        "film mesh: 0.3 % at 360°",
+        "start: 0.01 % at 360°",
+    ]
 
 
 def test_a_difference_of_vectors_is_that_of_components():
@@ -279,10 +283,10 @@ def test_the_basis_error_is_drawn_where_it_is_known():
 
 def test_the_command_and_its_page_name_every_quantity(capsys):
     assert plot("--help") == 0
-    told = capsys.readouterr().out
+    message = capsys.readouterr().out
     page = (Path(__file__).parents[1] / "docs" / "pictures.md").read_text()
     for name in QUANTITIES:
-        assert name in told
+        assert name in message
         assert f"`{name}`" in page
 
 
@@ -300,8 +304,8 @@ def shown_run(monkeypatch, time, angle, cycle=None, **summary):
         start = [time[cycle < n].max(initial=time[0] if n > 1 else 0.0) for n in cycle]
         values |= {"run/cycle": cycle, "run/cycle_time": time - start}
     found = {path: Quantity(np.asarray(v, float), units[path]) for path, v in values.items()}
-    told = {"joint": "a", **summary} if summary else {}
-    result = ehd.History(found, ("joints/a/eccentricity_x",), ("m",), told)
+    message = {"joint": "a", **summary} if summary else {}
+    result = ehd.History(found, ("joints/a/eccentricity_x",), ("m",), message)
     monkeypatch.setattr(shown, "load_history", lambda _: result)
     run = ShownRun("", "folder")
     return run, run.joints["a"].columns
@@ -311,7 +315,7 @@ WHOLE, FIRST = "whole run: no full cycle", "first cycle: films build up"
 
 
 @pytest.mark.parametrize(
-    ("time", "angle", "cycle", "summary", "shown", "told"),
+    ("time", "angle", "cycle", "summary", "shown", "message"),
     [
         # Periodic: as it is recorded.
         ([2.0, 2.5, 4.0], [40.0, 200.0, 760.0], [2, 2, 2],
@@ -346,7 +350,7 @@ WHOLE, FIRST = "whole run: no full cycle", "first cycle: films build up"
     ids=["periodic", "search", "killed", "first cycle", "full cycle", "two turns",
          "backwards", "no full cycle"],
 )  # fmt: skip
-def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monkeypatch):
+def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, message, monkeypatch):
     cycle = None if cycle is None else np.array(cycle)
     run, columns = shown_run(monkeypatch, np.array(time), np.array(angle), cycle, **summary)
     clock, pressure, turned = (list(values) for values in zip(*shown, strict=True))
@@ -356,11 +360,11 @@ def test_the_cycle_that_is_shown(time, angle, cycle, summary, shown, told, monke
         assert "crank_angle_deg" not in columns
     else:
         assert columns["crank_angle_deg"].tolist() == turned
-    assert run.label == told
-    # Films build up over a first cycle, which the axis says.
-    assert run.starts == bool(told)
+    assert run.label == message
+    # Films build up over a first cycle: the axis names it.
+    assert run.starts == bool(message)
     (axes,) = drawn("max_pressure", run.joints["a"])
-    assert axes.get_xlabel().endswith(f", {told}" if told else "]")
+    assert axes.get_xlabel().endswith(f", {message}" if message else "]")
 
 
 @pytest.fixture(scope="module")
@@ -389,7 +393,7 @@ def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--quantity", "friction"], "--quantity friction: no such quantity in"),
         (["--quantity", "speed"], "there is max_pressure, min_film_thickness, orbit, force"),
@@ -398,10 +402,12 @@ def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):
         (["--difference"], "--difference: that of 2 runs"),
     ],
 )
-def test_what_is_not_there_is_named_with_what_there_is(arguments, told, bearings, tmp_path, capsys):
+def test_what_is_not_there_is_named_with_what_there_is(
+    arguments, message, bearings, tmp_path, capsys
+):
     assert plot(bearings.directory, *arguments, "-o", tmp_path / "none") == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert told in line
+    assert message in line
     assert not (tmp_path / "none").exists()
 
 
@@ -463,8 +469,8 @@ def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, c
     values = {moved(path): own for path, own in history.values.items()}
     replace(history, values=values).save(other)
     assert plot(bearings.directory, other, "--difference", "-o", tmp_path / "none") == 2
-    told = capsys.readouterr().err
-    assert "left, right of the first and leftmost, rightmost of the second" in told
+    message = capsys.readouterr().err
+    assert "left, right of the first and leftmost, rightmost of the second" in message
 
 
 def test_a_run_leaves_what_needs_only_its_history_and_a_later_one_takes_it(bearings, monkeypatch):

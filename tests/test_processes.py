@@ -94,7 +94,7 @@ def in_session(session):
 
 
 def limited(arguments, folder, limits=(), **variables):
-    """Status and output of a command under limits of resources; nothing of it goes on after it."""
+    """Status and output of a command under limits of resources; no process survives it."""
 
     def set_limits():
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))

@@ -68,7 +68,7 @@ def test_what_would_be_left_out_in_python_is_refused():
 
     driven = replace(mechanism, drives={"crank": ehd.Torque("crank", torque=1.0)})
     fed = ehd.HoleSupply(diameter=5e-3, name="oil", table="pressure.csv")
-    for make, told in (
+    for make, message in (
         (lambda: ehd.Shape(barrel=3e-6), r"barrel = 3e-06 m, taper = 0 m need half_width"),
         (lambda: ehd.Shape(table="shape.csv"), r"table = 'shape\.csv' is read with a scene"),
         (lambda: film(feeds=(fed,)), r"oil: table = 'pressure\.csv' is read with a scene"),
@@ -81,7 +81,7 @@ def test_what_would_be_left_out_in_python_is_refused():
         (lambda: ehd.simulate(mechanism, 1e-3, order=4), "order = 4 must be a whole number, at le"),
         (lambda: ehd.simulate(mechanism, 1e-3, tolerance=0.0), "tolerance = 0.0 must be above 0"),
     ):
-        with pytest.raises(ehd.errors.SettingsError, match=told):
+        with pytest.raises(ehd.errors.SettingsError, match=message):
             make()
 
 

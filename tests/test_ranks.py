@@ -84,9 +84,9 @@ def test_ranks_that_are_given_different_commands(folder):
     one, other = (" ".join(f"'{lines[rank]}'" for lines in DIFFERENT) for rank in (0, 1))
     python = f"cd $RANK; exec {sys.executable} ../commands.py"
     line = f"if test $RANK = 0; then {python} {one}; else {python} {other}; fi"
-    status, said, errors = two_ranks(line, folder)
+    status, reported, errors = two_ranks(line, folder)
     assert status == 0, errors
-    assert said == [ALIKE.format(what) for *_, what in DIFFERENT], errors
+    assert reported == [ALIKE.format(what) for *_, what in DIFFERENT], errors
     assert not list(folder.glob("?/out"))
 
 
@@ -96,9 +96,9 @@ def test_a_rank_with_another_command_ends_all_with_one_line(other, folder):
     # By rank: of two programs with ":" between them, mpirun of Open MPI 5.0.7 itself crashes.
     one, another = (f"{COMMAND} {arguments}" for arguments in ("reduce conrod -o x.h5", other))
     line = f"if test $RANK = 0; then {one}; else {another}; fi"
-    status, said, errors = two_ranks(line, folder)
+    status, reported, errors = two_ranks(line, folder)
     assert status == 2, errors
-    assert said == [ALIKE.format(ARGUMENTS)], errors
+    assert reported == [ALIKE.format(ARGUMENTS)], errors
     assert not (folder / "x.h5").exists()
 
 
@@ -138,11 +138,11 @@ NO_SCENE = "SettingsError: scene file scene0.toml: No such file or directory (ra
     ],
 )
 def test_what_one_rank_or_all_cannot_do(line, expected, messages, folder):
-    status, said, errors = two_ranks(line, folder)
+    status, reported, errors = two_ranks(line, folder)
     assert status == expected, errors
-    assert len(said) == 1, errors
+    assert len(reported) == 1, errors
     for message in messages:
-        assert message in said[0]
+        assert message in reported[0]
 
 
 @pytest.mark.slow
@@ -154,10 +154,10 @@ def test_what_one_rank_or_all_cannot_do(line, expected, messages, folder):
     ],
 )
 def test_error_of_all_ranks_is_said_once_and_aborts_nothing(arguments, expected, message, folder):
-    status, said, errors = two_ranks(f"{COMMAND} {arguments}", folder)
+    status, reported, errors = two_ranks(f"{COMMAND} {arguments}", folder)
     assert status == expected, errors
-    assert len(said) == 1, errors
-    assert said[0].endswith(message)
+    assert len(reported) == 1, errors
+    assert reported[0].endswith(message)
     assert "MPI_ABORT" not in errors
 
 
@@ -166,13 +166,13 @@ def test_error_of_the_rank_that_works_alone(folder):
     """The other one has done its share of the reduction, and waits at its end."""
     thin = {"joints.big_end.smallest_film": 0.99}
     write_scene(folder / "thin.toml", "slider-crank-paper", SHORT, thin)
-    status, said, errors = two_ranks(f"{COMMAND} run thin.toml --no-plots -o out", folder)
+    status, reported, errors = two_ranks(f"{COMMAND} run thin.toml --no-plots -o out", folder)
     assert status == 1, errors
-    assert len(said) == 1, errors
-    assert said[0].startswith("fenics-ehd: FilmTooThinError: ")
+    assert len(reported) == 1, errors
+    assert reported[0].startswith("fenics-ehd: FilmTooThinError: ")
     assert "MPI_ABORT" not in errors
-    status, said, errors = two_ranks(RUN, folder)
-    assert (status, said) == (0, []), errors
+    status, reported, errors = two_ranks(RUN, folder)
+    assert (status, reported) == (0, []), errors
 
 
 @pytest.mark.slow

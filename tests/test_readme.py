@@ -1,4 +1,4 @@
-"""Every command and snippet of README, tutorial and scene guide does what the text says.
+"""Every command and snippet of README, tutorial and scene guide does what the text describes.
 
 A section runs in the folder that its document's earlier sections left behind, as a reader would.
 """

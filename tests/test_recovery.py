@@ -182,15 +182,15 @@ def test_rank_count_does_not_change_the_fields(structure, request, tmp_path):
     alone = structure_of("slider-crank-paper", "rod", MPI.COMM_SELF, changes)
     save_basis(folder / "alone.h5", alone, waves(alone.coordinates))
     q = np.random.default_rng(7).normal(size=7)
-    with BasisFile(folder / "shared.h5") as ours, BasisFile(folder / "alone.h5") as theirs:
+    with BasisFile(folder / "shared.h5") as ours, BasisFile(folder / "alone.h5") as expected:
         for points, values in (("nodes", "displacement"), ("stress_points", "stress")):
-            tree = cKDTree(getattr(theirs, points))
+            tree = cKDTree(getattr(expected, points))
             distance, match = tree.query(getattr(ours, points))
             assert distance.max() < 1e-12
             assert np.array_equal(np.sort(match), np.arange(tree.n))
-            there = getattr(theirs, values)(q)[match]
+            there = getattr(expected, values)(q)[match]
             assert np.abs(getattr(ours, values)(q) - there).max() < 1e-10 * np.abs(there).max()
-        centres = [np.sort(f.nodes[f.cells].mean(axis=1), axis=0) for f in (ours, theirs)]
+        centres = [np.sort(f.nodes[f.cells].mean(axis=1), axis=0) for f in (ours, expected)]
         np.testing.assert_allclose(*centres, atol=1e-12)
 
 

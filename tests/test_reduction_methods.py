@@ -275,10 +275,10 @@ def every_rank(columns):
     return np.vstack(WORLD.allgather(columns))
 
 
-def defect(ours, theirs, scale=None):
+def defect(ours, by_oracle, scale=None):
     """Largest difference relative to the largest entry."""
-    assert ours.shape == theirs.shape
-    return np.abs(ours - theirs).max() / np.abs(theirs if scale is None else scale).max()
+    assert ours.shape == by_oracle.shape
+    return np.abs(ours - by_oracle).max() / np.abs(by_oracle if scale is None else scale).max()
 
 
 def followed(reduced):
@@ -301,12 +301,12 @@ def test_reduction_agrees(name, method):
     """Flexibility, what is missing of it, frequencies, span and reduced matrices."""
     dense_rod, ours = part(name), body(name, method)
     basis, residual = reference(name, method)
-    theirs = oracle.basis_flexibility(dense_rod, basis) + residual
+    by_oracle = oracle.basis_flexibility(dense_rod, basis) + residual
     assert ours.modes == basis.shape[1]
-    assert defect(followed(ours), theirs) < TOLERANCE
-    assert defect(ours.basis_flexibility(), dense_rod.outward(theirs)) < TOLERANCE
+    assert defect(followed(ours), by_oracle) < TOLERANCE
+    assert defect(ours.basis_flexibility(), dense_rod.outward(by_oracle)) < TOLERANCE
     whole = dense_rod.full_flexibility
-    missing = dense_rod.outward(whole - theirs)
+    missing = dense_rod.outward(whole - by_oracle)
     assert defect(ours.missing_flexibility, missing, dense_rod.outward(whole)) < TOLERANCE
     expected = oracle.pencil(dense_rod, basis)
     np.testing.assert_allclose(elastic_frequencies(ours), expected, rtol=TOLERANCE)
@@ -358,9 +358,9 @@ def test_inertia_integrals_agree(name, method):
     assert defect(ours.rigid_mass, motions.T @ dense_rod.mass @ motions) < TOLERANCE
     assert defect(ours.rigid_load, motions.T @ dense_rod.load) < TOLERANCE
     scale = np.sqrt(np.diag(ours.rigid_mass))[:, None]
-    theirs = motions.T @ dense_rod.mass @ answers / scale
+    by_oracle = motions.T @ dense_rod.mass @ answers / scale
     size = np.sqrt(np.einsum("ij,ij->j", answers, dense_rod.mass @ answers).max())
-    assert np.abs(ours.rigid_coupling @ mine / scale - theirs).max() < TOLERANCE * size
+    assert np.abs(ours.rigid_coupling @ mine / scale - by_oracle).max() < TOLERANCE * size
     for point, columns in dense_rod.points.items():
         found = ours.points[point] @ weights
         assert defect(found[:, :3], columns.T @ moved) < TOLERANCE
@@ -449,7 +449,7 @@ def missed(reduced, pressures):
     ("asked", "kept"), [(1, 20), (14, 20), (20, 20), (21, 40), (40, 40)], ids=str
 )
 def test_equal_singular_values_are_kept_whole(asked, kept):
-    """Whatever basis of their space the linear algebra library finds."""
+    """For any basis of their space that the linear algebra library finds."""
     pressures = PRESSURE_SETS["pc2"](structure("free").bore)
     turned = pressures @ np.linalg.qr(np.random.default_rng(0).standard_normal((40, 40)))[0]
     ours, other = (
@@ -997,10 +997,10 @@ def test_extreme_shapes_agree_as_well(geometry):
         tolerance = 1e-7 if method == "m4" and cells == "hex" else TOLERANCE
         ours = METHODS[method][0](given_one, dense_rod)
         basis, residual = METHODS[method][1](dense_rod)
-        theirs = oracle.basis_flexibility(dense_rod, basis)
+        by_oracle = oracle.basis_flexibility(dense_rod, basis)
         if residual is not None:
-            theirs = theirs + residual[dense_rod.bore_dofs]
-        assert defect(followed(ours), theirs) < tolerance
+            by_oracle = by_oracle + residual[dense_rod.bore_dofs]
+        assert defect(followed(ours), by_oracle) < tolerance
         found = elastic_frequencies(ours)
         np.testing.assert_allclose(found, oracle.pencil(dense_rod, basis), rtol=tolerance)
 

@@ -55,7 +55,7 @@ COMMANDS = [
     ("run absent.toml", "absent.toml: No such file"),
     ("run slider-crank --body text.h5", "text.h5"),
     ("run slider-crank --body other.h5", "not a fenics_ehd reduced body"),
-    ("run slider-crank --body nobody.h5", "body file nobody.h5: no such file"),
+    ("run slider-crank --body missing.h5", "body file missing.h5: no such file"),
     ("run slider-crank --body a.h5 --method m3", "--body"),
     ("run --resume nosuch", "nosuch: no checkpoint to go on from, no such folder"),
     ("run --resume junk", "junk: no checkpoint to go on from, it has no history.h5"),
@@ -200,7 +200,7 @@ def test_scene_that_cannot_run(
     line = errors.splitlines()[-1]
     assert line.startswith("fenics-ehd: ")
     assert message in line
-    # Of what Gmsh says, nothing.
+    # No output of Gmsh.
     assert "Model dimension" not in line
     assert "Input files" not in line
 
@@ -260,7 +260,9 @@ def test_numbers_in_another_unit_perhaps_are_named_and_kept(scene, tmp_path, cap
 @pytest.mark.parametrize("what", ["body of the scene", "body of an option", "table"])
 def test_a_pipe_is_not_waited_for(what, tmp_path, scene, capfd):
     changes = {"body of the scene": ROD_OF_A_FILE, "table": TABLES["forces.gas.file"]}.get(what, {})
-    name, told = ("table.csv", "pipe or device") if what == "table" else ("rod.h5", "not a regular")
+    name, reported = (
+        ("table.csv", "pipe or device") if what == "table" else ("rod.h5", "not a regular")
+    )
     os.mkfifo(tmp_path / name)
     more = ("--body", tmp_path / name) if what == "body of an option" else ()
-    assert told in refused(capfd, "run", scene(changes), *more, "-o", tmp_path / "out")
+    assert reported in refused(capfd, "run", scene(changes), *more, "-o", tmp_path / "out")

@@ -156,7 +156,7 @@ def test_pages_tell_the_same(folder):
         assert words in markdown
     assert "some &lt;processor&gt;" in page
     rows = [line for line in markdown.splitlines() if line.startswith("|")]
-    # As many cells as the table has columns, whatever a status says.
+    # As many cells as the table has columns, for any status.
     failed = next(line for line in rows if "given up" in line)
     heads = next(line for line in rows if line.startswith("| run |"))
     assert len(re.findall(r"(?<!\\)\|", failed)) == heads.count("|")
@@ -240,7 +240,7 @@ def test_nothing_is_drawn_below_the_reference_s_own_error(folder):
         ]  # fmt: skip
         figures.plt.close(figure)
     floors = [100 * min(r.floor(q) for r in joints[0].measured("methods")) for q in CURVES]
-    # M4 lies below and is drawn at the floor itself, by a sign that says so.
+    # M4 lies below and is drawn at the floor itself, by a sign of its own.
     np.testing.assert_allclose(lowest["time"], floors)
     assert [figures.BOUND in seen for seen in signs["time"]] == [True, True]
     assert not any(figures.BOUND in seen for seen in signs["mesh"])
@@ -278,8 +278,8 @@ def test_a_study_that_has_hardly_begun_is_reported(tmp_path, capfd):
 
 
 #: What every study tells.
-TOLD = {"scene": "x", "joints": ["a"], "runs": 1, "start": 0.0}
-STUDY = {"study.json": json.dumps(TOLD)}
+TABLE = {"scene": "x", "joints": ["a"], "runs": 1, "start": 0.0}
+STUDY = {"study.json": json.dumps(TABLE)}
 
 
 @pytest.mark.parametrize(
@@ -312,8 +312,8 @@ def test_what_is_known_of_the_reference_s_own_errors_is_told_for_every_joint(tmp
                        "b": {"pressure_max": 0.04, "film_max": 0.05}}}  # fmt: skip
     study = write_study(tmp_path, [m4()], ("a", "b"), reference={"film": film})
     assert [joint.own_error("film", FILM) for joint in study.joints] == [0.03, 0.05]
-    told = "b: the film mesh, which all methods have in common, adds 4 % and 5 %"
-    assert told in words(study)
+    message = "b: the film mesh, which all methods have in common, adds 4 % and 5 %"
+    assert message in words(study)
 
 
 def test_the_true_gap_of_the_reference_bounds_what_a_run_can_be_seen_to_have(tmp_path):

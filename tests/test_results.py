@@ -56,7 +56,7 @@ def test_memory_and_disk_are_one_object(both):
         }  # fmt: skip
     assert memory.figures.keys() == disk.figures.keys() == memory.joints.keys()
     assert disk.summary()["newton_iterations"] == memory.summary()["newton_iterations"] > len(disk)
-    # The CSV says the same with ten digits.
+    # The CSV has the same with ten digits.
     for name, values in read_history(folder).items():
         np.testing.assert_allclose(disk.columns[name], values, rtol=1e-9, atol=1e-300)
 
@@ -66,9 +66,9 @@ def test_films_have_pressure_and_gap_at_their_nodes(both):
     for name, joint in disk.joints.items():
         found, exact = joint.film, memory.joints[name].film
         for field in ("pressure", "gap", "angle", "height", "cells"):
-            ours, theirs = getattr(found, field), getattr(exact, field)
-            np.testing.assert_allclose(ours, theirs, rtol=1e-7)
-            assert ours.units == theirs.units
+            ours, reference = getattr(found, field), getattr(exact, field)
+            np.testing.assert_allclose(ours, reference, rtol=1e-7)
+            assert ours.units == reference.units
         assert (found.pressure.units, found.gap.units) == ("Pa", "m")
         rows = FilmRows.of(found.angle, found.height)
         peaks, films = rows.film_extremes(found.pressure, found.gap)
@@ -212,8 +212,8 @@ def test_tables_of_pandas_and_xarray_where_they_are(both, monkeypatch):
     assert "kinetic_energy_J" in columns
     found = memory.to_xarray()
     assert set(found) == set(memory.names)
-    over, values, told = found["step"]
-    assert (over, told) == ("time", {"units": "s"})
+    over, values, message = found["step"]
+    assert (over, message) == ("time", {"units": "s"})
     np.testing.assert_array_equal(values, memory["step"])
     np.testing.assert_array_equal(found["time"][1], memory.time)
 

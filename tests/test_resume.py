@@ -113,15 +113,15 @@ def test_a_run_that_a_signal_ends_goes_on_to_the_same_result(how, prepared):
     folder = prepared / how.name
     process = start(command(prepared, folder.name, 1000), stderr=subprocess.PIPE, text=True)
     assert stop_after(process, folder, 20, how) == 130
-    told = process.stderr.read()
-    assert "Traceback" not in told
-    assert "PETSC" not in told
-    assert told.splitlines()[-1] == "fenics-ehd: interrupted"
+    message = process.stderr.read()
+    assert "Traceback" not in message
+    assert "PETSC" not in message
+    assert message.splitlines()[-1] == "fenics-ehd: interrupted"
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["status"] == "interrupted"
-    # Its last step, whatever the interval.
+    # Its last step, for any interval.
     assert steps_of(folder) == len(read_history(folder)["time_s"]) == summary["steps"]
-    # What was made of the run as it was goes, what is nobody's stays.
+    # Files made from the former run are removed, unknown files stay.
     names = ("max_pressure-big_end.png", "animation.gif", "stress.json")
     made = [folder / name for name in names]
     claim(folder, names)

@@ -149,7 +149,7 @@ def test_nothing_is_done_through_links(link, listing, tmp_path):
         target.write_text(f"{HEADER}\nhistory.h5\n")
     (out / link).parent.mkdir(parents=True)
     if link == "replacement/vtk":
-        write_run(out / "replacement", "theirs", "complete")
+        write_run(out / "replacement", "other", "complete")
     (out / link).symlink_to(target)
     if listing:
         for folder in {out, out / "replacement", elsewhere}:
@@ -215,7 +215,7 @@ def state_of(folder):
 @pytest.mark.parametrize("former", ["nothing", "complete", "interrupted"])
 @pytest.mark.parametrize("status", ["complete", "interrupted"])
 def test_killed_while_files_are_exchanged(former, status, tmp_path):
-    """Whatever was done by then, the next one finds a run to go on with or whole results."""
+    """At any moment, the next one finds a run to resume or complete results."""
     step = 0
     while exchange_until(tmp_path / str(step), former, status, step) == step:
         step += 1

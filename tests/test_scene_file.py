@@ -163,7 +163,7 @@ def test_the_translated_loaded_journal_gives_the_golden_orbit():
     assert found["film"] < 0.005
 
 
-# --- What a scene stands for
+# --- The meaning of a scene
 
 
 def test_bodies_of_every_kind(reduced_at_once):
@@ -464,7 +464,7 @@ ENDS = {f"bodies.shaft.points.{name}": [0.0, 0.0] for name in ("left", "right", 
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "text"),
     [
         (
             {"forces.more": {"kind": "gravity"}},
@@ -474,9 +474,9 @@ ENDS = {f"bodies.shaft.points.{name}": [0.0, 0.0] for name in ("left", "right", 
         ({"bodies.shaft": {"kind": "massless"}} | ENDS, "none has a mass, so that gravity"),
     ],
 )
-def test_what_a_scene_hardly_means_is_a_notice(changes, told):
+def test_what_a_scene_hardly_means_is_a_notice(changes, text):
     scene = scene_of(tables_of(ROTOR, changes), "case")
-    assert re.search(told, scene.warnings[0])
+    assert re.search(text, scene.warnings[0])
 
 
 # --- Several bores

@@ -165,6 +165,6 @@ def test_the_command_takes_shapes(tmp_path, capfd):
     assert found["oval"] == pytest.approx(found["table"], rel=1e-4)
     assert len({round(value, 9) for value in found.values()}) == 3
     for option in ("--ovality", "--taper"):
-        status, _, told = exit_of(capfd, "bearing", "--load", 8, option, 2e-5)
+        status, _, reported = exit_of(capfd, "bearing", "--load", 8, option, 2e-5)
         assert status == 2
-        assert "the gap" in told
+        assert "the gap" in reported

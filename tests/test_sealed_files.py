@@ -289,8 +289,8 @@ def test_a_part_that_the_disk_has_no_room_for_is_named(tmp_path):
         capture_output=True, text=True, timeout=120, cwd=os.path.dirname(__file__),
     )  # fmt: skip
     assert found.returncode == 0, found.stderr
-    told = found.stdout.splitlines()
-    for kind, line in zip(("part", "basis"), told, strict=True):
+    reported = found.stdout.splitlines()
+    for kind, line in zip(("part", "basis"), reported, strict=True):
         assert str(tmp_path / kind) in line
         assert "File too large" in line
     assert not list(tmp_path.iterdir())

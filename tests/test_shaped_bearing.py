@@ -35,7 +35,7 @@ class Lemon:
 #: oil-lubricated journal bearings" (ASME 1978), elliptical bearing, L/D = 1, preload 0.5, arcs of
 #: 160 degrees, load on the middle of one: S, e over the arcs' clearance, attitude, stiffness and
 #: damping. Read as quoted in github.com/petrobras/ross, ross/tests/test_fluid_film_literature.py,
-#: which says of the attitude in the second row that it lies off its neighbours' trend.
+#: which notes that the attitude in the second row lies off its neighbours' trend.
 LUND_THOMSEN = (
     (0.211, 0.260, 87.79, 6.65, 4.36, -3.21, 0.86, 13.09, -2.23, 3.70),
     (0.161, 0.304, 83.29, 5.63, 3.84, -2.32, 1.01, 10.75, -1.02, 3.07),

@@ -127,7 +127,7 @@ def absolute_motion(joint, times, tolerance=1e-10):
 def differences(joint, body, revolutions, tolerances):
     """Largest difference of eccentricity and film thickness from absolute coordinates, over c."""
     runs = [run(make_mechanism(body, joint), revolutions, tolerance) for tolerance in tolerances]
-    # Compared at the steps of the runs themselves: nothing of theirs is interpolated.
+    # Compared at the steps of the runs themselves: none of their values is interpolated.
     times = np.unique(np.concatenate([result.time for result in runs]))
     eccentricity, thickness = absolute_motion(joint, times)
     found = []

@@ -1,4 +1,4 @@
-"""Stored files that were changed and sealed again: whatever a value is, it is refused by its name.
+"""Stored files that were changed and sealed again: any value is refused by its name.
 
 Every value of every stored class gets another shape, another type, a row less, is left out, or
 holds NaN; nothing but a named error may come of it.
@@ -233,7 +233,7 @@ def outcome(kind, path):
 
 
 def harmless(kind, name, how):
-    """True of what nobody can know to be wrong, or what may be so."""
+    """True of values that cannot be known to be wrong, or that are allowed."""
     if how == "missing":
         return any(word in name for word in OPTIONAL)
     if how == "not a number":

@@ -40,7 +40,7 @@ SHORT = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A run; its model is beside it."""
+    """A run; its model is in the same folder."""
     place = tmp_path_factory.mktemp("stress")
     shutil.copy(ehd.model_path("conrod"), place / "rod.geo")
     model = {"bodies.rod.model": str(place / "rod.geo")}

@@ -1,4 +1,4 @@
-"""Stresses of a run's rod beside static solutions of the whole rod under the loads of the run."""
+"""Stresses of a run's rod against static solutions of the whole rod under the loads of the run."""
 
 from functools import cache, partial
 
@@ -48,7 +48,7 @@ def rod_of(kind):
 
 
 def machine(body, **parameters):
-    """The paper's with the film on the bore's own cells, or beside tetrahedra on its own."""
+    """The paper's with the film on the bore's own cells, or on its own with tetrahedra."""
     if body.bore.pressure_family == "triangle":
         own = film(22.5e-3, 22e-3, 17e-6, 0.01, (20, 2))
     else:

@@ -83,7 +83,7 @@ def test_nothing_is_judged_by_itself(scene, quick):
         name: {body.settings.reduction for body in case.bodies.values()}
         for name, case in study.cases.items()
     }
-    # Every part of a scene is reduced alike, whatever the scene says.
+    # Every part of a scene is reduced alike, for any keys of the scene.
     methods = {row.run: {r.method for r in reductions[row.run]} for row in study.rows}
     assert all(len(found) == 1 for found in methods.values())
     assert set.union(*methods.values()) >= {"m1", "m2", "m3", "m4", "full"}
@@ -111,12 +111,12 @@ def test_rows_hold_the_figures_of_their_runs(studied):
             continue
         folder = directory / "runs" / row["run"]
         summary = json.loads((folder / "summary.json").read_text())
-        for ours, theirs in (
+        for ours, expected in (
             ("steps", "steps"),
             ("newton_iterations", "newton_iterations"),
             ("online_s", "processor_time_s"),
         ):
-            assert row[ours] == summary[theirs]
+            assert row[ours] == summary[expected]
         assert {"method": row["method"], "modes": row["coordinates"]} == summary["bodies"]["rod"]
         result = ehd.load_results(folder, films=False)
         counted = result.joints["big_end"].basis_error_estimate[result.time >= study.start]
@@ -598,8 +598,8 @@ def test_command_prints_its_table_and_ends_with_an_error_if_nothing_can_be_compa
     assert status == 1
     assert "nothing was compared: failed: FilmTooThinError: the film of big_end" in errors
     assert "case/s" in errors or "s/case" in errors
-    heads, *lines, told = output.splitlines()
+    heads, *lines, message = output.splitlines()
     assert heads.split()[:3] == ["group", "run", "modes"]
-    assert told.startswith(f"rows in {tmp_path / 'out' / 'table.csv'}")
+    assert message.startswith(f"rows in {tmp_path / 'out' / 'table.csv'}")
     assert len(lines) == len(read_table(tmp_path / "out"))
     assert all("failed:" in line for line in lines)

@@ -122,10 +122,10 @@ def test_a_supply_of_another_period_than_the_cycle_is_refused_before_anything_is
     hole = {"kind": "hole", "diameter": 4e-3, "table": str(table)}
     scene = scene_of(tables_of("slider-crank", {"joints.big_end.supply.inlet": hole}), "case")
     begun = []
-    told = (
+    text = (
         r"^joints\.big_end\.supply\.inlet repeats 0\.628318\d* times in the cycle of 0\.0125664 s"
     )
-    with pytest.raises(ehd.errors.SettingsError, match=told):
+    with pytest.raises(ehd.errors.SettingsError, match=text):
         ehd.build(scene, announce=begun.extend)
     assert not begun
 

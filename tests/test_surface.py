@@ -1,6 +1,5 @@
 """Surfaces of a film: a lopsided compliance at rest in the bore and turning with the journal."""
 
-
 import numpy as np
 import pytest
 from film_cases import oval

@@ -100,8 +100,8 @@ def test_row_is_that_of_a_run_on_its_own(swept, tmp_path, capfd):
     figures |= {f"big_end.{name}": only_joint(summary)[name] for name in JOINT_FIGURES}
     for name, value in figures.items():
         assert row[name] == ("" if value is None else json.dumps(value))
-    ours, theirs = (d / "history.csv" for d in (tmp_path / "out", swept / "runs" / "0001"))
-    assert ours.read_text() == theirs.read_text()
+    ours, reference = (d / "history.csv" for d in (tmp_path / "out", swept / "runs" / "0001"))
+    assert ours.read_text() == reference.read_text()
 
 
 @pytest.mark.parametrize("text", [LOADED_JOURNAL, ENGINE], ids=["loaded-journal", "engine"])

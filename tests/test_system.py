@@ -96,7 +96,7 @@ def test_every_derivative_is_exact(system, seed):
         ),
     }
     for name, (difference, derivative) in found.items():
-        # Row by row: forces on frames stand beside elastic ones that are 1e9 times as large.
+        # Row by row: forces on frames are next to elastic ones that are 1e9 times as large.
         largest = np.abs(difference).max(axis=1, keepdims=True)
         error = np.abs(derivative - difference) / np.maximum(largest, 1e-3)
         assert error.max() < 1e-7, name
@@ -220,7 +220,7 @@ def test_a_run_is_replayed_by_a_mechanism_of_other_constraints():
     driven = ehd.Mechanism(bodies, hinge, {"wheel": ehd.Speed(10.0)})
     history = ehd.simulate(driven, 1e-2, tolerance=1e-3)
     again = ehd.replay(history, ehd.Mechanism(bodies, hinge, {}, {"it": ehd.Torque("wheel")}))
-    assert again["wheel.angle"][-1] == pytest.approx(0.1, rel=1e-9)  # it goes on
+    assert again["wheel.angle"][-1] == pytest.approx(0.1, rel=1e-9)  # it continues
 
 
 @pytest.mark.parametrize("degrees", range(0, 360, 10))

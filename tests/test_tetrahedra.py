@@ -78,19 +78,19 @@ def test_frequencies_and_mass_are_those_of_the_hexahedral_rod(body, rod_body, fi
         most=5e-3,
         unit="%",
     )
-    ours, theirs = body.inertia, rod_body.inertia
-    assert ours.total_mass == pytest.approx(theirs.total_mass, rel=1e-4)
-    assert ours.centre_of_mass[0] == pytest.approx(theirs.centre_of_mass[0], rel=1e-4)
-    assert abs(ours.centre_of_mass[1]) < 1e-4 * theirs.centre_of_mass[0]
-    assert ours.polar_inertia == pytest.approx(theirs.polar_inertia, rel=1e-4)
+    ours, expected = body.inertia, rod_body.inertia
+    assert ours.total_mass == pytest.approx(expected.total_mass, rel=1e-4)
+    assert ours.centre_of_mass[0] == pytest.approx(expected.centre_of_mass[0], rel=1e-4)
+    assert abs(ours.centre_of_mass[1]) < 1e-4 * expected.centre_of_mass[0]
+    assert ours.polar_inertia == pytest.approx(expected.polar_inertia, rel=1e-4)
 
 
 def test_bore_yields_as_that_of_the_hexahedral_rod(structure, rod_structure, body, rod_body):
-    ours, theirs = surfaces(body), surfaces(rod_body)
-    x = intersection_points(ours[0], theirs[0], body.bore.radius, 8)
+    ours, expected = surfaces(body), surfaces(rod_body)
+    x = intersection_points(ours[0], expected[0], body.bore.radius, 8)
     normal = np.column_stack([np.cos(x.phi), np.sin(x.phi), np.zeros_like(x.phi)])
     outward, pressures = [], []
-    for part, (surface, mesh) in ((structure, ours), (rod_structure, theirs)):
+    for part, (surface, mesh) in ((structure, ours), (rod_structure, expected)):
         rows = bore_responses(part)
         at_points = interpolation_matrix(surface, x.phi, x.z) @ rows.reshape(len(rows), -1)
         outward.append(np.einsum("pc,pck->pk", normal, at_points.reshape(-1, 3, 4)))
@@ -106,13 +106,13 @@ def test_bore_yields_as_that_of_the_hexahedral_rod(structure, rod_structure, bod
 def test_rank_count_changes_neither_bore_nor_flexibility(structure):
     alone = rod_of_tetrahedra(MPI.COMM_SELF)
     for name in ("coordinates", "pressure_coordinates"):
-        ours, theirs = getattr(structure.bore, name), getattr(alone.bore, name)
-        np.testing.assert_allclose(ours, theirs, atol=1e-14)
+        ours, expected = getattr(structure.bore, name), getattr(alone.bore, name)
+        np.testing.assert_allclose(ours, expected, atol=1e-14)
     for name in ("cells", "pressure_cells"):
-        ours, theirs = (np.sort(getattr(s.bore, name), axis=1) for s in (structure, alone))
-        np.testing.assert_array_equal(ours, theirs)
-    ours, theirs = bore_responses(structure), bore_responses(alone)
-    assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
+        ours, expected = (np.sort(getattr(s.bore, name), axis=1) for s in (structure, alone))
+        np.testing.assert_array_equal(ours, expected)
+    ours, expected = bore_responses(structure), bore_responses(alone)
+    assert np.abs(ours - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 def test_bore_is_unstructured_and_its_edges_are_straight_when_unwrapped(structure, rod_structure):
@@ -214,9 +214,9 @@ def test_cells_that_gmsh_calls_inverted_are_refused(kind):
             gmsh.model.mesh.addNodes(3, 1, np.arange(1, len(x) + 1), points[order].ravel())
             gmsh.model.mesh.addElementsByType(1, number, [1], np.arange(1, len(x) + 1))
             places = gmsh.model.mesh.getIntegrationPoints(number, rule)[0]
-            theirs = gmsh.model.mesh.getJacobians(number, places)[1].min()
-        found.append((theirs <= 0, inside_out(solid)[0]))
+            expected = gmsh.model.mesh.getJacobians(number, places)[1].min()
+        found.append((expected <= 0, inside_out(solid)[0]))
     # Ours looks at the edges at corners as well.
-    assert all(ours for theirs, ours in found if theirs)
+    assert all(ours for expected, ours in found if expected)
     assert not found[0][1]
     assert {ours for _, ours in found[:20]} == {False, True}

@@ -117,9 +117,9 @@ def test_mortar_of_matching_meshes_is_the_identity(family):
 def test_any_film_tiles_the_bore(around, along, grading, start, family, triangular):
     structure = triangles(10, 3) if triangular else rectangles(9, 4, "serendipity")
     film = rectangles(around, along, family, grading=grading, start=start)
-    for ours, theirs in ((structure, film), (film, structure)):
-        mortar = Mortar(ours, theirs, RADIUS)
-        ones = mortar.to_structure(np.ones(len(theirs.nodes)))
+    for ours, expected in ((structure, film), (film, structure)):
+        mortar = Mortar(ours, expected, RADIUS)
+        ones = mortar.to_structure(np.ones(len(expected.nodes)))
         np.testing.assert_allclose(ones, 1.0, atol=1e-10)
         assert mortar.coupling.sum() == pytest.approx(AREA, rel=1e-12)
 

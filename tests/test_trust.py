@@ -1,4 +1,4 @@
-"""What a run says of its own errors, and whether it may be believed."""
+"""Error estimates of a run, and its verdict."""
 
 import json
 import re
@@ -45,12 +45,12 @@ def test_times_add_up_and_a_pressure_that_nothing_bears_is_noticed(tmp_path, cap
     began = perf_counter()
     assert call("run", path, "-o", tmp_path / "out", "--no-plots") == 0
     took = perf_counter() - began
-    told = capfd.readouterr()
-    *parts, whole = map(float, re.findall(r"([0-9.]+) s\b", told.out.split("  time: ")[1]))
+    message = capfd.readouterr()
+    *parts, whole = map(float, re.findall(r"([0-9.]+) s\b", message.out.split("  time: ")[1]))
     assert whole == pytest.approx(sum(parts), abs=0.02)
     assert 0.8 * took < whole <= took + 0.005  # as printed
     (notice,) = json.loads((tmp_path / "out" / "summary.json").read_text())["notices"]
-    assert f"warning: {notice}" in told.err
+    assert f"warning: {notice}" in message.err
     assert "bearing: " in notice
     assert "MPa, more than 0.01 MPa" in notice
 
@@ -176,7 +176,7 @@ def test_a_film_that_long_steps_leave_wrong_is_not_called_complete(monkeypatch):
     assert off.max() > 0.2, "this test wants a film that is wrong"
     assert verdict(RunSummary(bad)).startswith("untrustworthy: energy balance error")
     assert RunSummary(bad).energy_error > 20 * RunSummary(good).energy_error
-    # Of an error that is known the energy says nothing more.
+    # An error that is known is not judged by the energy again.
     known = dict.fromkeys(COMPONENTS, 0.01) | {"step_size": 0.15}
     budget = dict.fromkeys(QUANTITIES, summed(known)) | {
         "largest_over_cycle": dict.fromkeys(QUANTITIES, summed(known))

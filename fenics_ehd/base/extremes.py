@@ -20,6 +20,7 @@ the width: ``max_z max_phi p(phi, z)``. Errors beside those of other rules: `doc
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -33,7 +34,7 @@ EQUAL = 1e-9
 def between_points(
     positions: np.ndarray, values: np.ndarray, period: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Largest values of curves between their points, and the positions where they are.
+    """Largest values of curves between their points, and the positions of these values.
 
     Parameters
     ----------
@@ -47,108 +48,118 @@ def between_points(
     Returns
     -------
     largest, where
-        Shape (k,); the values at the points themselves of fewer than three points, and where the
-        largest one ends a curve that does not repeat.
+        Shape (k,). A curve has its largest value at a point if it has fewer than three points, or
+        if it does not repeat and the largest point is one of its ends.
     """
-    count = len(positions)
-    curves = np.arange(len(values))
-    peak = np.argmax(values, axis=1)
-    top = values[curves, peak]
-    if count < 3:
-        return top, positions[peak]
-    points, padded = _padded(positions, values, period)
-    # Two points at either side of the largest one; padding puts it two further on.
-    near = peak[:, None] + np.arange(5)
-    x = points[near]
-    v = padded[curves[:, None], near]
-    secants = np.diff(v, axis=1) / np.diff(x, axis=1)
-    widths = np.diff(x, axis=1)
-    # Slopes of parabolas through three points at the middle one of them.
-    slopes = (secants[:, :-1] * widths[:, 1:] + secants[:, 1:] * widths[:, :-1]) / (
-        widths[:, :-1] + widths[:, 1:]
-    )
-    # Interval that the curve rises into: it begins at 1 or 2 of the five points.
-    begin = np.where(slopes[:, 1] > 0.0, 2, 1)
-    width = widths[curves, begin]
-    first = v[curves, begin]
-    last = v[curves, begin + 1]
-    rise, share = _highest(
-        last - first,
-        width * slopes[curves, begin - 1],
-        width * slopes[curves, begin],
-    )
-    limit = np.minimum(
-        first + STEEPER * width * _steepest(secants, curves, begin - 1, begin),
-        last + STEEPER * width * _steepest(-secants, curves, begin, begin + 1),
-    )
-    largest = np.minimum(first + rise, limit)
-    inside = largest > top
-    if period is None:
-        inside &= (peak > 0) & (peak < count - 1)
-    where = np.where(inside, x[curves, begin] + share * width, x[:, 2])
-    return np.where(inside, largest, top), where
+    peaks = np.argmax(values, axis=1)
+    points = positions.tolist()
+    # A step evaluates few curves: plain numbers take a fifth of the time of arrays of five.
+    curves = _neighbours(values, peaks)
+    largest = np.empty(len(values))
+    where = np.empty(len(values))
+    for number, (peak, around) in enumerate(zip(peaks.tolist(), curves, strict=True)):
+        largest[number], where[number] = _peak(points, peak, around, period)
+    return largest, where
 
 
-def _steepest(
-    secants: np.ndarray, curves: np.ndarray, one: np.ndarray, other: np.ndarray
-) -> np.ndarray:
-    """Larger of two slopes of every curve, at least 0, shape (k,)."""
-    return np.maximum(np.maximum(secants[curves, one], secants[curves, other]), 0.0)
+#: Points before and after the largest one that decide on an extreme.
+REACH = 2
 
 
-def _padded(
-    positions: np.ndarray, values: np.ndarray, period: float | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and values with two points more at either end.
+def _neighbours(values: np.ndarray, peaks: np.ndarray) -> list[list[float]]:
+    """Values of every curve at its largest point and two points before and after it."""
+    near = (peaks[:, None] + np.arange(-REACH, REACH + 1)) % values.shape[1]
+    neighbours: list[list[float]] = np.take_along_axis(values, near, axis=1).tolist()
+    return neighbours
 
-    Of curves that repeat these are points of the curve; beyond an end the parabola through the last
-    three points goes on, which gives the end the slope of that parabola.
+
+def _peak(
+    points: list[float], peak: int, values: list[float], period: float | None
+) -> tuple[float, float]:
+    """Largest value of one curve and its position.
+
+    Parameters
+    ----------
+    points
+        Positions of all points.
+    peak
+        Index of the point with the largest value.
+    values
+        At this point and two before and after it, in turn around the ends.
+    period
+        See `between_points`.
     """
+    count = len(points)
+    top = values[REACH]
+    if count <= REACH or (period is None and peak in (0, count - 1)):
+        return top, points[peak]
     if period is not None:
-        before = np.arange(-2, 0)
-        after = np.arange(2)
-        points = [positions[before] - period, positions, positions[after] + period]
-        padded = [values[:, before], values, values[:, after]]
-        return np.concatenate(points), np.concatenate(padded, axis=1)
-    start, early = _beyond(positions[2::-1], values[:, 2::-1])
-    end, late = _beyond(positions[-3:], values[:, -3:])
-    points = np.concatenate([start[::-1], positions, end])
-    return points, np.concatenate([early[:, ::-1], values, late], axis=1)
+        indices = range(peak - REACH, peak + REACH + 1)
+        x = [points[index % count] + period * (index // count) for index in indices]
+        return _between(x, values)
+    x = [points[index % count] for index in range(peak - REACH, peak + REACH + 1)]
+    v = list(values)
+    # Beyond an end the parabola through the last three points goes on.
+    if peak - REACH < 0:
+        x[0], v[0] = _beyond(x[3:0:-1], v[3:0:-1])
+    if peak + REACH >= count:
+        x[-1], v[-1] = _beyond(x[1:-1], v[1:-1])
+    return _between(x, v)
 
 
-def _beyond(positions: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two points beyond the last of three on the parabola through them."""
-    a, b, c = positions
-    beyond = c + (c - b) * np.arange(1, 3)
-    weights = np.array(
-        [
-            (beyond - b) * (beyond - c) / ((a - b) * (a - c)),
-            (beyond - a) * (beyond - c) / ((b - a) * (b - c)),
-            (beyond - a) * (beyond - b) / ((c - a) * (c - b)),
-        ]
+def _beyond(x: list[float], v: list[float]) -> tuple[float, float]:
+    """Point beyond the last of three on the parabola through them, as far as those before."""
+    a, b, c = x
+    beyond = c + (c - b)
+    value = (
+        v[0] * ((beyond - b) * (beyond - c) / ((a - b) * (a - c)))
+        + v[1] * ((beyond - a) * (beyond - c) / ((b - a) * (b - c)))
+        + v[2] * ((beyond - a) * (beyond - b) / ((c - a) * (c - b)))
     )
-    return beyond, values @ weights
+    return beyond, value
 
 
-def _highest(
-    change: np.ndarray, first: np.ndarray, last: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Largest value within the unit interval of cubics that begin at 0, and its position.
+def _between(x: list[float], v: list[float]) -> tuple[float, float]:
+    """Largest value near the middle one of five points, which is the largest, and its position."""
+    widths = [x[i + 1] - x[i] for i in range(4)]
+    secants = [(v[i + 1] - v[i]) / widths[i] for i in range(4)]
+    # Slope of the parabola through three points at the middle one of them.
+    slopes = [
+        (secants[i] * widths[i + 1] + secants[i + 1] * widths[i]) / (widths[i] + widths[i + 1])
+        for i in range(3)
+    ]
+    # The curve rises into the interval that begins at this one of the five points.
+    begin = REACH if slopes[1] > 0.0 else REACH - 1
+    width = widths[begin]
+    rise, share = _highest(
+        v[begin + 1] - v[begin], width * slopes[begin - 1], width * slopes[begin]
+    )
+    before = max(secants[begin - 1], secants[begin], 0.0)
+    after = max(-secants[begin], -secants[begin + 1], 0.0)
+    limit = min(v[begin] + STEEPER * width * before, v[begin + 1] + STEEPER * width * after)
+    largest = min(v[begin] + rise, limit)
+    if largest > v[REACH]:
+        return largest, x[begin] + share * width
+    return v[REACH], x[REACH]
+
+
+def _highest(change: float, first: float, last: float) -> tuple[float, float]:
+    """Largest value within the unit interval of a cubic that begins at 0, and its position.
 
     Parameters
     ----------
     change, first, last
-        Value at the end, slopes at the start and the end, shape (k,).
+        Value at the end, slopes at the start and the end.
     """
     cubic = first + last - 2.0 * change
     square = 3.0 * change - 2.0 * first - last
     # first + 2 square s + 3 cubic s^2 = 0: the root that is a maximum.
-    under = square**2 - 3.0 * cubic * first
-    root = np.sqrt(np.maximum(under, 0.0))
-    divisor = root - square
-    usable = (under >= 0.0) & (divisor > 0.0)
-    share = np.where(usable, first / np.where(usable, divisor, 1.0), 0.0)
-    share = np.clip(share, 0.0, 1.0)
+    discriminant = square * square - 3.0 * cubic * first
+    share = 0.0
+    if discriminant >= 0.0:
+        divisor = sqrt(discriminant) - square
+        if divisor > 0.0:
+            share = min(max(first / divisor, 0.0), 1.0)
     return share * (first + share * (square + share * cubic)), share
 
 

@@ -46,6 +46,7 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_class, require_number, require_pair
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.needs import NONE
 from fenics_ehd.base.shared_settings import Deviations
 
@@ -297,6 +298,11 @@ class SurfacePoints:
     def normal(self) -> tuple[np.ndarray, np.ndarray]:
         """X and y components of the outward normal e_r."""
         return np.cos(self.angle), np.sin(self.angle)
+
+    @cached_property
+    def rows(self) -> FilmRows:
+        """Points in rows around, between which extremes are computed."""
+        return FilmRows.of(self.angle.ravel(), self.height.ravel())
 
 
 @dataclass(frozen=True, eq=False)

@@ -419,9 +419,7 @@ def min_film_height(joint: JointStep) -> float:
 @quantity("max_contact_pressure", "Pa", with_contact)
 def max_contact_pressure(joint: JointStep) -> float:
     """Largest contact pressure, between the Gauss points."""
-    points = joint.film.points
-    rows = FilmRows.of(points.angle.ravel(), points.height.ravel())
-    return rows.largest(joint.touch.pressure[None])[0][0]
+    return joint.film.points.rows.largest(joint.touch.pressure[None])[0][0]
 
 
 @quantity("friction_torque", "N m", with_friction, mean=True)

@@ -20,7 +20,7 @@ from itertools import islice
 from pathlib import Path
 from random import Random
 
-# The helpers of the tests beside this folder.
+# The helpers of the tests in the folder above.
 sys.path.append(str(Path(__file__).parent.parent))
 
 # As the command line does, before numpy is imported.
@@ -105,8 +105,8 @@ def report(found: Iterable[tuple[str, str, Verdict]], *, every: bool = False) ->
             mark = "     " if verdict.good else "FAULT"
             print(f"{mark} {group}: {name}: {verdict.word}: {verdict.detail[:300]}", flush=True)
     for group, words in sorted(counts.items()):
-        told = ", ".join(f"{n} {word}" for word, n in words.most_common())
-        print(f"{group:16s} {sum(words.values()):4d}: {told}")
+        message = ", ".join(f"{n} {word}" for word, n in words.most_common())
+        print(f"{group:16s} {sum(words.values()):4d}: {message}")
     return faults
 
 

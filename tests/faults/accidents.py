@@ -62,7 +62,7 @@ def _folders(world: World, options: argparse.Namespace, part: str, most: int) ->
 
 
 def kills(world: World, options: argparse.Namespace) -> Found:
-    """A run killed at random moments, and killed again as it goes on."""
+    """A run killed at random moments, and killed again after each resume."""
     intact, outcome, _ = _undisturbed(world, "kills", "long.toml")
     random = Random(f"{options.seed} kills")
     for folder in _folders(world, options, "kills", 40):
@@ -182,7 +182,7 @@ def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
     own = "rm -rf $RANK; mkdir $RANK; cd $RANK; cp ../right.toml s.toml"
     odd = f"{preparation}; {call} {arguments}"
     line = f"{own}; if test $RANK = {wrong}; then {odd}; else {call}; fi"
-    status, told, text = two_ranks(line, folder)
+    status, message, text = two_ranks(line, folder)
     if status == TOO_LONG:
         return Verdict("hangs")
     if "Traceback" in text:
@@ -192,4 +192,4 @@ def _on_one_rank(folder: Path, name: str, wrong: int) -> Verdict:
         return Verdict("harmless" if wrong and (folder / "0" / "out.h5").is_file() else "believed")
     if status not in (1, 2):
         return Verdict("strange status", f"{status} {text[-300:]}")
-    return Verdict("refused", told[0]) if told else Verdict("says nothing", text[-300:])
+    return Verdict("refused", message[0]) if message else Verdict("no message", text[-300:])

@@ -146,7 +146,7 @@ def _doubled(file: h5py.File, name: str, random: Random) -> None:
 
 
 def _packed_away(file: h5py.File, name: str, random: Random) -> None:
-    """300 shapes of which no byte is stored, beside a dataset."""
+    """300 shapes of which no byte is stored, next to a dataset."""
     place = name.rpartition("/")[0]
     for number in range(300):
         file.create_dataset(f"{place}/x{number}", (2**21,), chunks=(2**16,), compression="gzip")
@@ -371,7 +371,7 @@ MEANING = ("column twice", "pattern")
 
 
 def matrices(world: World, random: Random) -> Iterator[Case]:
-    """Matrices of other programs; a number that is another number is nobody's fault."""
+    """Matrices of other programs; a changed number is no fault that can be found."""
 
     def prepare(name: str, change: Callable[[Path], None]) -> Callable[[Path], None]:
         def write(folder: Path) -> None:

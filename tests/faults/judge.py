@@ -10,7 +10,7 @@ from pathlib import Path
 
 from attempt import Outcome
 
-#: What may stand beside the one line of a refusal: progress, and what the run is told to do next.
+#: Lines allowed besides the one line of a refusal: progress, and how to continue the run.
 PASSING = re.compile(r"\d+%\||\d+%|reducing [\w, ]+( \(|$)|go on with: |fenics-ehd: warning|\s*$")
 
 #: Figures that tell of the machine and not of the result.

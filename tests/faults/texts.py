@@ -259,7 +259,7 @@ NUMBERS = ("nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "", "x", "0x10", "
 BEARING = ("eccentricity", "load", "radius", "clearance", "width", "viscosity", "speed",
            "bore-speed", "ambient", "barus", "roelands")  # fmt: skip
 
-#: Calls that nothing but a refusal answers, beside those of test_refused_at_once.py.
+#: Calls that have to be refused, besides those of test_refused_at_once.py.
 REFUSED = (
     ("run", "."), ("run", "slider-crank", "rotor"), ("run", "slider-crank", "--body", "."),
     ("run", "slider-crank", "-o", "file/out"), ("run", "slider-crank", "-o", "/dev/null/out"),
