@@ -24,6 +24,8 @@ Long steps meet an extreme on either side of it, and the change there has both s
 are compared as smooth curves (`ErrorCurves`). Values of a run are those between its nodes, and its
 extremes lie between its steps (`fenics_ehd.base.extremes`), so that sampling is no component of the
 errors.
+
+Imports inside functions: SciPy's interpolation is slow to import, and only budgets need it.
 """
 
 from __future__ import annotations
