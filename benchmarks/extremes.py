@@ -1,4 +1,4 @@
-"""Extremes between nodes and between steps: rules beside runs that are refined in mesh and steps.
+"""Extremes between nodes and between steps: rules against runs that are refined in mesh and steps.
 
     python benchmarks/extremes.py [--bearings] [--machines]
 

@@ -14,18 +14,20 @@ from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.checks import as_tuple
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
-    CAVITATIONS,
-    FILM_ELEMENTS,
-    SHEAR_RULES,
-    choice,
+    ambient_pressure,
+    cavitation,
     count,
+    film_element,
     flag,
     metres,
     number,
     pair,
     radial_clearance,
     require_thin_film,
+    shear_rule,
+    viscosity,
 )
+from fenics_ehd.base.fields import speed as angular_speed
 from fenics_ehd.base.needs import NO_TEMPERATURE, only_with
 from fenics_ehd.base.settings import require_effects
 from fenics_ehd.base.shared_settings import (
@@ -34,6 +36,7 @@ from fenics_ehd.base.shared_settings import (
     Roughness,
     conducted_share,
     outlet_weight,
+    supply_temperature,
 )
 
 if TYPE_CHECKING:
@@ -45,9 +48,6 @@ VISCOSITY = 0.01
 
 #: Most cells of a mesh: it is solved in minutes.
 MOST_CELLS = 100_000
-
-#: Pressure above any that parts of steel bear [Pa].
-MOST_PRESSURE = 1e12
 
 
 @attrs.frozen
@@ -61,34 +61,26 @@ class BearingSettings(OilSettings, Roughness):
     radius: float = metres(0.0225, "R of the bore [m]")
     clearance: float = radial_clearance(17e-6)
     width: float = metres(0.022, "B of the bearing [m]")
-    viscosity: float = number(VISCOSITY, "dynamic viscosity of the oil [Pa s]", above=0)
-    speed: float = number(500.0, "of the shaft [rad/s]")
-    bore_speed: float = number(0.0, "of the bore [rad/s], the load standing still")
+    viscosity: float = viscosity(VISCOSITY, "dynamic viscosity of the oil [Pa s]")
+    speed: float = angular_speed(500.0, "of the shaft [rad/s]")
+    bore_speed: float = angular_speed(0.0, "of the bore [rad/s], the load standing still")
     tilt: tuple[float, float] = pair("of the shaft about x and y [rad]")
     squeeze: tuple[float, float] = pair("velocity of the shaft's centre, x and y [m/s]")
     cells_around: int = count(64, "cells along the circumference", 3)
     cells_along: int = count(12, "cells along the axis", 1)
-    element: str = choice("lagrange", FILM_ELEMENTS, "9-node, 8-node or 4-node")
+    element: str = film_element()
     grooves: tuple[AxialGroove, ...] = attrs.field(default=(), converter=as_tuple)
     line_at_max_film: bool = flag(
         False,
         "p = 0 along the maximum film, as the classical tables have it; for coefficients that line "
         "stays where it is when the shaft moves, as a groove does",
     )
-    ambient: float = number(
-        0.0, "pressure at the sides above that of cavitation [Pa]", least=0, below=MOST_PRESSURE
-    )
-    cavitation: str = choice(
-        "reynolds",
-        CAVITATIONS,
-        "condition; mass-conserving: that of Jakobsson, Floberg and Olsson, needs a supply",
-    )
-    shear_rule: str = choice("streamers", SHEAR_RULES, "shear in the cavitated zone")
-    supply_temperature: float = number(
+    ambient: float = ambient_pressure()
+    cavitation: str = cavitation()
+    shear_rule: str = shear_rule()
+    supply_temperature: float = supply_temperature(
         NO_TEMPERATURE,
         f"of the oil that comes in [C], from which its own follows; {NO_TEMPERATURE:g}: not given",
-        least=NO_TEMPERATURE,
-        below=1000,
     )
     conducted: float = only_with(
         conducted_share(

@@ -39,6 +39,7 @@ from scipy import linalg
 
 from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import SettingsError, SolverError
+from fenics_ehd.base.renamed import renamed_arguments
 from fenics_ehd.film.supply import CircumferentialGrooveSupply, Supply
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.body import POSITION, PlanarBody
@@ -59,12 +60,15 @@ from fenics_ehd.multibody.step_norm import StepNorm
 #: Of the last update: gaps relative, coordinates as the step control has them.
 TOLERANCE = 1e-10
 
-#: Weight of coordinates whose velocities are given, beside eccentricities, which follow.
+#: Weight of coordinates whose velocities are given; eccentricities follow and have weight 1.
 GIVEN = 1e-12
 
-#: Shift over the largest rate of a film: of a film that keeps account of its oil, which forgets no
-#: start without it, and of the one that tells damping.
-STEADY, SLOW = 1e-10, 1e-2
+#: Shift over the largest rate of a film with mass-conserving cavitation, which keeps the oil
+#: content of its start without a shift.
+STEADY = 1e-10
+
+#: Shift over the largest rate of a film at which damping is computed.
+SLOW = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +138,11 @@ class Linearisation:
     @property
     def roots(self) -> np.ndarray:
         """Eigenvalues [1/s]: stable where no real part is positive. M must not be singular."""
-        unit, zero = np.eye(len(self.mass)), np.zeros_like(self.mass)
+        unit = np.eye(len(self.mass))
+        zero = np.zeros_like(self.mass)
         motion = np.block([[zero, unit], [-self.stiffness, -self.damping]])
-        found: np.ndarray = linalg.eigvals(motion, linalg.block_diag(unit, self.mass))
-        return found
+        roots: np.ndarray = linalg.eigvals(motion, linalg.block_diag(unit, self.mass))
+        return roots
 
 
 def equilibrium(
@@ -297,8 +302,11 @@ def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[st
 #: Times at which a function of the time that is no table is compared with its value at zero [s].
 SAMPLES = (1e-4, 0.0137, 0.711, 29.3)
 
-#: Most rows of a table that are compared; relative change of a load that is rounding.
-MOST_ROWS, UNCHANGED = 200, 1e-9
+#: Most rows of a table that are compared.
+MOST_ROWS = 200
+
+#: Relative change of a load that is rounding.
+UNCHANGED = 1e-9
 
 
 def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
@@ -316,10 +324,12 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
         if _differs([drive(time)[1] for time in times]):
             yield f"the speed of the drive of {name} varies: give it a constant speed, or run it"
     instant = Instant(system, 0.0, z)
-    u, u_rates = instant.u, instant.values_along @ rates
-    for name, (force, own) in zip(sorted(mechanism.forces), system.forces, strict=True):
+    u = instant.u
+    u_rates = instant.values_along @ rates
+    for name, (force, columns) in zip(sorted(mechanism.forces), system.forces, strict=True):
         loads = [
-            force.load(t, u[own] + t * u_rates[own], u_rates[own]).value for t in (0.0, *times)
+            force.load(t, u[columns] + t * u_rates[columns], u_rates[columns]).value
+            for t in (0.0, *times)
         ]
         if _differs(loads):
             yield f"the force {name} varies: give it a constant size, or run it"
@@ -351,8 +361,8 @@ def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterat
         if any(np.abs(carried[columns][POSITION]).max() > least for columns in marker.columns):
             yield f"{name} is carried around as its body turns: run it"
     resting = np.zeros(2)
-    for places, body, (z, own) in system.each_body(instant.z, rates):
-        name = next(n for n, other in system.bodies.items() if other == places)
+    for columns, body, (z, own_rates) in system.each_body(instant.z, rates):
+        name = next(n for n, other in system.bodies.items() if other == columns)
         turning = system.angles.get(name)
         if turning is None or not rates[turning] or not isinstance(body, PlanarBody):
             continue
@@ -360,7 +370,7 @@ def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterat
             yield f"{name} is elastic and turns under loads that stand still: run it"
         moving, still = (
             body.balance(z, speeds, np.zeros_like(z), minus_gravity=resting).forces[POSITION]
-            for speeds in (own, np.zeros_like(z))
+            for speeds in (own_rates, np.zeros_like(z))
         )
         least = CENTRED * float(rates[turning]) ** 2 * body.integrals.total_mass
         if np.abs(moving - still).max() > least:
@@ -403,34 +413,36 @@ def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> Solver
     return SolverState(np.zeros(1), values[None], 0)
 
 
-def linearise(found: Equilibrium | Mechanism) -> Linearisation:
+@renamed_arguments(found="rest")
+def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
     """Small motions of a mechanism about an equilibrium.
 
     Parameters
     ----------
-    found
-        The equilibrium, or the mechanism whose equilibrium is meant.
+    rest
+        Equilibrium, or a mechanism whose equilibrium is computed.
 
     Raises
     ------
     SettingsError
-        A film keeps account of its oil: what it answers depends on the frequency. Or a motion
-        meets no stiffness: a shaft that turns freely.
+        The cavitation is mass-conserving: the response of the film depends on the frequency. Or a
+        motion meets no stiffness: a shaft that turns freely.
     """
-    if isinstance(found, Mechanism):
-        found = equilibrium(found)
-    require_class("found", found, Equilibrium, Mechanism)
-    system, solver = found.system, found.solver
+    if isinstance(rest, Mechanism):
+        rest = equilibrium(rest)
+    require_class("rest", rest, Equilibrium, Mechanism)
+    system = rest.system
+    solver = rest.solver
     if solver.equations.conserves_oil:
         raise SettingsError(
-            "cavitation = 'mass-conserving': stiffness and damping of a film that keeps account of "
-            "its oil depend on the frequency; take 'reynolds'"
+            "cavitation = 'mass-conserving': stiffness and damping of the film depend on the "
+            "frequency: use 'reynolds'"
         )
-    basis = linalg.null_space(Instant(system, 0.0, found.z).jacobian)
-    mass = basis.T @ found.state.motion.derivatives().acceleration @ basis
+    basis = linalg.null_space(Instant(system, 0.0, rest.z).jacobian)
+    mass = basis.T @ rest.state.motion.derivatives().acceleration @ basis
     slow = SLOW * _rate(system)
     still, moving = (
-        np.linalg.inv(basis.T @ solver.response_to_forces(found.x, found.rate, shift, basis))
+        np.linalg.inv(basis.T @ solver.response_to_forces(rest.x, rest.rate, shift, basis))
         for shift in (0.0, slow)
     )
     return Linearisation(basis, mass, (moving - still) / slow - slow * mass, still)
@@ -467,7 +479,8 @@ def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None,
     """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor; None when always stable."""
     # Scaled, or the products of small ones vanish.
     sizes = float(np.abs(stiffness).max()), float(np.abs(damping).max())
-    k, b = stiffness / sizes[0], damping / sizes[1]
+    k = stiffness / sizes[0]
+    b = damping / sizes[1]
     kappa = np.trace(k) - np.trace(k @ b) / np.trace(b)
     square = np.linalg.det(k - kappa * np.eye(2)) / np.linalg.det(b)
     if kappa <= 0:

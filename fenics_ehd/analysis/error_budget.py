@@ -24,6 +24,8 @@ Long steps meet an extreme on either side of it, and the change there has both s
 are compared as smooth curves (`ErrorCurves`). Values of a run are those between its nodes, and its
 extremes lie between its steps (`fenics_ehd.base.extremes`), so that sampling is no component of the
 errors.
+
+Imports inside functions: SciPy's interpolation is slow to import, and only budgets need it.
 """
 
 from __future__ import annotations
@@ -52,14 +54,15 @@ from fenics_ehd.analysis.replay import (
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import FlexibleBody
+from fenics_ehd.multibody.elastic_bore import bore_surface, sampling_grid
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_positions, sampling_grid
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.surface import observed_positions
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,

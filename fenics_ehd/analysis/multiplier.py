@@ -1,10 +1,11 @@
-"""Largest Floquet multiplier of a periodic solution: how a small change is left after a cycle.
+"""Largest Floquet multiplier of a periodic solution: growth of a small change over a cycle.
 
 The map from a cycle's start to its end is linear for small changes, and its eigenvalues are the
-multipliers: the solution is stable if all lie within the unit circle, and one of size r leaves r of
-a change after a cycle. Arnoldi's method finds the largest from a few cycles with moved starts
-(Saad, Numerical Methods for Large Eigenvalue Problems, chapter 6). All of them take the very steps
-of one cycle, so that what differs between two ends is not the step control's choice but the change.
+multipliers: the solution is stable if all lie within the unit circle; a change along an eigenvector
+is multiplied by its multiplier in each cycle. Arnoldi's method finds the largest from a few cycles
+with moved starts (Saad, Numerical Methods for Large Eigenvalue Problems, chapter 6). All of them
+take the very steps of one cycle, so that what differs between two ends is not the step control's
+choice but the change.
 
 Temperatures that are balanced over cycles stay as they are; the phase of a machine without an
 imposed speed is one of its changes.
@@ -26,12 +27,18 @@ from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import extrapolation_weights
 
-#: Change of the start, relative to the gaps: large against Newton's tolerance, and the error that
-#: the curvature of the map leaves is of its size.
-SIZE, NEWTON = 1e-3, 1e-8
+#: Change of the start, relative to the gaps: large against Newton's tolerance; the error by the
+#: curvature of the map is of this size.
+SIZE = 1e-3
 
-#: Cycles with moved starts, at most, and the residual of the largest Ritz value to stop at.
-MOST, RESIDUAL = 12, 5e-3
+#: Tolerance of Newton's last update.
+NEWTON = 1e-8
+
+#: Largest number of cycles with changed starts.
+MOST = 12
+
+#: Residual of the largest Ritz value at which the iteration ends.
+RESIDUAL = 5e-3
 
 #: A multiplier below which a change is lost in Newton's tolerance.
 LEAST = 1e-4
@@ -92,14 +99,15 @@ def largest_multiplier(
         for i, vector in enumerate(basis):
             hessenberg[i, j] = cycle.product(vector, image)
             image = image - hessenberg[i, j] * vector
-        left = hessenberg[j + 1, j] = np.sqrt(cycle.product(image, image))
+        norm = np.sqrt(cycle.product(image, image))
+        hessenberg[j + 1, j] = norm
         values, vectors = np.linalg.eig(hessenberg[: j + 1, : j + 1])
         largest = int(np.argmax(np.abs(values) + 1e-9 * values.imag))
         value = complex(values[largest])
-        residual = float(left * abs(vectors[-1, largest]))
-        if residual <= RESIDUAL * max(abs(value), LEAST) or left <= LEAST:
+        residual = float(norm * abs(vectors[-1, largest]))
+        if residual <= RESIDUAL * max(abs(value), LEAST) or norm <= LEAST:
             break
-        basis.append(image / left)
+        basis.append(image / norm)
     # That of the solution itself was gone through twice.
     return Multiplier(value, residual, j + 3)
 
@@ -125,7 +133,9 @@ class _Cycle:
     """
 
     def __init__(self, run: Run, period: float, between: Callable[[], object]):
-        self._run, self._period, self._between = run, period, between
+        self._run = run
+        self._period = period
+        self._between = between
         self._start: RunState = run.state
 
         def look(_: MechanismStep) -> dict[str, float]:
@@ -151,14 +161,16 @@ class _Cycle:
 
     def first(self) -> np.ndarray:
         """A change of all coordinates that keeps joints closed, of size 1."""
-        system, start = self._run.equations.system, self._start
+        system = self._run.equations.system
+        start = self._start
         measure = np.abs(system.error_measure).max(axis=0, initial=0.0)
         lengths = np.full(system.n, self._clearance)
-        reach = 1.0 / measure[measure > 0.0].min(initial=1.0)
-        np.divide(self._clearance / reach, measure, out=lengths, where=measure > 0.0)
+        largest = 1.0 / measure[measure > 0.0].min(initial=1.0)
+        np.divide(self._clearance / largest, measure, out=lengths, where=measure > 0.0)
         # Any numbers, the same ones every time.
         rough = SIZE * lengths * np.cos(1.0 + 2.0 * np.arange(system.n))
-        z, v = start.x[0][: system.n], start.rate[0][: system.n]
+        z = start.x[0][: system.n]
+        v = start.rate[0][: system.n]
         moved = np.array(assemble(system, start.time, z + rough, v))
         moved -= assemble(system, start.time, z, v)
         change = np.zeros((2, len(start.times), start.x.shape[1]))
@@ -173,19 +185,22 @@ class _Cycle:
 
     def _measured(self, change: np.ndarray) -> np.ndarray:
         """Relative changes of gaps, and of coordinates, and of their rates, shape (2, k)."""
-        norm, newest = self._run.norm, self._start.x[0]
-        observed = [norm.observe(newest + own) - norm.observe(newest) for own in change[:, 0]]
+        norm = self._run.norm
+        newest = self._start.x[0]
+        observed = [norm.observe(newest + part) - norm.observe(newest) for part in change[:, 0]]
         return np.array(observed) / self._scales
 
     def after(self, change: np.ndarray) -> np.ndarray:
         """A change at the end of the cycle."""
-        run, start = self._run, self._start
-        x, rate = start.x + SIZE * change[0], start.rate + SIZE * change[1]
+        run = self._run
+        start = self._start
+        x = start.x + SIZE * change[0]
+        rate = start.rate + SIZE * change[1]
         observed = np.array([run.norm.observe(point) for point in x])
         run.equations.keep_within(x, run.norm.film_gaps(observed[0]))
         end = self._through(replace(start, x=x, rate=rate, observed=observed))
-        left = np.stack([end.x - self._end.x, end.rate - self._end.rate]) / SIZE
+        difference = np.stack([end.x - self._end.x, end.rate - self._end.rate]) / SIZE
         # The next cycle begins with points at other distances than those that this one ended with.
         known = end.times - end.time
         weights = extrapolation_weights(known, (start.times - start.time)[:, None])
-        return np.einsum("kp,dkn->dpn", weights, left)
+        return np.einsum("kp,dkn->dpn", weights, difference)

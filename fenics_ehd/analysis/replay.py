@@ -44,7 +44,7 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import summarised_history
 
 #: Ratio of cells of `finer_grid`, in both directions. The finer mesh removes most of the error,
-#: whatever its order. Meshes half as fine show less: from 10 x 3 to 20 x 5 cells errors of a rod's
+#: for all orders. Meshes half as fine show less: from 10 x 3 to 20 x 5 cells errors of a rod's
 #: film fall to a thirty-fifth, those of a small pin to a third.
 FINER = 1.5
 
@@ -264,7 +264,7 @@ def with_finer_films(mechanism: Mechanism) -> Mechanism:
 def interpolations(source: Run, target: Run) -> list[sparse.spmatrix]:
     """Matrices from nodal values of the films of one run to the same films of another run.
 
-    Films with equally many nodes have the same nodes, perhaps moved: theirs are identities.
+    Of films with equally many nodes, which are the same nodes, perhaps moved, it is the identity.
     """
     matrices = []
     for films in zip(source.equations.system.films, target.equations.system.films, strict=True):
@@ -585,7 +585,7 @@ class _Guess:
         """Coordinates with patterns, and values, at a share of the way to a row."""
         x, values = self._recorded_at(row, share)
         guess = values + self._value_difference
-        # In the cavities of the trajectory the pressure is zero, whatever the last difference.
+        # In the cavities of the trajectory the pressure is zero for any last difference.
         guess[self._pressures] *= values[self._pressures] > 0.0
         guess[self._voids] = np.clip(guess[self._voids], 0.0, 1.0)
         return x + self._x_difference, guess

@@ -7,14 +7,14 @@ curve is the cubic that has the values v and slopes v' of both,
 
     v'_i = slope at i of the parabola through i - 1, i, i + 1,
 
-and the extreme is that of the cubic beside the largest point, on the side to which it rises. Curve
+and the extreme is that of the cubic next to the largest point, on the side to which it rises. Curve
 and slope are continuous, so that the extreme does not jump as it passes a point. At the edge of a
 groove, or of a step in a surface, a cubic overshoots: towards the extreme the curve is at most
 `STEEPER` times as steep as between the points at this side. A pressure that is level in a groove
 has no higher maximum.
 
 On a film the rule is applied to every row of nodes around, then to the extremes of these rows along
-the width: ``max_z max_phi p(phi, z)``. Errors beside those of other rules: `docs/measurements.md`.
+the width: ``max_z max_phi p(phi, z)``. Errors of this and other rules: `docs/measurements.md`.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _peak(
         return _between(x, values)
     x = [points[index % count] for index in range(peak - REACH, peak + REACH + 1)]
     v = list(values)
-    # Beyond an end the parabola through the last three points goes on.
+    # Beyond an end the parabola through the last three points continues.
     if peak - REACH < 0:
         x[0], v[0] = _beyond(x[3:0:-1], v[3:0:-1])
     if peak + REACH >= count:

@@ -189,11 +189,46 @@ def entries(
 #: Elements of a film mesh: 9-node, 8-node, 4-node.
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 
+
+def film_element() -> Any:
+    """Element of a film mesh."""
+    return choice("lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node or bilinear")
+
+
 #: Parts of the cavities in which oil is sheared.
 SHEAR_RULES = ("streamers", "full", "none")
 
+
+def shear_rule() -> Any:
+    """Rule for shear in the cavitated zone."""
+    return choice("streamers", SHEAR_RULES, "oil that is sheared where the film cavitates")
+
+
 #: Conditions of cavitation.
 CAVITATIONS = ("reynolds", "mass-conserving")
+
+
+def cavitation() -> Any:
+    """Condition of cavitation."""
+    help_text = "reynolds, or mass-conserving (JFO), which needs bilinear elements"
+    return choice("reynolds", CAVITATIONS, help_text)
+
+
+#: Limit of an ambient pressure, above any that parts of steel bear [Pa].
+MOST_PRESSURE = 1e12
+
+
+def ambient_pressure() -> Any:
+    """Pressure at both sides of a film [Pa]."""
+    return number(
+        0.0,
+        "at both sides, above that at which the film cavitates [Pa]",
+        least=0,
+        below=MOST_PRESSURE,
+        usual=(1e3, 1e9),
+        example="1e5 for 1 bar",
+    )
+
 
 #: Transfers of pressures to a bore with another mesh.
 TRANSFERS = ("conservative", "mortar")
@@ -274,8 +309,27 @@ def speed(default: float, help_text: str) -> Any:
 
 
 def metres(default: float, help_text: str, *, below: float = LARGEST_LENGTH) -> Any:
-    """Length of a machine [m]."""
-    return number(default, help_text, above=0, below=below, example="0.025 for 25 mm")
+    """Length of a machine [m]; 0 is accepted if it is the default, for a length not given."""
+    return number(
+        default, help_text, **_above_zero(default), below=below, example="0.025 for 25 mm"
+    )
+
+
+def viscosity(default: float, help_text: str) -> Any:
+    """Dynamic viscosity [Pa s]; 0 is accepted if it is the default, for one not given."""
+    return number(
+        default,
+        help_text,
+        **_above_zero(default),
+        below=1e6,
+        usual=(1e-5, 1.0),
+        example="0.01 for 10 mPa s",
+    )
+
+
+def _above_zero(default: float) -> dict[str, Any]:
+    """Lower limit of a positive quantity, which includes 0 if that is the default."""
+    return {"above": 0.0} if default else {"least": 0.0}
 
 
 def radial_clearance(default: float) -> Any:

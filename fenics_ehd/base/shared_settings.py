@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 
 from fenics_ehd.base.fields import (
+    REQUIRED,
     choice,
     count,
     density,
@@ -16,6 +17,7 @@ from fenics_ehd.base.fields import (
     number,
     pair,
     text,
+    viscosity,
     youngs_modulus,
 )
 from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, not_with, only_with
@@ -44,6 +46,12 @@ def _kinematic(temperature: int) -> Any:
         usual=(1.0, 5000.0),
         example="46 for 46 cSt",
     )
+
+
+def supply_temperature(default: float, help_text: str) -> Any:
+    """Temperature of the oil that comes in [C]; `NO_TEMPERATURE` is accepted as a default."""
+    lower = {"above" if default is REQUIRED else "least": NO_TEMPERATURE}
+    return number(default, help_text, **lower, below=1000, usual=(1, 200), example="80 for 353 K")
 
 
 def conducted_share(help_text: str) -> Any:
@@ -75,14 +83,7 @@ ROUGH = "journal_roughness or bore_roughness"
 class OilSettings:
     """An oil: its viscosity, or its temperature with a grade or two kinematic viscosities."""
 
-    viscosity: float = number(
-        0.0,
-        "dynamic [Pa s]; 0: by a grade or kinematic viscosities",
-        least=0,
-        below=1e6,
-        usual=(1e-5, 1.0),
-        example="0.01 for 10 mPa s",
-    )
+    viscosity: float = viscosity(0.0, "dynamic [Pa s]; 0: by a grade or kinematic viscosities")
     grade: str = text(NONE, "ISO VG 46, SAE 10W-40 and others, in place of viscosity, or none")
     viscosity_40: float = _kinematic(40)
     viscosity_100: float = _kinematic(100)

@@ -29,7 +29,6 @@ from fenics_ehd.base import shared_settings
 from fenics_ehd.base.errors import HeatError, SettingsError
 from fenics_ehd.base.fields import REQUIRED, number
 from fenics_ehd.base.layout import Stateful, Value
-from fenics_ehd.base.needs import NO_TEMPERATURE
 
 if TYPE_CHECKING:
     from fenics_ehd.film.lubricant import TemperatureLaw
@@ -58,13 +57,8 @@ THINNER = 4.0
 class Heat:
     """Balance of a film's heat over a cycle; needs time.periodic and an oil by grade or like it."""
 
-    supply_temperature: float = number(
-        REQUIRED,
-        "of the oil that comes in [C]",
-        above=NO_TEMPERATURE,
-        below=1000,
-        usual=(1, 200),
-        example="80 for 353 K",
+    supply_temperature: float = shared_settings.supply_temperature(
+        REQUIRED, "of the oil that comes in [C]"
     )
     conducted_share: float = shared_settings.conducted_share(
         "of the dissipated power that journal and bore conduct away [-]"

@@ -101,7 +101,7 @@ class Bearing:
         self.radius = grid.radius
         self.elastic = bool(binding.bore)
         self._enlarged = scale / grid.radius
-        self.body, bore = at(bodies, replay.system.bore_at_rest(binding))
+        self.body, bore = at(bodies, binding.surfaces[0].marker)
         self.journal_body, _ = at(bodies, binding.joint.journal)
         eccentricity = replay.motion.coordinates[:, binding.xi[:2]]
         turns = self.body.turns

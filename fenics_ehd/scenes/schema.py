@@ -19,18 +19,15 @@ import attrs
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
-    CAVITATIONS,
-    FILM_ELEMENTS,
     INTERPOLATIONS,
-    LARGEST_LENGTH,
     REQUIRED,
-    SHEAR_RULES,
     TRANSFERS,
     checked,
     choice,
     count,
     entries,
     flag,
+    metres,
     names,
     number,
     numbers,
@@ -232,40 +229,22 @@ class LubricatedSettings:
     bore: str = text(REQUIRED, "point of the body with the bore; of a flexible one: rod.bore")
     clearance: float = radial_clearance(REQUIRED)
     lubricant: str = text(NONE, "name in [lubricants], or none and a viscosity")
-    viscosity: float = number(
-        0.0,
-        "of a lubricant without a name [Pa s]",
-        least=0,
-        below=1e6,
-        usual=(1e-5, 1.0),
-        example="0.01 for 10 mPa s",
-    )
-    radius: float = number(0.0, "of the bore [m]; 0: a flexible bore's own", least=0,
-                           below=LARGEST_LENGTH)  # fmt: skip
-    width: float = number(0.0, "of the bore [m]; 0: a flexible bore's own", least=0,
-                          below=LARGEST_LENGTH)  # fmt: skip
+    viscosity: float = quantities.viscosity(0.0, "of a lubricant without a name [Pa s]")
+    radius: float = metres(0.0, "of the bore [m]; 0: a flexible bore's own")
+    width: float = metres(0.0, "of the bore [m]; 0: a flexible bore's own")
     cells: tuple[int, ...] = film_cells(
         "film cells around and along, [40, 10]; empty: a flexible bore's own, 20 x 5 of a rigid"
     )
-    element: str = choice("lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node or bilinear")
+    element: str = quantities.film_element()
     transfer: str = choice("conservative", TRANSFERS, "of pressures to a bore with another mesh")
-    ambient_pressure: float = number(
-        0.0,
-        "at both sides, above that at which the film cavitates [Pa]",
-        least=0,
-        usual=(1e3, 1e9),
-        example="1e5 for 1 bar",
-    )
+    ambient_pressure: float = quantities.ambient_pressure()
     grooves: tuple[tuple[float, ...], ...] = rows(
         ("angle", "width", "pressure"),
         "axial grooves in the bore [angle from its x axis in degrees, width in degrees, Pa]",
         ("degrees", "degrees", "Pa"),
     )
     supply: dict = entries("holes and grooves of bore or journal that feed the film", SUPPLIES)
-    cavitation: str = choice(
-        "reynolds", CAVITATIONS,
-        "reynolds, or mass-conserving (JFO), which needs bilinear elements",
-    )  # fmt: skip
+    cavitation: str = quantities.cavitation()
     initial_filling: float = only_with(
         number(
             1.0, "share of the gap that holds oil at the start (mass-conserving)", least=0, most=1
@@ -278,11 +257,7 @@ class LubricatedSettings:
         "outside of sides without ambient_pressure: air or oil (mass-conserving)",
     ), "cavitation", among=("mass-conserving",)), "ambient_pressure", notice=True)  # fmt: skip
     friction: bool = flag(False, "whether the oil's shear acts on the bodies")
-    shear_rule: str = only_with(
-        choice("streamers", SHEAR_RULES, "oil that is sheared where the film cavitates"),
-        "friction",
-        "heat",
-    )
+    shear_rule: str = only_with(quantities.shear_rule(), "friction", "heat")
     smallest_film: float = not_with(
         number(
             0.01,
