@@ -164,11 +164,11 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
                 f"{with_unit(y[extreme], panel.label)} at {position_label(x[extreme], over)}"
             )
         if (errors := _reported_errors(joint, panel.budget)) is not None:
-            _, largest = errors
+            of_extreme, largest = errors
             # Pressures are judged over their peak, films node by node.
             half = largest * (y.max() if panel.extreme is np.argmax else y)
             axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
-            figures[-1] += f" ± {100 * extreme:.2g} %"
+            figures[-1] += f" ± {100 * of_extreme:.2g} %"
         if panel.mean:
             average = factor_of(panel.label) * float(
                 mean(joint.columns[column], joint.columns[TIME])
