@@ -11,7 +11,7 @@ from scene_cases import LOAD, LOADED_JOURNAL, tables_of
 import fenics_ehd as ehd
 from fenics_ehd.film.forces import FilmFlows
 from fenics_ehd.film.transfer import Surface, interpolation_matrix, mean_value, solid_share
-from fenics_ehd.multibody.lubricated_joint import bore_surface
+from fenics_ehd.multibody.elastic_bore import bore_surface
 from fenics_ehd.reduction.bore import bore_holes
 from fenics_ehd.scenes import part as elastic_part
 from fenics_ehd.scenes.scene import scene_of

@@ -35,7 +35,7 @@ def test_journal_is_told_from_the_least_squares_circle_of_its_bore(family):
     gap = C + bore - journal_at @ normal
     # A wave that is no first harmonic belongs to no centre, but for what an uneven mesh makes of it
     waves = 0.0 if family == "uneven" else oval * np.cos(2 * angle + 0.4)
-    joint = JointFilm(ehd.LubricatedJoint("journal", "bore", film), None, tilting=False)
+    joint = JointFilm(ehd.LubricatedJoint("journal", "bore", film))
     found = joint.circle @ (gap + waves)
     np.testing.assert_allclose(found, journal_at - centre, rtol=0, atol=1e-14)
 

@@ -49,7 +49,7 @@ def eccentric(ratio=0.6, clearance=C):
 
 def friction_of(film, state, rule="streamers"):
     """Friction of the film as a joint has it, and the joint's film."""
-    joint = JointFilm(ehd.LubricatedJoint("a", "b", film, shear_rule=rule), None, tilting=True)
+    joint = JointFilm(ehd.LubricatedJoint("a", "b", film, shear_rule=rule), tilting=True)
     return joint, film_friction(joint, state)
 
 

@@ -104,11 +104,9 @@ def test_the_bodies_lose_what_goes_into_the_joint(name):
         film = step.solution.films[0]
         elastic = place.film.thickness[:, 2:] @ step.rate[place.xi[2:]]
         residual = film.gap.thickness_rate.ravel() - place.film.thickness @ step.rate[place.xi]
-        if place.film.shape is not None:
-            turned = place.film.shape.rotated(
-                place.relative_angle(step.x), place.relative_angle(step.rate)
-            )
-            residual = residual - turned.slope * place.relative_angle(step.rate)
+        turning = place.turning_rows(step.x, step.rate)
+        if turning is not None:
+            residual = residual - turning.gap[:, 0] * place.relative_angle(step.rate)
         pressures = place.film.film.pressure_areas @ film.pressure
         power -= float(pressures @ (elastic + residual))
         on_modes = film_friction(place.film, film).on_xi[2:]

@@ -14,7 +14,7 @@ from scipy import integrate
 import fenics_ehd as ehd
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.fem.models import store_mesh_error, stored_mesh_error
-from fenics_ehd.multibody.lubricated_joint import sampling_grid
+from fenics_ehd.multibody.elastic_bore import sampling_grid
 from fenics_ehd.multibody.mechanism import Instant, Motion, System
 from fenics_ehd.multibody.trust import NOT_ESTIMATED
 from fenics_ehd.reduction.mesh_error import (

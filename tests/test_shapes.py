@@ -157,7 +157,7 @@ def test_angles_of_a_table_are_checked(angles, message):
 
 
 def test_nothing_listed_is_round():
-    assert JointFilm(ehd.LubricatedJoint("a", "b", make_film()), None, tilting=False).shape.plain
+    assert JointFilm(ehd.LubricatedJoint("a", "b", make_film())).plain
 
 
 # --- The gap of a joint
@@ -165,7 +165,7 @@ def test_nothing_listed_is_round():
 
 def joint_film(film, *, tilting=False, bore=None, journal=None):
     joint = ehd.LubricatedJoint("shaft", "housing", film, bore_shape=bore, journal_shape=journal)
-    return JointFilm(joint, None, tilting=tilting)
+    return JointFilm(joint, tilting=tilting)
 
 
 def test_a_misaligned_bore_is_a_journal_tilted_back():

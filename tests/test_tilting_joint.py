@@ -1,6 +1,7 @@
 """A shaft that tilts in a flexible bore: the film's linear maps, derivatives, energy."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from moving_point import assert_derivatives
 from rotor_cases import SPEED, C, R, flexible, held_body, make_film, shifted
 
 import fenics_ehd as ehd
+from fenics_ehd.multibody.elastic_bore import ElasticBore
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import System
 
@@ -22,7 +24,11 @@ def film():
 
 
 def joint_film(film, body):
-    return JointFilm(ehd.LubricatedJoint("shaft", "housing.bore", film), body, tilting=True)
+    return JointFilm(
+        ehd.LubricatedJoint("shaft", "housing.bore", film),
+        partial(ElasticBore, body),
+        tilting=True,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -54,14 +54,15 @@ from fenics_ehd.analysis.replay import (
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import FlexibleBody
+from fenics_ehd.multibody.elastic_bore import bore_surface, sampling_grid
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.lubricated_joint import bore_surface, observed_positions, sampling_grid
 from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.surface import observed_positions
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,

@@ -11,6 +11,9 @@ body's frame is
     p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
 
 relative, Coriolis, Euler and centrifugal terms. They are complete, because p is affine in q.
+
+Imports inside functions: `FlexibleBody.surface` needs film meshes, which settings that only name
+bodies do without.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from fenics_ehd.base.arguments import require_class, require_number, require_pai
 from fenics_ehd.base.fields import REQUIRED, number, pair, place, places
 from fenics_ehd.base.needs import only_with
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.multibody.surface import BORE, Side, Surface
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
 #: Indices of position, angle and the first of two tilts in a marker's values, and their number.
@@ -314,6 +318,14 @@ class Body(ABC):
     @abstractmethod
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
         """Marker of a point, or of the origin for an empty name, at coordinates, shape (n,)."""
+
+    def surface(self, point: str, side: Side) -> Surface:
+        """Surface of the body at a point, on one side of a film; rigid by default."""
+        return Surface(side)
+
+    def at_rest(self, point: str) -> str:
+        """Name of the point at the centre of the undeformed surface at a point."""
+        return point
 
     @abstractmethod
     def balance(
@@ -662,6 +674,15 @@ class FlexibleBody(PlanarBody):
         points = {name: field[:2] for name, field in self.reduced.points.items()}
         return points | {self.at_rest(name): field for name, field in bores.items()}
 
-    def at_rest(self, bore: str) -> str:
-        """Name of the point at the centre of an undeformed bore."""
-        return f"{bore}.at_rest" if bore in self.reduced.points else bore
+    def at_rest(self, point: str) -> str:
+        """Name of the point at the centre of the undeformed bore at a point."""
+        moves = point in self.reduced.bores and point in self.reduced.points
+        return f"{point}.at_rest" if moves else point
+
+    def surface(self, point: str, side: Side) -> Surface:
+        """Elastic surface of a bore; a journal of a flexible body is rigid."""
+        from fenics_ehd.multibody.elastic_bore import ElasticBore
+
+        if side.sign == BORE and point in self.reduced.bores:
+            return ElasticBore(self.reduced.at_bore(point), side)
+        return Surface(side)

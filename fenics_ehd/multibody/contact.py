@@ -33,9 +33,9 @@ from fenics_ehd.film.rough_surfaces import AsperityContact
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.film_point import FilmPoint
-from fenics_ehd.multibody.lubricated_joint import RotatedShape
 from fenics_ehd.multibody.mechanism import FilmBinding, System
 from fenics_ehd.multibody.static_correction import BoreResponses
+from fenics_ehd.multibody.surface import TurningRows
 
 #: Separation over sigma up to which derivatives contain the contact. At this separation the
 #: contact pressure is 4e-6 of that at zero separation.
@@ -61,7 +61,7 @@ class JointContact:
     rows
         Indices in z of all coordinates on which contact does work, shape (k,).
     normal, sliding
-        Change of the gap for unit coordinates, without the shape of the journal, and sliding
+        Change of the gap for unit coordinates, without a turning surface, and sliding
         velocity for unit rates, shape (g, k).
     """
 
@@ -74,9 +74,10 @@ class JointContact:
         area = film.parameters.grid.radius**2 * film.assembly.area
         self.area = np.where(film.supplied_points, 0.0, area).ravel()
         self.friction = joint.friction and self.surfaces.boundary_friction > 0.0
-        self.rows = np.concatenate([binding.xi, binding.turning])
-        self._signs = binding.signs
-        speeds = joint.shaft_radius * np.tile(self._signs, (len(self.area), 1))
+        self.rows = np.concatenate([binding.xi, binding.turning_dofs])
+        self._turning_map = binding.turning_map
+        speeds = joint.shaft_radius * np.tile(self._turning_map[-1], (len(self.area), 1))
+        self._first_turning = joint.size
         self.normal = np.hstack([joint.thickness, np.zeros_like(speeds)])
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
 
@@ -103,38 +104,38 @@ class JointContact:
         """Mask of Gauss points whose contact is part of derivatives, shape (g,)."""
         return (self.surfaces.separation(thickness.ravel()) < REACH) & (self.area > 0.0)
 
-    def gap_rows(self, rotated: RotatedShape | None) -> np.ndarray:
+    def gap_rows(self, turning: TurningRows | None) -> np.ndarray:
         """Change of the gap for unit values of all coordinates, shape (g, k)."""
-        if rotated is None:
+        if turning is None:
             return self.normal
         rows = self.normal.copy()
-        first_angle = rows.shape[1] - len(self._signs)
-        rows[:, first_angle:] = rotated.slope[:, None] * self._signs
+        rows[:, self._first_turning :] = turning.gap @ self._turning_map
         return rows
 
     def forces(
-        self, contact: AsperityContact, gap: Gap, rotated: RotatedShape | None = None
+        self, contact: AsperityContact, gap: Gap, turning: TurningRows | None = None
     ) -> np.ndarray:
         """Generalised forces on `rows`, shape (k,)."""
         normal_force = self.area * contact.pressure
-        forces = normal_force @ self.gap_rows(rotated)
+        forces = normal_force @ self.gap_rows(turning)
         if self.friction:
             forces -= (normal_force * self.friction_factor(gap)[0]) @ self.sliding
         return forces
 
-    def stiffness_of_rotation(self, contact: AsperityContact, rotated: RotatedShape) -> np.ndarray:
-        """Derivative of the forces on `rows` through the rotation of the shape, shape (k, k)."""
+    def turning_stiffness(self, contact: AsperityContact, turning: TurningRows) -> np.ndarray:
+        """Derivative of the forces on `rows` as a surface turns at constant pressure, (k, k)."""
         stiffness = np.zeros((len(self.rows), len(self.rows)))
-        first_angle = len(self.rows) - len(self._signs)
-        factor = float(self.area @ (contact.pressure * rotated.second_derivative))
-        stiffness[first_angle:, first_angle:] = factor * np.outer(self._signs, self._signs)
+        first = self._first_turning
+        along_angle = self.area @ (contact.pressure[:, None] * turning.second_derivative)
+        of_surface = turning.stiffness(along_angle)
+        stiffness[first:, first:] = self._turning_map.T @ of_surface @ self._turning_map
         return stiffness
 
     def forces_of_unit_pressures(
-        self, gap: Gap, points: np.ndarray, rotated: RotatedShape | None = None
+        self, gap: Gap, points: np.ndarray, turning: TurningRows | None = None
     ) -> np.ndarray:
         """Forces on `rows` of unit contact pressures at Gauss points, shape (k, points)."""
-        forces = self.gap_rows(rotated)[points]
+        forces = self.gap_rows(turning)[points]
         if self.friction:
             forces = forces - self.friction_factor(gap)[0][points, None] * self.sliding[points]
         return (self.area[points, None] * forces).T
@@ -220,7 +221,7 @@ class Contacts:
         """Subtract the contact forces of film i from the residual of motion."""
         joint = self.joints[i]
         if joint is not None and film.contact is not None:
-            residual[joint.rows] -= joint.forces(film.contact, film.gap, film.rotated)
+            residual[joint.rows] -= joint.forces(film.contact, film.gap, film.turning)
 
     def _solve_coupled(self, gaps: list[Gap]) -> None:
         """Solve for contact pressures and gaps of bores that deform under them."""
@@ -339,16 +340,16 @@ class ContactColumns:
             if joint is None or contact is None:
                 continue
             points, unknowns = self._points_of_film(i, joint)
-            stiffness = contact.slope[points, None] * joint.gap_rows(film.rotated)[points]
-            forces = joint.forces_of_unit_pressures(film.gap, points, film.rotated)
+            stiffness = contact.slope[points, None] * joint.gap_rows(film.turning)[points]
+            forces = joint.forces_of_unit_pressures(film.gap, points, film.turning)
             if unknowns is None:
                 core[np.ix_(joint.rows, joint.rows)] -= forces @ stiffness
             else:
                 core[np.ix_(joint.rows, unknowns)] -= forces
                 core[np.ix_(unknowns, joint.rows)] -= stiffness
-            if film.rotated is not None:
-                rotation = joint.stiffness_of_rotation(contact, film.rotated)
-                core[np.ix_(joint.rows, joint.rows)] -= rotation
+            if film.turning is not None:
+                stiffness = joint.turning_stiffness(contact, film.turning)
+                core[np.ix_(joint.rows, joint.rows)] -= stiffness
             if joint.friction:
                 damping = joint.friction_damping(contact, film.gap, points)
                 core[joint.rows, : speed.shape[1]] += damping @ speed[joint.rows]

@@ -10,7 +10,7 @@ at the start of the next one.
 full content of the part of the gap that is affine in z and y, and M:
 
 - the void volumes ``int rho h N s``;
-- plus the volume that the shape of a turning journal occupies;
+- plus the volume by which a turning surface reduces the gap;
 - minus ``int rho (h_T - h) N`` between rough surfaces, whose average gap is ``h_T``.
 
 A round film that is full everywhere therefore stores zeros, and its step is that of the Reynolds
@@ -126,14 +126,15 @@ class OilContent(FilmContent):
     def _beyond_affine(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
         """Full content of the affine part of the gap less that of the gap, over the volume scale.
 
-        A turning journal's shape reduces the gap; between rough surfaces the average gap exceeds
+        A turning surface changes the gap; between rough surfaces the average gap exceeds
         the `nominal` one (at the Gauss points).
         """
-        shape = self._binding.film.shape
+        surface = self._binding.film.turning
         surfaces = self._film.parameters.surfaces
         reduction = np.zeros(nominal.size)
-        if shape.turning:
-            reduction += shape.gap_reduction(self._binding.relative_angle(z))[: nominal.size]
+        if surface is not None:
+            coordinates = self._binding.turning_coordinates(z)
+            reduction -= surface.gap_change(coordinates)[: nominal.size]
         if surfaces is not None:
             reduction -= surfaces.excess(nominal).ravel()
         return self.full(reduction)

@@ -17,6 +17,7 @@ from scipy import sparse
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.film_point import FilmPoint
+from fenics_ehd.multibody.surface import TurningRows
 
 #: Part of the rates of a joint's coordinates that does not follow from xi' = shift xi (drift of
 #: constraints), over the shift, above which derivatives contain it: 1e-8 in motion; mechanisms at
@@ -130,23 +131,33 @@ class FilmCoupling:
         if feeds is not None and feeds.turning:
             along = model.rows(model.along_turn(point))[:, None]
             block = block.extended(along, rotation[:1], np.zeros((len(self._gap), 1)))
-        return self._with_rotated_shape(block, point, shift, rotation)
-
-    def _with_rotated_shape(
-        self, block: FilmBlock, point: FilmPoint, shift: float, rotation: np.ndarray
-    ) -> FilmBlock:
-        """Derivatives with those along angle and speed of a journal whose shape turns."""
-        if point.rotated is None:
+        if point.turning is None:
             return block
-        # Along the angle, the rate of the gap is not the shift times the gap.
-        slope = point.rotated.slope
-        along_rate = self._along_rate(point, shift, block.along_gap)
-        along = block.along_gap @ slope + along_rate @ (point.rotated.rate_slope - shift * slope)
-        inputs = self.model.rows(np.stack([along, along_rate @ slope], axis=-1))
-        gap = np.stack([slope, np.zeros_like(slope)], axis=-1)
+        return self._with_turning_surface(block, point, point.turning, shift, speed)
+
+    def _with_turning_surface(
+        self,
+        block: FilmBlock,
+        point: FilmPoint,
+        rows: TurningRows,
+        shift: float,
+        speed: np.ndarray,
+    ) -> FilmBlock:
+        """Derivatives with those along the coordinates of a turning surface and their rates."""
         binding = self.model.binding
-        outputs = -binding.signs[:, None] * self.model.columns(point.rotated.torque)
-        return block.extended(inputs, rotation, gap, (outputs, binding.turning))
+        dofs = binding.turning_dofs
+        selection = binding.turning_map
+        # Along the coordinates, the rate of the gap is not the shift times the gap.
+        along_rate = self._along_rate(point, shift, block.along_gap)
+        along = block.along_gap @ rows.gap + along_rate @ (rows.gap_rate - shift * rows.gap)
+        inputs = self.model.rows(np.hstack([along, along_rate @ rows.gap]))
+        k = len(selection)
+        spread = np.zeros((2 * k, block.spread.shape[1]))
+        spread[:k, dofs] = selection
+        spread[k:, : speed.shape[1]] = selection @ speed[dofs]
+        gap = np.hstack([rows.gap, np.zeros_like(rows.gap)])
+        outputs = -selection.T @ self.model.columns(rows.load)
+        return block.extended(inputs, spread, gap, (outputs, dofs))
 
     def _along_rate(
         self, point: FilmPoint, shift: float, along_gap: sparse.csc_matrix
@@ -159,12 +170,12 @@ class FilmCoupling:
         """Former derivatives with the film's own matrices at a point."""
         return replace(former, entries=self.model.along_unknowns(point), weights=point.weights)
 
-    def add_torque_stiffness(self, point: FilmPoint, core: np.ndarray) -> None:
-        """Add to the core the derivative of the pressures' torque along the journal's angle."""
-        if point.rotated is not None:
-            stiffness = point.rotated.stiffness @ (
-                self.model.film.parameters.pressure_scale * point.nodal
-            )
-            turning = self.model.binding.turning
-            signs = self.model.binding.signs
-            core[np.ix_(turning, turning)] -= stiffness * np.outer(signs, signs)
+    def add_turning_stiffness(self, point: FilmPoint, core: np.ndarray) -> None:
+        """Add to the core the derivative of the pressures' forces on a turning surface."""
+        if point.turning is None:
+            return
+        binding = self.model.binding
+        pressure = self.model.film.parameters.pressure_scale * point.nodal
+        stiffness = point.turning.stiffness(point.turning.load_derivative @ pressure)
+        dofs = binding.turning_dofs
+        core[np.ix_(dofs, dofs)] -= binding.turning_map.T @ stiffness @ binding.turning_map

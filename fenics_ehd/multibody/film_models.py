@@ -369,7 +369,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         joint = self.binding.film
         rate = self.film.parameters.rate
         # The rate of the gap that is affine in the state is ``shift h + past``.
-        constant = joint.clearance + joint.shape.fixed[: len(joint.thickness)]
+        constant = joint.clearance + joint.deviation[: len(joint.thickness)]
         past = joint.thickness @ step.past_x[self.binding.xi] + past_gap
         past = past - step.shift * constant
         self._length = rate / step.shift

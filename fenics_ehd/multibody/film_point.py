@@ -14,7 +14,7 @@ from fenics_ehd.film.cavitation import Complementarity
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.oil_balance import OilStep, Transport
 from fenics_ehd.film.rough_surfaces import AsperityContact
-from fenics_ehd.multibody.lubricated_joint import RotatedShape
+from fenics_ehd.multibody.surface import TurningRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class FilmPoint:
         Residual of all unknowns of the film, of order one.
     contact
         Asperity contact at the Gauss points; None: smooth surfaces.
-    rotated
-        Turning shape of the journal; None: none turns.
+    turning
+        Rows of the turning surface; None: no surface turns.
     """
 
     pressures: np.ndarray
@@ -45,7 +45,7 @@ class FilmPoint:
     problem: Complementarity
     defect: np.ndarray
     contact: AsperityContact | None = field(default=None, kw_only=True)
-    rotated: RotatedShape | None = field(default=None, kw_only=True)
+    turning: TurningRows | None = field(default=None, kw_only=True)
 
     @property
     def fluid_fraction(self) -> np.ndarray | None:

@@ -14,23 +14,12 @@ c / R,
 
     h = c - n . (e + z (psi_y, -psi_x)) + n . u,
 
-and bores or journals that are not round add their deviations (`JointShape`). Forces are the
-integrals of the same fields times the pressure: gap and force are conjugate, except in holes and
-with the mortar, see below. They act on both bodies at the journal's centre. The torque about the
-centre is that of the oil's shear, and of the pressure on a journal that is not round. With the
-gap's derivative along the angle alpha of the journal relative to the bore,
-``dh/dalpha = d delta/dphi (phi - alpha)``,
-
-    T = int p dh/dalpha dA    on the journal, -T on the bore.
-
-If the meshes of a body's bore and of its film match, shape functions of the bore are evaluated at
-the film's Gauss points. If they do not match, pressures are transferred to the bore either
-conservatively, ``F = int N_s n p``, with the resultants of the film, or by the paper's mortar (14)
-and the body's load matrix. A bore may have holes. The gap in a hole follows the bore as extended
-from the rim (`fenics_ehd.film.transfer`). The film's pressure in a hole does not load the elastic
-modes: these are loaded on the remaining surface alone, as in the body's load matrix. The pressure
-in a hole is part of the force between journal and body, because the oil in the hole presses on the
-far end of its passage.
+and surfaces that are not round add their deviations (`fenics_ehd.multibody.surface`, which has
+the terms of either side). Forces are the integrals of the same fields times the pressure: gap and
+force are conjugate, except in holes and with the mortar (`fenics_ehd.multibody.elastic_bore`). They
+act on both bodies at the journal's centre. The torque about the centre is that of the oil's shear,
+and of the pressure on a journal that is not round: ``T = int p dh/dalpha dA`` on the journal, -T on
+the bore, alpha the angle of the journal relative to the bore.
 
 The eccentricity of an elastic part refers to the part's mean axes, which may be several clearances
 away from the deformed bore. The centre of the deformed bore is that of the least-squares circle of
@@ -44,6 +33,7 @@ the circle.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -55,277 +45,17 @@ from fenics_ehd.base.arguments import (
     require_pair,
     require_word,
 )
-from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.base.fields import CAVITATIONS, SHEAR_RULES, TRANSFERS
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
-from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
 from fenics_ehd.film.heat import Heat, require_graded
 from fenics_ehd.film.kinematics import Gap, Shape, require_inside, require_shape
 from fenics_ehd.film.supply import AMBIENTS
-from fenics_ehd.film.transfer import Mortar, Surface, outward_displacement, solid_share
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
+from fenics_ehd.multibody.elastic_bore import BoreFilm, ElasticBore
 from fenics_ehd.multibody.joints import ADDITIONAL, SECOND, Geometry, Joint
+from fenics_ehd.multibody.surface import BORE, JOURNAL, Side, Surface, observed_positions
 from fenics_ehd.multibody.tabulated import Variation, variations_of
-from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
-from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
-
-
-@dataclass(frozen=True, eq=False)
-class RotatedShape:
-    """Shape of a journal at one angle relative to its bore, at the g Gauss points.
-
-    Attributes
-    ----------
-    slope, rate_slope
-        Derivatives along that angle of the gap [m/rad] and of its rate [m/s/rad], shape (g,).
-    torque, stiffness
-        Torque on the journal of unit nodal pressures [N m/Pa] and its derivative along the angle,
-        shape (nodes,).
-    second_derivative
-        Second derivative of the gap along the angle, shape (g,) [m/rad2].
-    """
-
-    slope: np.ndarray
-    rate_slope: np.ndarray
-    torque: np.ndarray
-    stiffness: np.ndarray
-    second_derivative: np.ndarray
-
-
-class JointShape:
-    """Addition of the shapes of bore and journal to the gap of a film.
-
-    Parameters
-    ----------
-    film
-        Film on the bore.
-    bore, journal
-        Shapes of the two surfaces; None: round.
-
-    Attributes
-    ----------
-    plain
-        Whether both surfaces are round: the gap does not change.
-    fixed
-        Constant change of the gap at Gauss points and nodes, shape (w,) [m].
-    turning
-        Whether the gap changes as the journal turns: the journal is not round.
-    largest_second_derivative
-        Bound of the shapes' second derivative along the angle [m/rad^2].
-    """
-
-    def __init__(self, film: Film, bore: Shape | None, journal: Shape | None):
-        self._film = film
-        self._inside = film.points.angle.size
-        self._angle, self._height = observed_positions(film)
-        self.plain = bore is None and journal is None
-        bore = bore or Shape()
-        self._journal = journal or Shape()
-        self.fixed = bore.radial(self._angle, self._height)
-        self.turning = not self._journal.round
-        if not self.turning:
-            self.fixed -= self._journal.radial(self._angle, self._height)
-        self.largest_second_derivative = sum(
-            float(np.abs(shape.radial(self._angle, self._height, 2)).max())
-            for shape in (bore, self._journal)
-        )
-
-    def _deviation_of_journal(self, relative_angle: float, order: int = 0) -> np.ndarray:
-        """Radial deviation of the turned journal at the Gauss points, or a derivative of it."""
-        angle = self._angle[: self._inside]
-        height = self._height[: self._inside]
-        return self._journal.radial(angle - relative_angle, height, order)
-
-    def gap_reduction(self, relative_angle: float) -> np.ndarray:
-        """Reduction of the gap by the turned journal at Gauss points and nodes, (w,) [m]."""
-        return self._journal.radial(self._angle - relative_angle, self._height)
-
-    def added(self, gap: Gap, relative_angle: float, speed: float) -> Gap:
-        """Gap with both shapes.
-
-        Parameters
-        ----------
-        gap
-            Gap between round surfaces.
-        relative_angle, speed
-            Angle [rad] and angular speed [rad/s] of the journal relative to the bore.
-        """
-        if self.plain:
-            return gap
-        added = self.fixed[: self._inside]
-        rate = np.zeros(self._inside)
-        if self.turning:
-            added = added - self._deviation_of_journal(relative_angle)
-            rate = speed * self._deviation_of_journal(relative_angle, 1)
-        return gap.changed(added, rate)
-
-    def rotated(self, relative_angle: float, speed: float) -> RotatedShape:
-        """Derivatives along the angle, at an angle [rad] and angular speed [rad/s]."""
-        slope = self._deviation_of_journal(relative_angle, 1)
-        curvature = self._deviation_of_journal(relative_angle, 2)
-        fields = np.stack([slope, -curvature], axis=-1)
-        torque, stiffness = self._film.load(fields.reshape(*self._film.points.angle.shape, 2))
-        return RotatedShape(slope, -speed * curvature, torque, stiffness, -curvature)
-
-
-def observed_positions(film: Film) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and heights at which a gap is computed: Gauss points, then nodes, shape (w,) each."""
-    nodes = film.parameters.grid.node_positions
-    points = film.points
-    return (
-        np.concatenate([points.angle.ravel(), nodes[:, 0]]),
-        np.concatenate([points.height.ravel(), nodes[:, 1]]),
-    )
-
-
-#: Largest difference of the film's load from the body's load, over the largest load, of a cosine
-#: pressure. The body integrates over quadratic cells, whose areas differ from those of the cylinder
-#: by 1e-5 with 20 cells.
-LOAD_TOLERANCE = 5e-4
-
-
-def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> Surface:
-    """Surface mesh of a body's bore; the nodes of a bore without cells must be structured."""
-    if cells.size:
-        return Surface.on_cylinder(nodes, cells, family)
-    grid = film_grid(nodes)
-    order = match(grid.nodes, nodes)
-    assert order is not None
-    return Surface.on_cylinder(nodes, order[grid.cell_nodes], grid.family)
-
-
-def sampling_grid(bore: BoreSurface) -> FilmGrid:
-    """Grid at whose nodes the mesh error of a part's bore is stored."""
-    return uniform_grid(bore.radius, bore.width, SAMPLED)
-
-
-class BoreFilm:
-    """Linear maps of one film in the bore of one body.
-
-    Parameters
-    ----------
-    body
-        Reduced body.
-    film
-        Film on the body's bore.
-    transfer
-        Transfer of pressures to a bore whose mesh does not match that of the film, one of
-        `TRANSFERS`.
-
-    Attributes
-    ----------
-    outward, tangential
-        Components of the elastic modes at the Gauss points, shape (g, n).
-    normal
-        Outward displacement at the Gauss points of displacements of the bore nodes, sparse,
-        shape (g, 3 m).
-    observed_normal
-        The same at Gauss points and film nodes, shape (w, 3 m).
-    projected
-        Mortar from nodal pressures of the film to those of the bore; None: without mortar.
-    observed
-        Outward components of the elastic modes at Gauss points and film nodes, shape (w, n).
-    force, load
-        Force of nodal film pressures along x and y, shape (2, nodes), and generalised forces on
-        the elastic modes, shape (n, nodes).
-    holes, solid
-        Holes of the bore's mesh, and solid fraction of every Gauss point's area, shape (cells,
-        points); None: the bore has no holes.
-
-    Raises
-    ------
-    InterfaceMismatchError
-        The bore is not the film's cylinder, or the body's load matrix does not
-        belong to the bore.
-    """
-
-    def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
-        require_class("body", body, ReducedBody)
-        require_class("film", film, Film)
-        require_word("transfer", transfer, TRANSFERS)
-        grid = film.parameters.grid
-        self._check_size(body, film)
-        surface = bore_surface(body.bore_nodes, body.bore.cells, body.bore.family)
-        m = len(body.bore_nodes)
-        # Unit translations along x and y, then the elastic modes.
-        fields = np.zeros((m, 3, 2 + body.modes))
-        fields[:, 0, 0] = fields[:, 1, 1] = 1.0
-        fields[:, :, 2:] = body.bore_basis
-        fields = fields.reshape(3 * m, -1)
-        inside = film.points.angle.size
-        self.observed_normal = outward_displacement(surface, *observed_positions(film))
-        normal = self.normal = self.observed_normal[:inside]
-        self.observed = (self.observed_normal @ fields)[:, 2:]
-        outward = normal @ fields
-        self.outward = self.observed[:inside]
-        # n . (e_z x u) is minus the component of u along the circumference.
-        self.tangential = -(normal @ turned(fields[:, 2:], 2))
-        # Cells of 4 and of 9 nodes may have the same nodes, with other shape functions.
-        family = body.bore.pressure_family or film_layout(body.pressure_nodes)[1]
-        alike = grid.family == family
-        self._order = match(body.pressure_nodes, grid.nodes) if alike else None
-        self._mortar = self._mortar_of(body, grid) if self._order is None else None
-        fields = outward.reshape(*film.points.angle.shape, -1)
-        self.holes = surface.holes
-        self.solid = None
-        force_with_holes = None
-        if surface.holes:
-            mesh = Surface(grid.node_positions, grid.cell_nodes, grid.family)
-            self.solid = solid_share(surface, mesh, film.assembly.reference)
-            force_with_holes = film.load(fields[..., :2])
-            fields = self.solid[..., None] * fields
-        load = film.load(fields)
-        self.projected: np.ndarray | None = None
-        if transfer == "mortar" and self._mortar is not None:
-            matrix = self.projected = self._mortar.to_structure(np.eye(len(grid.nodes)))
-            load = body.load_projection[1:] @ matrix
-        self.force = load[:2]
-        self.load = load[2:]
-        self._check_load(body, film)
-        if force_with_holes is not None:
-            self.force = force_with_holes
-
-    @staticmethod
-    def _check_size(body: ReducedBody, film: Film) -> None:
-        grid = film.parameters.grid
-        for name, of_film, of_bore in (
-            ("radius", grid.radius, body.bore.radius),
-            ("width", grid.width, body.bore.width),
-        ):
-            if not abs(of_film - of_bore) <= 1e-6 * of_bore:
-                raise InterfaceMismatchError(
-                    f"the film's {name} of {of_film:g} m must be that of the bore, {of_bore:g} m"
-                )
-
-    def _mortar_of(self, body: ReducedBody, grid: FilmGrid) -> Mortar:
-        structure = bore_surface(
-            body.pressure_nodes, body.bore.pressure_cells, body.bore.pressure_family
-        )
-        film = Surface(grid.node_positions, grid.cell_nodes, grid.family)
-        return Mortar(structure, film, grid.radius)
-
-    def structure_pressure(self, pressure: np.ndarray) -> np.ndarray:
-        """Pressures ``P_s`` of (14) at the body's pressure nodes, shape (k,) [Pa]."""
-        if self._mortar is not None:
-            return self._mortar.to_structure(pressure)
-        return pressure[self._order]
-
-    def _check_load(self, body: ReducedBody, film: Film) -> None:
-        """Refuse a load matrix J whose work of a smooth pressure is not that of the film."""
-        grid = film.parameters.grid
-        for angle_of, component in ((np.cos, 1), (np.sin, 2)):
-            pressure = 1.0 + angle_of(grid.node_positions[:, 0])
-            of_film = self.force @ pressure
-            expected = body.load_projection[TRANSLATIONS] @ self.structure_pressure(pressure)
-            defect = np.abs(of_film - expected).max() / np.abs(expected).max()
-            if not defect <= LOAD_TOLERANCE:
-                raise InterfaceMismatchError(
-                    f"film and body disagree on the work of a pressure by {defect:.1e} "
-                    f"(relative, component {component}), above {LOAD_TOLERANCE:.0e}: the body's "
-                    "load matrix does not belong to its bore"
-                )
-
 
 #: Unit matrix of the plane.
 UNIT = np.eye(2)
@@ -365,7 +95,8 @@ class LubricatedJoint:
     film
         Film on the bore.
     transfer
-        Transfer of pressures to a bore whose mesh does not match that of the film, see `BoreFilm`.
+        Transfer of pressures to a bore whose mesh does not match that of the film, see
+        `fenics_ehd.multibody.elastic_bore.BoreFilm`.
     friction
         Whether the oil's shear acts on the bodies.
     eccentricity, eccentricity_rate
@@ -497,15 +228,22 @@ class Eccentric(Joint):
         return Geometry(value, jacobian, curvature)
 
 
+#: Function that makes the surface of a body at one of its points, for a side of a film.
+SurfaceOf = Callable[[Side], Surface]
+
+
 class JointFilm:
     """Linear maps between a joint's film and ``xi = (e, psi, q)``: n coordinates.
+
+    The elastic coordinates q are those of surfaces at rest in the bore's frame. What a turning
+    surface adds is not linear in its coordinates, see `Surface.turning_rows`.
 
     Parameters
     ----------
     joint
         Lubricated joint.
-    part
-        Reduced body with the bore; None: the bore is rigid.
+    bore, journal
+        Functions that make the two surfaces (`Body.surface`).
     tilting
         Whether the journal tilts.
 
@@ -513,6 +251,12 @@ class JointFilm:
     ----------
     film
         Film of the joint, with a temperature of the joint's own if its heat is balanced.
+    surfaces
+        Surfaces of bore and journal.
+    turning
+        The surface that turns through the film; None: none.
+    plain
+        Whether both surfaces are round.
     shaft_radius
         Radius of the journal [m].
     friction, shear_rule
@@ -524,23 +268,34 @@ class JointFilm:
         the g Gauss points, shape (g, n).
     observed
         Change of the gap at Gauss points and nodes, shape (w, n).
+    deviation
+        Constant change of the gap at Gauss points and nodes, shape (w,) [m].
     load
         Generalised forces of nodal pressures on xi, shape (n, nodes).
-    bore
-        Maps of a flexible bore; None: the bore is rigid.
-    shape
-        Shapes of bore and journal.
     """
 
-    def __init__(self, joint: LubricatedJoint, part: ReducedBody | None, tilting: bool):
+    def __init__(
+        self,
+        joint: LubricatedJoint,
+        bore: SurfaceOf = Surface,
+        journal: SurfaceOf = Surface,
+        *,
+        tilting: bool = False,
+    ):
         # Joints may share a film, but not the temperature of the film.
         film = self.film = joint.film if joint.heat is None else joint.film.with_own_temperature()
         self.shaft_radius = film.parameters.grid.radius - self.clearance
         self.friction = joint.friction
         self.journal_coordinates = 4 if tilting else 2
         self.shear_rule = joint.shear_rule
-        self.shape = JointShape(film, joint.bore_shape, joint.journal_shape)
-        self.bore = None if part is None else BoreFilm(part, film, joint.transfer)
+        self.surfaces = (
+            bore(Side(film, BORE, joint.bore_shape, joint.transfer)),
+            journal(Side(film, JOURNAL, joint.journal_shape)),
+        )
+        self.turning = next((surface for surface in self.surfaces if surface.turning), None)
+        round_sides = all(surface.side.shape is None for surface in self.surfaces)
+        self.plain = round_sides and self.turning is None
+        self.deviation = self.surfaces[0].deviation + self.surfaces[1].deviation
         inside = film.points.angle.size
         positions = observed_positions(film)
         outward, around = _journal_fields(*positions, self.journal_coordinates)
@@ -549,15 +304,14 @@ class JointFilm:
         mean = [0.5 * around]
         sliding = [around]
         load = [-film.load(outward[:inside].reshape((*film.points.angle.shape, -1)))]
-        if self.bore is not None:
-            tangential = self.bore.tangential
-            carried = _mean_translation(film, self.bore.outward, tangential)
-            # The frame of the film moves with the mean translation of the bore.
-            mean.append(0.5 * tangential - carried)
-            sliding.append(-tangential)
-            gap.append(self.bore.observed)
-            load[0][:2] = -self.bore.force
-            load.append(self.bore.load)
+        for surface in self.surfaces:
+            rows = surface.rows
+            mean.append(rows.mean_velocity)
+            sliding.append(rows.sliding_velocity)
+            gap.append(rows.gap)
+            load.append(rows.load)
+            if rows.resultant is not None:
+                load[0][:2] = -rows.resultant
         self.mean_velocity, self.sliding_velocity, self.observed = (
             np.ascontiguousarray(np.hstack(parts)) for parts in (mean, sliding, gap)
         )
@@ -568,6 +322,12 @@ class JointFilm:
     def size(self) -> int:
         """Number n of coordinates."""
         return self.thickness.shape[1]
+
+    @property
+    def bore(self) -> BoreFilm | None:
+        """Maps of an elastic bore; None: the bore is rigid."""
+        bore = self.surfaces[0]
+        return bore.maps if isinstance(bore, ElasticBore) else None
 
     @property
     def clearance(self) -> float:
@@ -604,6 +364,7 @@ class JointFilm:
         shaft_rate: float,
         relative_angle: float = 0.0,
         time: float = 0.0,
+        modes: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros(0)),
     ) -> Gap:
         """Gap and velocities at the Gauss points, without residual patterns.
 
@@ -616,6 +377,8 @@ class JointFilm:
             has an influence if the journal is not round or has supplies.
         time
             Time, which pressures of supplies may depend on [s].
+        modes
+            Elastic coordinates of the turning surface, if any, and their rates.
         """
         speed = self.shaft_radius * shaft_rate
         shape = self.film.points.angle.shape
@@ -627,7 +390,18 @@ class JointFilm:
             relative_angle,
             time,
         )
-        return self.shape.added(gap, relative_angle, shaft_rate)
+        if self.plain:
+            return gap
+        change = self.deviation[: shape[0] * shape[1]]
+        rate = np.zeros(change.size)
+        if self.turning is not None:
+            coordinates, rates = (
+                np.append(values, last)
+                for values, last in zip(modes, (relative_angle, shaft_rate), strict=True)
+            )
+            turned, rate = self.turning.turning_gap(coordinates, rates)
+            change = change + turned
+        return gap.changed(change, rate)
 
 
 def _journal_fields(
@@ -639,12 +413,3 @@ def _journal_fields(
     outward = np.stack([cosine, sine, -height * sine, height * cosine], axis=-1)
     around = np.stack([-sine, cosine, -height * cosine, -height * sine], axis=-1)
     return outward[:, :count], around[:, :count]
-
-
-def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
-    """Tangential component of the mean translation of every field, at the Gauss points."""
-    cosine, sine = (x.ravel()[:, None] for x in film.points.normal)
-    area = film.assembly.area.ravel() / film.assembly.area.sum()
-    x = area @ (cosine * outward - sine * tangential)
-    y = area @ (sine * outward + cosine * tangential)
-    return cosine * y - sine * x

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -32,10 +32,10 @@ from fenics_ehd.multibody.body import (
     Balance,
     Body,
     Derivatives,
-    FlexibleBody,
     Marker,
     ground,
 )
+from fenics_ehd.multibody.elastic_bore import ElasticBore
 from fenics_ehd.multibody.forces import Force, Load, Torque
 from fenics_ehd.multibody.joints import (
     AngleDrive,
@@ -49,12 +49,8 @@ from fenics_ehd.multibody.joints import (
     require_turning,
     require_two_bodies,
 )
-from fenics_ehd.multibody.lubricated_joint import (
-    Eccentric,
-    JointFilm,
-    LubricatedJoint,
-    RotatedShape,
-)
+from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
+from fenics_ehd.multibody.surface import Surface, TurningRows
 from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_of
 
 
@@ -111,6 +107,39 @@ class Mechanism:
 
 
 @dataclass(frozen=True, eq=False)
+class BoundSurface:
+    """A surface of a film, bound to coordinates of the mechanism.
+
+    Attributes
+    ----------
+    surface
+        The surface.
+    body, point
+        Names of its body and of the point of the body.
+    marker
+        Marker at the centre of the undeformed surface.
+    modes
+        Indices of its elastic coordinates in z, shape (n,).
+    angle
+        Index of the body's angle in z; None: the body cannot turn.
+    mounted
+        Angle of a body that cannot turn, else 0 [rad].
+    """
+
+    surface: Surface
+    body: str
+    point: str
+    marker: str
+    modes: np.ndarray
+    angle: int | None
+    mounted: float
+
+    def angle_of(self, values: np.ndarray) -> float:
+        """Angle [rad] from z, or angular speed [rad/s] from rates; 0 if the body cannot turn."""
+        return 0.0 if self.angle is None else values[self.angle]
+
+
+@dataclass(frozen=True, eq=False)
 class FilmBinding:
     """Film of a lubricated joint, bound to coordinates of the mechanism.
 
@@ -124,12 +153,8 @@ class FilmBinding:
         Indices of ``(e, psi, q)`` in z, shape (n,).
     rows
         Rows of the joint's constraints in g.
-    journal_angle, bore_angle
-        Indices of the angles of the two bodies in z; None: the body cannot turn.
-    bore_body, bore
-        Name of the body with the bore, and of the bore if it is flexible, else empty.
-    mounted
-        Angles of journal and bore if they cannot turn, else 0 [rad].
+    surfaces
+        Surfaces of bore and journal.
     """
 
     name: str
@@ -137,15 +162,12 @@ class FilmBinding:
     film: JointFilm
     xi: np.ndarray
     rows: slice
-    journal_angle: int | None
-    bore_angle: int | None
-    bore_body: str
-    bore: str
-    mounted: tuple[float, float]
+    surfaces: tuple[BoundSurface, BoundSurface]
 
     def relative_angle(self, z: np.ndarray) -> float:
         """Angle of the journal less that of the bore [rad]."""
-        return self.relative_speed(z) + self.mounted[0] - self.mounted[1]
+        bore, journal = self.surfaces
+        return self.relative_speed(z) + journal.mounted - bore.mounted
 
     def relative_speed(self, rates: np.ndarray) -> float:
         """Angular speed of the journal less that of the bore [rad/s]."""
@@ -155,34 +177,71 @@ class FilmBinding:
         """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""
         speed = self.relative_speed(rates)
         angle = self.relative_angle(z)
-        return self.film.gap(z[self.xi], rates[self.xi], speed, angle, time)
+        modes = z[self.turning_modes], rates[self.turning_modes]
+        return self.film.gap(z[self.xi], rates[self.xi], speed, angle, time, modes)
 
-    def rotated_shape(self, z: np.ndarray, rates: np.ndarray) -> RotatedShape | None:
-        """Shape of a turning journal there; None of one whose turning changes nothing."""
-        if not self.film.shape.turning:
+    def turning_coordinates(self, z: np.ndarray) -> np.ndarray:
+        """Coordinates ``(q, alpha)`` of a turning surface, shape (k,)."""
+        return np.append(z[self.turning_modes], self.relative_angle(z))
+
+    def turning_rows(self, z: np.ndarray, rates: np.ndarray) -> TurningRows | None:
+        """Rows of the turning surface at coordinates and rates; None if no surface turns."""
+        surface = self.film.turning
+        if surface is None:
             return None
-        return self.film.shape.rotated(self.relative_angle(z), self.relative_speed(rates))
+        speeds = np.append(rates[self.turning_modes], self.relative_speed(rates))
+        return surface.turning_rows(self.turning_coordinates(z), speeds)
 
     @cached_property
     def turning(self) -> np.ndarray:
         """Indices in z of the angles in `relative_angle`."""
-        ends = self.journal_angle, self.bore_angle
-        return np.array([angle for angle in ends if angle is not None], dtype=int)
+        angles = [surface.angle for surface in reversed(self.surfaces)]
+        return np.array([angle for angle in angles if angle is not None], dtype=int)
 
     @cached_property
     def signs(self) -> np.ndarray:
         """Signs of the angles in `relative_angle`."""
-        known = [self.journal_angle is not None, self.bore_angle is not None]
+        known = [surface.angle is not None for surface in reversed(self.surfaces)]
         return np.array([1.0, -1.0])[known]
+
+    @cached_property
+    def turning_modes(self) -> np.ndarray:
+        """Indices in z of the elastic coordinates of a turning surface."""
+        modes = [bound.modes for bound in self.surfaces if bound.surface.turning]
+        return np.concatenate([*modes, np.zeros(0, dtype=int)])
+
+    @cached_property
+    def turning_dofs(self) -> np.ndarray:
+        """Indices in z of ``q`` of a turning surface and of the angles in `relative_angle`."""
+        return np.concatenate([self.turning_modes, self.turning])
+
+    @cached_property
+    def turning_map(self) -> np.ndarray:
+        """Matrix from values at `turning_dofs` to those of ``(q, alpha)``."""
+        return linalg.block_diag(np.eye(len(self.turning_modes)), self.signs)
 
     def angles(self, values: np.ndarray) -> tuple[float, float]:
         """Angles of journal and bore [rad] from z, or angular speeds [rad/s] from rates of z.
 
         The value of a body that cannot turn is 0.
         """
-        journal = 0.0 if self.journal_angle is None else values[self.journal_angle]
-        bore = 0.0 if self.bore_angle is None else values[self.bore_angle]
-        return journal, bore
+        bore, journal = self.surfaces
+        return journal.angle_of(values), bore.angle_of(values)
+
+    @property
+    def journal_angle(self) -> int | None:
+        """Index of the journal's angle in z; None: the journal cannot turn."""
+        return self.surfaces[1].angle
+
+    @property
+    def bore_body(self) -> str:
+        """Name of the body with the bore."""
+        return self.surfaces[0].body
+
+    @property
+    def bore(self) -> str:
+        """Name of the bore if it is that of a flexible body, else empty."""
+        return self.surfaces[0].point if isinstance(self.surfaces[0].surface, ElasticBore) else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +348,7 @@ class System:
                 film = self._film(name, joint)
                 self.films.append(film)
                 size = film.film.journal_coordinates
-                joint = Eccentric(self.bore_at_rest(film), joint.journal, size)
+                joint = Eccentric(film.surfaces[0].marker, joint.journal, size)
             self._constrain(name, joint)
         for name in sorted(mechanism.drives):
             self._constrain(f"drive of {name}", AngleDrive(name, mechanism.drives[name]))
@@ -324,34 +383,38 @@ class System:
         return slice(first, self.k)
 
     def _film(self, name: str, joint: LubricatedJoint) -> FilmBinding:
-        bore_name, bore, point = self._named(joint.bore)
-        journal_name, journal, _ = self._named(joint.journal)
-        part = None
-        if isinstance(bore, FlexibleBody) and point in bore.reduced.bores:
-            part = bore.reduced.at_bore(point)
-        film = JointFilm(joint, part, journal.tilts)
-        last = self.bodies[bore_name].stop
-        size = film.journal_coordinates
-        modes = np.arange(last - film.size + size, last)
+        markers = [self._named(marker) for marker in joint.markers]
+        bore, journal = (partial(body.surface, point) for _, body, point in markers)
+        film = JointFilm(joint, bore, journal, tilting=markers[1][1].tilts)
+        surfaces = [
+            self._bound(surface, marker)
+            for surface, marker in zip(film.surfaces, joint.markers, strict=True)
+        ]
+        first = np.arange(self.n, self.n + film.journal_coordinates)
+        modes = [bound.modes for bound in surfaces if not bound.surface.turning]
         return FilmBinding(
             name,
             joint,
             film,
-            np.concatenate([np.arange(self.n, self.n + size), modes]),
-            slice(self.m, self.m + size),
-            self.angles.get(journal_name),
-            self.angles.get(bore_name),
-            bore_name,
-            "" if part is None else point,
-            (self._mounted.get(journal_name, 0.0), self._mounted.get(bore_name, 0.0)),
+            np.concatenate([first, *modes]),
+            slice(self.m, self.m + film.journal_coordinates),
+            (surfaces[0], surfaces[1]),
         )
 
-    def bore_at_rest(self, binding: FilmBinding) -> str:
-        """Marker of the undeformed bore of a film."""
-        body = self._bodies[binding.bore_body]
-        if isinstance(body, FlexibleBody) and binding.bore:
-            return f"{binding.bore_body}.{body.at_rest(binding.bore)}"
-        return binding.joint.bore
+    def _bound(self, surface: Surface, marker: str) -> BoundSurface:
+        """Surface at a marker, bound to the coordinates of its body."""
+        name, body, point = self._named(marker)
+        last = self.bodies[name].stop
+        at_rest = f"{name}.{body.at_rest(point)}" if surface.elastic and point else marker
+        return BoundSurface(
+            surface,
+            name,
+            point,
+            at_rest,
+            np.arange(last - surface.modes, last),
+            self.angles.get(name),
+            self._mounted.get(name, 0.0),
+        )
 
     def _check_names(self) -> None:
         """Refuse names of bodies and points that do not exist, and a bore of two joints.

@@ -49,9 +49,9 @@ from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED, AsperityContact
 from fenics_ehd.multibody.contact import JointContact
-from fenics_ehd.multibody.lubricated_joint import observed_positions
 from fenics_ehd.multibody.mechanism import FilmBinding
 from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, film_friction
+from fenics_ehd.multibody.surface import observed_positions
 
 #: Values that differ by less than this share are equal. A film without misalignment has its extreme
 #: at two mirrored points: the upper one is reported, not the one that round-off chose.
@@ -156,7 +156,7 @@ class JointStep:
         """Direction of the journal's load on the bore, in the bore's frame [rad]."""
         # The joint's own force is the one on the journal.
         load = np.arctan2(-self.force[1], -self.force[0])
-        return float(load - self.binding.angles(self.x)[1] - self.binding.mounted[1])
+        return float(load - self.binding.angles(self.x)[1] - self.binding.surfaces[0].mounted)
 
     @cached_property
     def journal(self) -> np.ndarray:
@@ -181,9 +181,9 @@ class JointStep:
         """Torque that brakes the journal about its own axis [N m]."""
         # Every torque that brakes the journal belongs here.
         torque = -self.friction.torque
-        shape = self.binding.rotated_shape(self.x, self.rate)
-        if shape is not None:
-            torque -= float(shape.torque @ self.pressure)
+        rows = self.binding.turning_rows(self.x, self.rate)
+        if rows is not None:
+            torque -= float(rows.load[-1] @ self.pressure)
         if self.contact is not None:
             torque += self.contact.friction_torque(self.touch, self.state.gap)
         return torque

@@ -72,7 +72,7 @@ class Run:
         self._begin(solve, norm, control, IntegratorState.begin(norm, 0.0, x, rate, control))
         gaps = norm.film_gaps(self.state.observed[0])
         for binding, gap in zip(system.films, gaps, strict=True):
-            if not binding.film.shape.plain:
+            if not binding.film.plain:
                 _check_start(binding, float(gap.min()))
 
     def _begin(

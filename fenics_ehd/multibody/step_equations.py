@@ -274,7 +274,7 @@ class StepEquations:
         for i, binding in enumerate(system.films):
             check_gap(gaps[i], binding.film.film.parameters.surfaces)
             film = self.films[i].evaluate(gaps[i], unknowns[i])
-            point = replace(film, contact=contacts[i], rotated=binding.rotated_shape(z, rates))
+            point = replace(film, contact=contacts[i], turning=binding.turning_rows(z, rates))
             self.contacts.subtract_from_residual(i, point, residual)
             films.append(point)
             self._subtract_from_residual(i, point, residual)
@@ -294,8 +294,9 @@ class StepEquations:
         film = binding.film
         pressure = film.film.parameters.pressure_scale * point.nodal
         residual[binding.xi] -= film.load @ pressure
-        if point.rotated is not None:
-            _subtract_torque(binding, float(point.rotated.torque @ pressure), residual)
+        if point.turning is not None:
+            forces = point.turning.load @ pressure
+            residual[binding.turning_dofs] -= forces @ binding.turning_map
         if not film.friction:
             return
         frozen = self.sheared_fraction.get(binding.name)
@@ -325,7 +326,7 @@ class StepEquations:
             film = point.films[i]
             shift = self._step.shift
             block = coupling.linearise(film, shift, speed, patterns[i], share, len(core))
-            coupling.add_torque_stiffness(film, core)
+            coupling.add_turning_stiffness(film, core)
             films.append(contact.extend(i, block, coupling.model))
         return Derivative(films, core)
 

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_ehd.multibody.lubricated_joint import JointShape
 from fenics_ehd.multibody.mechanism import FilmBinding, consecutive
 from fenics_ehd.multibody.step_equations import StepEquations
+from fenics_ehd.multibody.surface import Surface
 
 
 class StepNorm:
     """Norm of the errors of the gaps, relative to the gaps, and of the bodies' coordinates.
 
     Without a film the coordinates alone control the steps. Observed values are gaps and
-    dimensionless coordinates (`Body.error_measure`), both affine in the state, and the angles of
-    journals whose shape turns, from which the gap reduction by the shape follows.
+    dimensionless coordinates (`Body.error_measure`), both affine in the state, and the coordinates
+    ``(q, alpha)`` of turning surfaces, from which the gap changes by these surfaces follow.
 
     Parameters
     ----------
@@ -33,44 +33,48 @@ class StepNorm:
             observed = np.zeros((len(film.film.observed), system.n))
             observed[:, film.xi] = film.film.observed
             rows.append(observed)
-            constants.append(film.film.clearance + film.film.shape.fixed)
+            constants.append(film.film.clearance + film.film.deviation)
         self._joints = [film.film for film in system.films]
         self._rough = any(joint.film.parameters.surfaces is not None for joint in self._joints)
         self._films = consecutive(0, [len(r) for r in rows])
         self._gaps = self._films[-1].stop if rows else 0
         self._responses = responses
         self._measure = system.error_measure
-        angles = self._turning_angles(system.films, system.n)
-        self._rows = np.vstack([*rows, self._measure, *angles])
-        self._constant = np.concatenate([*constants, np.zeros(len(self._measure) + len(angles))])
+        turning = self._turning_coordinates(system.films, system.n)
+        self._rows = np.vstack([*rows, self._measure, turning])
+        self._constant = np.concatenate([*constants, np.zeros(len(self._measure) + len(turning))])
 
-    def _turning_angles(self, films: Sequence[FilmBinding], size: int) -> list[np.ndarray]:
-        """Rows of the angles of journals whose shape turns, and the gaps that follow from each."""
-        self._turning: list[tuple[slice, int, float, JointShape]] = []
-        angles: list[np.ndarray] = []
+    def _turning_coordinates(self, films: Sequence[FilmBinding], size: int) -> np.ndarray:
+        """Rows of the coordinates of all turning surfaces, and the gaps that each one changes."""
+        self._turning: list[tuple[slice, slice, np.ndarray, Surface]] = []
+        rows = [np.zeros((0, size))]
+        last = self._gaps + len(self._measure)
         for indices, film in zip(self._films, films, strict=True):
-            shape = film.film.shape
-            if shape.turning:
-                row = self._gaps + len(self._measure) + len(angles)
-                self._turning.append((indices, row, film.relative_angle(np.zeros(size)), shape))
-                angles.append(np.zeros((1, size)))
-                angles[-1][0, film.turning] = film.signs
-        return angles
+            surface = film.film.turning
+            if surface is not None:
+                selection = np.zeros((len(film.turning_map), size))
+                selection[:, film.turning_dofs] = film.turning_map
+                rows.append(selection)
+                first = last
+                last += len(selection)
+                mounted = film.turning_coordinates(np.zeros(size))
+                self._turning.append((indices, slice(first, last), mounted, surface))
+        return np.vstack(rows)
 
     def observe(self, x: np.ndarray) -> np.ndarray:
-        """Observed gaps [m], dimensionless coordinates and angles of a state ``(z, y, ...)``."""
+        """Observed gaps [m], dimensionless and turning coordinates of a state ``(z, y, ...)``."""
         observed = self._constant + self._rows @ x[: self._rows.shape[1]]
         if self._responses.size:
             observed[: self._gaps] += self._responses.observed(x[self._responses.indices])
         return observed
 
     def gaps(self, observed: np.ndarray) -> np.ndarray:
-        """Gaps, with the shapes of turning journals, of observed values [m]."""
+        """Gaps, with turning surfaces, of observed values [m]."""
         gaps = observed[: self._gaps]
         if self._turning:
             gaps = gaps.copy()
-            for indices, angle, mounted, shape in self._turning:
-                gaps[indices] -= shape.gap_reduction(observed[angle] + mounted)
+            for indices, rows, mounted, surface in self._turning:
+                gaps[indices] += surface.gap_change(observed[rows] + mounted)
         return gaps
 
     def lengths(self, gaps: np.ndarray) -> np.ndarray:

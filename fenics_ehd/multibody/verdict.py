@@ -108,14 +108,16 @@ NODE_SPACING = 0.5
 
 
 def too_coarse(binding: FilmBinding, thickness: float) -> str:
-    """Reason for rejecting a film that is too thin for its mesh; empty for an elastic bore."""
-    if binding.film.bore is not None:
+    """Reason for rejecting a film that is too thin for its mesh; empty for elastic surfaces."""
+    if any(surface.elastic for surface in binding.film.surfaces):
         return ""
     angles = np.unique(binding.film.film.parameters.grid.node_positions[:, 0].round(9))
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     # The film is thin if the gap is below twice its least: h = c (1 - eps cos phi).
     length = float(binding.film.lengths(np.array([thickness]))[0])
-    bend = binding.film.clearance + binding.film.shape.largest_second_derivative
+    bend = binding.film.clearance + sum(
+        surface.largest_second_derivative for surface in binding.film.surfaces
+    )
     thin = np.degrees(np.sqrt(2 * length / bend))
     if spacing <= NODE_SPACING * thin:
         return ""

@@ -100,7 +100,7 @@ class Bearing:
         grid = self.film.grid
         self.radius, self.elastic = grid.radius, bool(binding.bore)
         self._enlarged = scale / grid.radius
-        self.body, bore = at(bodies, replay.system.bore_at_rest(binding))
+        self.body, bore = at(bodies, binding.surfaces[0].marker)
         self.journal_body, _ = at(bodies, binding.joint.journal)
         eccentricity, turns = replay.motion.coordinates[:, binding.xi[:2]], self.body.turns
         self.centre = bore

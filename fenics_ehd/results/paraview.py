@@ -23,8 +23,8 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import claim
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import Body, FlexibleBody
+from fenics_ehd.multibody.elastic_bore import bore_surface
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.lubricated_joint import bore_surface
 from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
 from fenics_ehd.multibody.recorded_quantities import FilmResult
 from fenics_ehd.multibody.shaft import ShaftBody
@@ -235,7 +235,7 @@ def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -
     kind, order = FILM_CELLS[film.family]
     angle, height = np.asarray(film.angle), np.asarray(film.height)
     local = np.column_stack([film.radius * np.cos(angle), film.radius * np.sin(angle), height])
-    point = replay.system.bore_at_rest(binding).partition(".")[2]
+    point = binding.surfaces[0].marker.partition(".")[2]
     poses = replay.marker(binding.bore_body, point)
     bent = np.zeros((len(poses), *local.shape))
     if binding.bore:

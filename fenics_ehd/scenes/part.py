@@ -28,8 +28,8 @@ from fenics_ehd.base.settings import keys_excluded_by
 from fenics_ehd.fem.models import check_model, is_shipped, model_path, stored_mesh_error
 from fenics_ehd.film.grid import match
 from fenics_ehd.film.transfer import interpolation_matrix
+from fenics_ehd.multibody.elastic_bore import bore_surface, sampling_grid
 from fenics_ehd.multibody.history import FIELDS_NAME
-from fenics_ehd.multibody.lubricated_joint import bore_surface, sampling_grid
 from fenics_ehd.reduction.body import ReducedBody, load_body
 from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.reduction.fixed_interface_modes import craig_bampton, two_step_craig_bampton

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from fenics_ehd.film.transfer import interpolation_matrix
+from fenics_ehd.multibody.elastic_bore import bore_surface
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.lubricated_joint import bore_surface
 from fenics_ehd.plotting.maps import ANGLES, NORMALS, draw_rasters, raster_of
 from fenics_ehd.plotting.picture import BLACK, BLUE, PRESSURES, RED, YELLOW, factor_of, plt
 from fenics_ehd.plotting.shown import film_grid

@@ -1,0 +1,216 @@
+"""Elastic bores: the bore of a reduced body as one surface of a film.
+
+If the meshes of a body's bore and of its film match, shape functions of the bore are evaluated at
+the film's Gauss points. If they do not match, pressures are transferred to the bore either
+conservatively, ``F = int N_s n p``, with the resultants of the film, or by the paper's mortar (14)
+and the body's load matrix. A bore may have holes. The gap in a hole follows the bore as extended
+from the rim (`fenics_ehd.film.transfer`). The film's pressure in a hole does not load the elastic
+modes: these are loaded on the remaining surface alone, as in the body's load matrix. The pressure
+in a hole is part of the force between journal and body, because the oil in the hole presses on the
+far end of its passage.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenics_ehd.base.arguments import require_class, require_word
+from fenics_ehd.base.errors import InterfaceMismatchError
+from fenics_ehd.base.fields import TRANSFERS
+from fenics_ehd.film.film import Film
+from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
+from fenics_ehd.film.transfer import Mortar, outward_displacement, solid_share
+from fenics_ehd.film.transfer import Surface as SurfaceMesh
+from fenics_ehd.multibody.surface import Side, Surface, SurfaceRows, observed_positions
+from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
+from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
+
+#: Largest difference of the film's load from the body's load, over the largest load, of a cosine
+#: pressure. The body integrates over quadratic cells, whose areas differ from those of the cylinder
+#: by 1e-5 with 20 cells.
+LOAD_TOLERANCE = 5e-4
+
+
+def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> SurfaceMesh:
+    """Surface mesh of a body's bore; the nodes of a bore without cells must be structured."""
+    if cells.size:
+        return SurfaceMesh.on_cylinder(nodes, cells, family)
+    grid = film_grid(nodes)
+    order = match(grid.nodes, nodes)
+    assert order is not None
+    return SurfaceMesh.on_cylinder(nodes, order[grid.cell_nodes], grid.family)
+
+
+def sampling_grid(bore: BoreSurface) -> FilmGrid:
+    """Grid at whose nodes the mesh error of a part's bore is stored."""
+    return uniform_grid(bore.radius, bore.width, SAMPLED)
+
+
+class BoreFilm:
+    """Linear maps of one film in the bore of one body.
+
+    Parameters
+    ----------
+    body
+        Reduced body.
+    film
+        Film on the body's bore.
+    transfer
+        Transfer of pressures to a bore whose mesh does not match that of the film, one of
+        `TRANSFERS`.
+
+    Attributes
+    ----------
+    outward, tangential
+        Components of the elastic modes at the Gauss points, shape (g, n).
+    normal
+        Outward displacement at the Gauss points of displacements of the bore nodes, sparse,
+        shape (g, 3 m).
+    observed_normal
+        The same at Gauss points and film nodes, shape (w, 3 m).
+    projected
+        Mortar from nodal pressures of the film to those of the bore; None: without mortar.
+    observed
+        Outward components of the elastic modes at Gauss points and film nodes, shape (w, n).
+    force, load
+        Force of nodal film pressures along x and y, shape (2, nodes), and generalised forces on
+        the elastic modes, shape (n, nodes).
+    holes, solid
+        Holes of the bore's mesh, and solid fraction of every Gauss point's area, shape (cells,
+        points); None: the bore has no holes.
+
+    Raises
+    ------
+    InterfaceMismatchError
+        The bore is not the film's cylinder, or the body's load matrix does not
+        belong to the bore.
+    """
+
+    def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
+        require_class("body", body, ReducedBody)
+        require_class("film", film, Film)
+        require_word("transfer", transfer, TRANSFERS)
+        grid = film.parameters.grid
+        self._check_size(body, film)
+        mesh = bore_surface(body.bore_nodes, body.bore.cells, body.bore.family)
+        m = len(body.bore_nodes)
+        # Unit translations along x and y, then the elastic modes.
+        fields = np.zeros((m, 3, 2 + body.modes))
+        fields[:, 0, 0] = fields[:, 1, 1] = 1.0
+        fields[:, :, 2:] = body.bore_basis
+        fields = fields.reshape(3 * m, -1)
+        inside = film.points.angle.size
+        self.observed_normal = outward_displacement(mesh, *observed_positions(film))
+        normal = self.normal = self.observed_normal[:inside]
+        self.observed = (self.observed_normal @ fields)[:, 2:]
+        outward = normal @ fields
+        self.outward = self.observed[:inside]
+        # n . (e_z x u) is minus the component of u along the circumference.
+        self.tangential = -(normal @ turned(fields[:, 2:], 2))
+        # Cells of 4 and of 9 nodes may have the same nodes, with other shape functions.
+        family = body.bore.pressure_family or film_layout(body.pressure_nodes)[1]
+        alike = grid.family == family
+        self._order = match(body.pressure_nodes, grid.nodes) if alike else None
+        self._mortar = self._mortar_of(body, grid) if self._order is None else None
+        fields = outward.reshape(*film.points.angle.shape, -1)
+        self.holes = mesh.holes
+        self.solid = None
+        force_with_holes = None
+        if mesh.holes:
+            of_film = SurfaceMesh(grid.node_positions, grid.cell_nodes, grid.family)
+            self.solid = solid_share(mesh, of_film, film.assembly.reference)
+            force_with_holes = film.load(fields[..., :2])
+            fields = self.solid[..., None] * fields
+        load = film.load(fields)
+        self.projected: np.ndarray | None = None
+        if transfer == "mortar" and self._mortar is not None:
+            matrix = self.projected = self._mortar.to_structure(np.eye(len(grid.nodes)))
+            load = body.load_projection[1:] @ matrix
+        self.force = load[:2]
+        self.load = load[2:]
+        self._check_load(body, film)
+        if force_with_holes is not None:
+            self.force = force_with_holes
+
+    @staticmethod
+    def _check_size(body: ReducedBody, film: Film) -> None:
+        grid = film.parameters.grid
+        for name, of_film, of_bore in (
+            ("radius", grid.radius, body.bore.radius),
+            ("width", grid.width, body.bore.width),
+        ):
+            if not abs(of_film - of_bore) <= 1e-6 * of_bore:
+                raise InterfaceMismatchError(
+                    f"the film's {name} of {of_film:g} m must be that of the bore, {of_bore:g} m"
+                )
+
+    def _mortar_of(self, body: ReducedBody, grid: FilmGrid) -> Mortar:
+        structure = bore_surface(
+            body.pressure_nodes, body.bore.pressure_cells, body.bore.pressure_family
+        )
+        film = SurfaceMesh(grid.node_positions, grid.cell_nodes, grid.family)
+        return Mortar(structure, film, grid.radius)
+
+    def structure_pressure(self, pressure: np.ndarray) -> np.ndarray:
+        """Pressures ``P_s`` of (14) at the body's pressure nodes, shape (k,) [Pa]."""
+        if self._mortar is not None:
+            return self._mortar.to_structure(pressure)
+        return pressure[self._order]
+
+    def _check_load(self, body: ReducedBody, film: Film) -> None:
+        """Refuse a load matrix J whose work of a smooth pressure is not that of the film."""
+        grid = film.parameters.grid
+        for angle_of, component in ((np.cos, 1), (np.sin, 2)):
+            pressure = 1.0 + angle_of(grid.node_positions[:, 0])
+            of_film = self.force @ pressure
+            expected = body.load_projection[TRANSLATIONS] @ self.structure_pressure(pressure)
+            defect = np.abs(of_film - expected).max() / np.abs(expected).max()
+            if not defect <= LOAD_TOLERANCE:
+                raise InterfaceMismatchError(
+                    f"film and body disagree on the work of a pressure by {defect:.1e} "
+                    f"(relative, component {component}), above {LOAD_TOLERANCE:.0e}: the body's "
+                    "load matrix does not belong to its bore"
+                )
+
+
+def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
+    """Tangential component of the mean translation of every field, at the Gauss points."""
+    cosine, sine = (x.ravel()[:, None] for x in film.points.normal)
+    area = film.assembly.area.ravel() / film.assembly.area.sum()
+    x = area @ (cosine * outward - sine * tangential)
+    y = area @ (sine * outward + cosine * tangential)
+    return cosine * y - sine * x
+
+
+class ElasticBore(Surface):
+    """Bore of a reduced body, with the body's elastic modes.
+
+    Parameters
+    ----------
+    part
+        Reduced body at this bore.
+    side
+        Side of the film.
+
+    Attributes
+    ----------
+    part
+        As given.
+    maps
+        Linear maps between film and body.
+    """
+
+    elastic = True
+
+    def __init__(self, part: ReducedBody, side: Side):
+        super().__init__(side, part.modes)
+        self.part = part
+        self.maps = BoreFilm(part, side.film, side.transfer)
+
+    @property
+    def rows(self) -> SurfaceRows:
+        """Constant maps of the modes; the film's frame moves with their mean translation."""
+        maps = self.maps
+        carried = _mean_translation(self.side.film, maps.outward, maps.tangential)
+        mean = 0.5 * maps.tangential - carried
+        return SurfaceRows(maps.observed, mean, -maps.tangential, maps.load, maps.force)

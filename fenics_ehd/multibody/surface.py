@@ -1,0 +1,274 @@
+"""Surfaces of a film: what bends, turns or deviates on each side of a gap.
+
+The gap of a film lies between two surfaces: that of the bore, with the sign s = +1, and that of the
+journal, with s = -1. In the frame of the bore,
+
+    h = c - n . (e + z (psi_y, -psi_x)) + sum s v(phi_s),    v = delta + Psi q,
+
+with the radial deviation delta of a surface (`fenics_ehd.film.kinematics.Shape`) and the outward
+displacements Psi of its elastic modes, both functions of the surface's own angle ``phi_s``. That is
+phi for the bore. For a journal at the angle alpha relative to the bore it is ``phi - alpha``: a
+journal that is not round *turns* through the film,
+
+    dh/dalpha = dv/dphi (phi - alpha),    h' = ... - Psi q' + alpha' dh/dalpha,
+
+and pressures exert the torque ``int p dh/dalpha dA`` on it. Forces on the modes are
+``int p s Psi dA``: gap and force are conjugate.
+
+Surfaces at rest in the bore's frame have constant rows (`SurfaceRows`). A turning surface has rows
+at every point of Newton's method (`TurningRows`), along the k coordinates ``(q, alpha)``. The
+tangential velocity of its elastic modes is left out, as is its work: both are c / R of those of the
+radial displacement.
+
+A body makes the surface at one of its points (`Body.surface`): `Surface` itself is rigid. Classes
+with elastic modes derive from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_ehd.film.kinematics import Shape
+
+if TYPE_CHECKING:
+    from fenics_ehd.film.film import Film
+
+#: Signs of the outward displacement of a bore and of a journal in the gap.
+BORE = 1.0
+JOURNAL = -1.0
+
+
+def observed_positions(film: Film) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and heights at which a gap is computed: Gauss points, then nodes, shape (w,) each."""
+    nodes = film.parameters.grid.node_positions
+    points = film.points
+    return (
+        np.concatenate([points.angle.ravel(), nodes[:, 0]]),
+        np.concatenate([points.height.ravel(), nodes[:, 1]]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """Side of a film on which a body has a surface.
+
+    Attributes
+    ----------
+    film
+        The film.
+    sign
+        `BORE` or `JOURNAL`.
+    shape
+        Radial deviation of the surface in the frame of its body; None: round.
+    transfer
+        Transfer of pressures to a mesh that does not match that of the film, one of `TRANSFERS`.
+    """
+
+    film: Film
+    sign: float = BORE
+    shape: Shape | None = None
+    transfer: str = "conservative"
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRows:
+    """Constant linear maps between a film and the n elastic modes of a surface.
+
+    Attributes
+    ----------
+    gap
+        Change of the gap at Gauss points and nodes for unit coordinates, shape (w, n).
+    mean_velocity, sliding_velocity
+        Change of the two velocities of `Gap` for unit rates, at the Gauss points, shape (g, n).
+    load
+        Generalised forces of unit nodal pressures, shape (n, nodes).
+    resultant
+        Force of unit nodal pressures on the surface along x and y, shape (2, nodes); None: the
+        integral over the film.
+    """
+
+    gap: np.ndarray
+    mean_velocity: np.ndarray
+    sliding_velocity: np.ndarray
+    load: np.ndarray
+    resultant: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TurningRows:
+    """Derivatives of a gap along the k coordinates ``(q, alpha)`` of a turning surface.
+
+    Attributes
+    ----------
+    gap, gap_rate
+        Derivatives along the coordinates of the gap and of its rate at the g Gauss points, shape
+        (g, k).
+    second_derivative
+        Second derivatives of the gap along every coordinate and alpha, shape (g, k). All others
+        are zero.
+    load, load_derivative
+        Generalised forces of unit nodal pressures and their derivatives along alpha, shape
+        (k, nodes).
+    """
+
+    gap: np.ndarray
+    gap_rate: np.ndarray
+    second_derivative: np.ndarray
+    load: np.ndarray
+    load_derivative: np.ndarray
+
+    @staticmethod
+    def stiffness(along_angle: np.ndarray) -> np.ndarray:
+        """Derivative of forces along all coordinates, from that along alpha: (k,) to (k, k)."""
+        matrix = np.zeros((len(along_angle), len(along_angle)))
+        matrix[-1] = along_angle
+        matrix[:, -1] = along_angle
+        return matrix
+
+
+class Surface:
+    """Surface of a body on one side of a film; rigid, with the shape of its side.
+
+    Parameters
+    ----------
+    side
+        Side of the film.
+    modes
+        Number n of elastic modes, which are the body's last coordinates.
+
+    Attributes
+    ----------
+    side, modes
+        As given.
+    shape
+        Radial deviation.
+    """
+
+    #: Whether the surface deforms.
+    elastic = False
+
+    def __init__(self, side: Side, modes: int = 0):
+        self.side = side
+        self.modes = modes
+        self.shape = side.shape or Shape()
+        self._angle, self._height = observed_positions(side.film)
+        self._inside = side.film.points.angle.size
+
+    @property
+    def turning(self) -> bool:
+        """Whether the gap depends on the angle between journal and bore through this surface."""
+        return self.side.sign == JOURNAL and bool(self.modes or not self.shape.round)
+
+    @property
+    def largest_second_derivative(self) -> float:
+        """Bound of the shape's second derivative along the angle [m/rad^2]."""
+        return float(np.abs(self.shape.radial(self._angle, self._height, 2)).max())
+
+    def outward(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
+        """Outward displacement of the elastic modes, or its derivative along the angle.
+
+        Parameters
+        ----------
+        angle, height
+            Positions in the frame of the body [rad], [m], shape (p,).
+        order
+            0, or that of the derivative, 1 or 2.
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (p, n).
+        """
+        return np.zeros((len(angle), self.modes))
+
+    @cached_property
+    def deviation(self) -> np.ndarray:
+        """Constant change of the gap at Gauss points and nodes by the shape, shape (w,) [m]."""
+        if self.turning:
+            return np.zeros(len(self._angle))
+        return self.side.sign * self.shape.radial(self._angle, self._height)
+
+    @property
+    def rows(self) -> SurfaceRows:
+        """Constant maps of the elastic modes; without columns if the surface turns."""
+        film = self.side.film
+        modes = 0 if self.turning else self.modes
+        gap = np.zeros((len(self._angle), 0))
+        load = np.zeros((0, len(film.parameters.grid.nodes)))
+        if modes:
+            gap = self.side.sign * self.outward(self._angle, self._height)
+            load = film.load(gap[: self._inside].reshape(*film.points.angle.shape, modes))
+        still = np.zeros((self._inside, modes))
+        return SurfaceRows(gap, still, still, load)
+
+    def _displacement(
+        self, coordinates: np.ndarray, points: slice = slice(None), order: int = 0
+    ) -> np.ndarray:
+        """Outward displacement v of a turning surface, or its derivative along its own angle."""
+        angle = self._angle[points] - coordinates[-1]
+        height = self._height[points]
+        displacement = self.shape.radial(angle, height, order)
+        if self.modes:
+            displacement = displacement + self.outward(angle, height, order) @ coordinates[:-1]
+        return displacement
+
+    def gap_change(self, coordinates: np.ndarray) -> np.ndarray:
+        """Change of the gap by a turning surface at coordinates ``(q, alpha)``.
+
+        Returns
+        -------
+        numpy.ndarray
+            At Gauss points and nodes, shape (w,) [m].
+        """
+        return self.side.sign * self._displacement(coordinates)
+
+    def turning_gap(
+        self, coordinates: np.ndarray, rates: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Change of the gap and of its rate by a turning surface at the Gauss points.
+
+        Parameters
+        ----------
+        coordinates, rates
+            ``(q, alpha)`` and its time derivative, shape (k,).
+
+        Returns
+        -------
+        change, rate : numpy.ndarray
+            shape (g,) each [m], [m/s].
+        """
+        inside = slice(self._inside)
+        sign = self.side.sign
+        change = sign * self._displacement(coordinates, inside)
+        rate = rates[-1] * (-sign * self._displacement(coordinates, inside, 1))
+        if self.modes:
+            angle = self._angle[inside] - coordinates[-1]
+            rate = rate + sign * (self.outward(angle, self._height[inside]) @ rates[:-1])
+        return change, rate
+
+    def turning_rows(self, coordinates: np.ndarray, rates: np.ndarray) -> TurningRows:
+        """Derivatives of the gap along the coordinates ``(q, alpha)``, see `turning_gap`."""
+        inside = slice(self._inside)
+        sign = self.side.sign
+        slope = -sign * self._displacement(coordinates, inside, 1)
+        second = sign * self._displacement(coordinates, inside, 2)
+        gap = slope[:, None]
+        second = second[:, None]
+        gap_rate = rates[-1] * second
+        if self.modes:
+            angle = self._angle[inside] - coordinates[-1]
+            height = self._height[inside]
+            along_modes = -sign * self.outward(angle, height, 1)
+            gap = np.hstack([sign * self.outward(angle, height), gap])
+            second = np.hstack([along_modes, second])
+            gap_rate = rates[-1] * second
+            gap_rate[:, -1] += along_modes @ rates[:-1]
+        film = self.side.film
+        fields = np.hstack([gap, second])
+        k = gap.shape[1]
+        loads = film.load(fields.reshape(*film.points.angle.shape, 2 * k))
+        return TurningRows(gap, gap_rate, second, loads[:k], loads[k:])

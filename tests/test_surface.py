@@ -1,0 +1,134 @@
+"""Surfaces of a film: a lopsided compliance at rest in the bore and turning with the journal."""
+
+import numpy as np
+import pytest
+from film_cases import oval
+from given_surface import Bearing, GivenBody, stiffness
+from journal_cases import OMEGA, UNIT_LOAD, C, R, make_film
+from moving_point import assert_derivatives
+
+import fenics_ehd as ehd
+from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.run import Run
+
+pytestmark = pytest.mark.kernels
+
+#: Mean compliance that moves the surface by a third of the clearance at the bearing's pressures.
+MEAN = 0.3 * C / (UNIT_LOAD / (4 * R * R))
+
+
+def swinging(film=None, *, angle=0.3, **joint):
+    """A heavy elastic journal, not round either, that turns in a ring that turns too."""
+    film = film or make_film((12, 3))
+    given = stiffness(R, 2 * R, MEAN)
+    return ehd.Mechanism(
+        {
+            "shaft": GivenBody(given, mass=2.0, inertia=1e-3, speed=OMEGA, angle=np.degrees(angle)),
+            "ring": ehd.RigidBody(1.0, 2e-3, speed=-40.0, angle=np.degrees(-0.2)),
+        },
+        {
+            "pivot": ehd.Revolute(("ground", "ring")),
+            "bearing": ehd.LubricatedJoint("shaft", "ring", film, **joint),
+        },
+        forces={"load": ehd.PointForce("shaft", (0.3, -1.0), lambda _: (0.1 * UNIT_LOAD, 0.0))},
+    )
+
+
+# --- Equations of a step
+
+
+@pytest.mark.parametrize("shift", [1e3, 1e5])
+@pytest.mark.parametrize("shape", [None, oval(2e-6, 0.3)])
+def test_derivatives_of_a_step_are_exact(shift, shape):
+    assert_derivatives(System(swinging(journal_shape=shape)), shift, 1e-2, 1e-7)
+
+
+def moving(system, seed=0):
+    """Coordinates and rates of a system in motion, and pressures at the nodes of its film."""
+    rng = np.random.default_rng(seed)
+    z = 1e-6 * rng.uniform(-1, 1, system.n)
+    rates = 1e-2 * rng.uniform(-1, 1, system.n)
+    (binding,) = system.films
+    z[binding.turning] = [0.7, -0.2]
+    rates[binding.turning] = [OMEGA, -40.0]
+    return z, rates, rng.uniform(0.0, 1e7, binding.film.load.shape[1])
+
+
+def test_the_power_of_all_forces_is_that_of_the_opening_gap():
+    system = System(swinging(journal_shape=oval(2e-6, 0.3)))
+    (binding,) = system.films
+    z, rates, pressure = moving(system)
+    gap = binding.gap(z, rates, 0.0)
+    expected = pressure @ (binding.film.film.pressure_areas.T @ gap.thickness_rate.ravel())
+    rows = binding.turning_rows(z, rates)
+    forces = np.zeros(system.n)
+    forces[binding.xi] += binding.film.load @ pressure
+    forces[binding.turning_dofs] += (rows.load @ pressure) @ binding.turning_map
+    assert forces @ rates == pytest.approx(expected, rel=1e-12)
+
+
+def test_rows_of_a_turning_surface_are_derivatives_of_its_gap():
+    system = System(swinging(journal_shape=oval(2e-6, 0.3)))
+    (binding,) = system.films
+    z, rates, _ = moving(system)
+    rows = binding.turning_rows(z, rates)
+    for column, h in ((0, 1e-9), (3, 1e-9), (-1, 1e-6)):
+        change = np.zeros(system.n)
+        dof = binding.turning_dofs[: len(rows.load)][column]
+        change[dof] = h
+        before, after = (binding.gap(z + s * change, rates, 0.0) for s in (-1, 1))
+        slope = (after.thickness - before.thickness).ravel() / (2 * h)
+        rate = (after.thickness_rate - before.thickness_rate).ravel() / (2 * h)
+        for exact, difference in ((rows.gap, slope), (rows.gap_rate, rate)):
+            scale = np.abs(exact).max()
+            np.testing.assert_allclose(exact[:, column], difference, atol=1e-6 * scale)
+
+
+def test_the_norm_knows_the_gap_of_the_equations():
+    run = Run(swinging(journal_shape=oval(2e-6, 0.3)), IntegratorOptions(tolerance=1e-3), 1e-3)
+    *_, last = run.until(1e-4)
+    (film,) = last.solution.films
+    (gap,) = run.norm.film_gaps(last.observed)
+    inside = film.gap.thickness.size
+    np.testing.assert_allclose(gap[:inside], film.gap.thickness.ravel(), rtol=1e-4)
+
+
+# --- In motion
+
+#: So that c / R, by which the two frames differ, is below the errors of the meshes.
+NARROW = 0.05 * C
+
+
+def ends(cells, turns, tolerance):
+    """Least film over clearance, and peak pressure, of both bearings at the end, shape (2, 2)."""
+    film = make_film(cells, clearance=NARROW)
+    load = 0.2 * UNIT_LOAD * (C / NARROW) ** 2
+    bearing = Bearing(film, 0.3 * NARROW / (load / (4 * R * R)), OMEGA, load)
+    rows = []
+    for mechanism in (bearing.at_rest, bearing.turning):
+        end = turns * 2 * np.pi / OMEGA
+        start = (0.3 * NARROW, 0.0)
+        result = ehd.simulate(
+            mechanism(start), end, tolerance=tolerance, order=2, first=1e-7
+        ).joints["bearing"]
+        rows.append([result.min_film_thickness[-1] / NARROW, result.max_pressure[-1]])
+    return np.array(rows)
+
+
+def test_a_journal_that_turns_bends_as_a_bore_at_rest(figure):
+    # After a quarter of a turn the nodes of one film lie at nodes of the other.
+    at_rest, turning = ends((12, 2), 0.25, 1e-4)
+    error = np.abs(turning / at_rest - 1.0).max()
+    figure("surface", "elastic journal that turns against bore at rest", error, most=1e-3)
+
+
+@pytest.mark.slow
+def test_both_agree_to_the_second_order_of_the_mesh(figure):
+    errors = []
+    for cells in ((12, 2), (24, 4)):
+        at_rest, turning = ends(cells, 0.27, 1e-5)
+        errors.append(np.abs(turning / at_rest - 1.0))
+    coarse, fine = np.array(errors)
+    figure("surface", "elastic journal that turns, film and peak", fine.max(), most=3e-3)
+    assert np.all(np.log2(coarse / fine) > 1.8)
