@@ -44,9 +44,16 @@ def test_bare_names_are_accepted_with_a_warning_if_one_joint_has_them():
     with pytest.warns(DeprecationWarning, match=r"force_x_N is now rocker_end\.force_x_N"):
         force = history.columns["force_x_N"]
     np.testing.assert_array_equal(force, history.columns["rocker_end.force_x_N"])
-    with pytest.warns(DeprecationWarning, match=r"max_pressure_Pa is now rocker_end\."):
+    with pytest.warns(DeprecationWarning, match=r"max_pressure_Pa is now joints\.rocker_end\."):
         peak = history.summary()["max_pressure_Pa"]
     assert peak == history.figures["rocker_end"]["max_pressure_Pa"]
+    with pytest.warns(DeprecationWarning, match=r"max_pressure_Pa is now joints\.rocker_end\."):
+        assert history.summary().get("max_pressure_Pa") == peak
+    with pytest.warns(DeprecationWarning, match=r"force_x_N is now rocker_end\.force_x_N"):
+        np.testing.assert_array_equal(history.columns.get("force_x_N"), force)
+    with pytest.warns(DeprecationWarning, match="joint is now the key under joints"):
+        assert history.summary()["joint"] == "rocker_end"
+    assert history.summary().get("no_such_figure", 0) == 0
     # Columns of bodies had their names before.
     for unknown in ("angle_rad", "force_z_N"):
         with pytest.raises(KeyError):

@@ -49,7 +49,7 @@ def warn_renamed(former: str, name: str, depth: int = 1) -> None:
 
 
 def joint_of_bare_name(
-    name: str, quantities: Mapping[str, Container[str]], depth: int = 1
+    name: str, quantities: Mapping[str, Container[str]], depth: int = 1, before: str = ""
 ) -> str | None:
     """Joint of a quantity that is named without its joint, as versions before 0.4 did.
 
@@ -61,6 +61,8 @@ def joint_of_bare_name(
         Names of the quantities of every joint.
     depth
         See `warn_renamed`.
+    before
+        What precedes the joint in the present name, ``joints.`` in the summary.
 
     Returns
     -------
@@ -70,7 +72,7 @@ def joint_of_bare_name(
     fitting = [joint for joint, names in quantities.items() if name in names]
     if len(fitting) != 1:
         return None
-    warn_renamed(name, f"{fitting[0]}.{name}", depth + 1)
+    warn_renamed(name, f"{before}{fitting[0]}.{name}", depth + 1)
     return fitting[0]
 
 

@@ -38,7 +38,12 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.layout import Group, Value, attribute, read_declared
-from fenics_ehd.base.renamed import joint_of_bare_name, renamed_arguments, renamed_attributes
+from fenics_ehd.base.renamed import (
+    joint_of_bare_name,
+    renamed_arguments,
+    renamed_attributes,
+    warn_renamed,
+)
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
 from fenics_ehd.multibody.cycle import Cycle
 from fenics_ehd.multibody.recorded_quantities import (
@@ -194,16 +199,33 @@ class Columns(dict[str, np.ndarray]):
             raise KeyError(name)
         return self[f"{joint}.{name}"]
 
+    def get(self, name: str, default: Any = None) -> Any:
+        """The column of that name, bare ones as above, or else `default`."""
+        try:
+            return self[name]
+        except KeyError:
+            return default
+
 
 class Summary(dict[str, Any]):
     """Entries of ``summary.json``; those of a joint are accepted without it if one has them."""
 
     def __missing__(self, name: str) -> Any:
-        joints = self.get("joints", {})
-        joint = joint_of_bare_name(name, joints)
+        joints = super().get("joints", {})
+        if name == "joint" and len(joints) == 1:
+            warn_renamed("joint", "the key under joints", depth=1)
+            return next(iter(joints))
+        joint = joint_of_bare_name(name, joints, before="joints.")
         if joint is None:
             raise KeyError(name)
         return joints[joint][name]
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The entry of that name, those of a joint as above, or else `default`."""
+        try:
+            return self[name]
+        except KeyError:
+            return default
 
 
 def fixed(path: str) -> bool:
