@@ -485,6 +485,13 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
         ((name, joint),) = ((n, j) for n, j in mechanism.joints.items() if hasattr(j, "film"))
         joint = replace(joint, journal_shape=oval(3e-6, 0.3))
         mechanism = replace(mechanism, joints={**mechanism.joints, name: joint})
+    point = assert_oil_derivatives(mechanism, monkeypatch)
+    if kind.startswith("rough"):
+        assert point.films[0].contact.pressure.max() > 1e6
+
+
+def assert_oil_derivatives(mechanism, monkeypatch):
+    """Balance and motion along all unknowns at some point, which is returned."""
     equations = StepEquations(System(mechanism))
     equations.retain_patterns(100)
     m, n = len(equations.films[0].nodes), equations.system.n
@@ -516,8 +523,7 @@ def test_derivatives_equal_central_differences(kind, residual, monkeypatch):
         size[m:] += np.abs(derivative.core[:rest, :rest]) @ sizes[m:]
         size[:m] = np.abs(point.films[0].balance).max()
         assert np.all(np.abs(found - expected) <= 1e-6 * size)
-    if kind.startswith("rough"):
-        assert point.films[0].contact.pressure.max() > 1e6
+    return point
 
 
 def unknowns(values, void):

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from film_cases import oval
 from given_surface import Bearing, GivenBody, stiffness
-from journal_cases import OMEGA, UNIT_LOAD, C, R, make_film
+from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, make_film
 from moving_point import assert_derivatives
+from rough_cases import surfaces
+from test_conserved_oil import assert_oil_derivatives
+from test_coupled_steps import assert_derivatives as assert_contact_derivatives
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
@@ -42,6 +45,26 @@ def swinging(film=None, *, angle=0.3, **joint):
 @pytest.mark.parametrize("shape", [None, oval(2e-6, 0.3)])
 def test_derivatives_of_a_step_are_exact(shift, shape):
     assert_derivatives(System(swinging(journal_shape=shape)), shift, 1e-2, 1e-7)
+
+
+def film_with(family="lagrange", **parameters):
+    """Film with further parameters."""
+    grid = ehd.uniform_grid(R, 2 * R, (12, 3), family)
+    return ehd.Film(ehd.FilmParameters(grid, C, ehd.Lubricant(ETA), OMEGA, **parameters))
+
+
+def test_derivatives_with_contact_are_exact():
+    film = film_with(surfaces=surfaces(C / 2, modulus=1e13))
+    mechanism = swinging(film, journal_shape=oval(2e-6, 0.3))
+    point = assert_contact_derivatives(mechanism, 1e-6)
+    assert point.films[0].contact.pressure.max() > 1e6
+
+
+@pytest.mark.parametrize("rough", [None, surfaces(C / 2, modulus=1e13)])
+def test_derivatives_with_mass_conserving_cavitation_are_exact(rough, monkeypatch):
+    film = film_with("bilinear", surfaces=rough)
+    joint = {"journal_shape": oval(2e-6, 0.3), "cavitation": "mass-conserving"}
+    assert_oil_derivatives(swinging(film, **joint), monkeypatch)
 
 
 def moving(system, seed=0):
@@ -132,3 +155,12 @@ def test_both_agree_to_the_second_order_of_the_mesh(figure):
     coarse, fine = np.array(errors)
     figure("surface", "elastic journal that turns, film and peak", fine.max(), most=3e-3)
     assert np.all(np.log2(coarse / fine) > 1.8)
+
+
+def test_energy_balance_closes_with_the_tolerance():
+    loose, tight = (
+        ehd.simulate(swinging(), 2e-3, tolerance=t, order=2).summary()["energy_balance_error"]
+        for t in (1e-3, 1e-5)
+    )
+    assert tight < 0.3 * loose
+    assert loose < 2e-2
