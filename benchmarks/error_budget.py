@@ -45,7 +45,9 @@ from fenics_ehd.multibody.trust import QUANTITIES
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.scene import changed
 
-PIN, BIG, JOURNAL = "joints.rocker_end", "joints.big_end", "joints.bearing"
+PIN = "joints.rocker_end"
+BIG = "joints.big_end"
+JOURNAL = "joints.bearing"
 METHOD = "bodies.rod.reduction.method"
 
 #: Shipped scene and what is changed, by name of the row.
@@ -265,10 +267,13 @@ FRESH["soft rod, M3"] = ("slider-crank", {**FRESH["soft rod"][1], METHOD: "m3"})
 SCENES |= FRESH
 
 #: Of references of those: most of their tolerance and of their largest step, and cells either way.
-FRESH_TOLERANCE, FRESH_STEP, FRESH_FINE = 1e-4, 0.02, 2
+FRESH_TOLERANCE = 1e-4
+FRESH_STEP = 0.02
+FRESH_FINE = 2
 
 #: Of references: share of the tolerance, and of the largest step, which may be what limits a run's.
-STRICT, SHORT = 30, 4
+STRICT = 30
+SHORT = 4
 
 #: Shipped scenes as they are, judged in total alone: share of the tolerance, and cells either way,
 #: of their reference.
@@ -281,7 +286,8 @@ SHIPPED = (
     "rotor",
 )
 SCENES |= {name: (name, {}) for name in SHIPPED}
-LESS_STRICT, LESS_FINE = 10, 1.5
+LESS_STRICT = 10
+LESS_FINE = 1.5
 
 #: Numbers by quantity of every joint.
 Errors = dict[str, list[float]]
@@ -322,7 +328,8 @@ def extremes_of(solved: Recorder) -> dict[str, list[float]]:
 
 def done(run: Run, span: float, cycles: PeriodicSolver | None) -> Done:
     """Of a run at its start."""
-    solved, before = Recorder(run, span, cycles), process_time()
+    solved = Recorder(run, span, cycles)
+    before = process_time()
     deque(solved.steps(), maxlen=0)
     seconds = process_time() - before
     return Done(extremes_of(solved), Estimator(solved), seconds)
@@ -332,7 +339,8 @@ class References:
     """Extremes of scenes between nodes and steps, kept."""
 
     def __init__(self, folder: Path):
-        self.folder, self._bodies = folder, {}
+        self.folder = folder
+        self._bodies = {}
         folder.mkdir(parents=True, exist_ok=True)
 
     def extremes(self, scene: ehd.Scene) -> dict[str, list[float]]:
@@ -368,7 +376,8 @@ class References:
             if isinstance(part, schema.FlexibleSettings)
         }
         known = {name: self._bodies[key] for name, key in parts.items() if key in self._bodies}
-        built, time = ehd.build(scene, bodies=known), scene.time
+        built = ehd.build(scene, bodies=known)
+        time = scene.time
         self._bodies |= {parts[name]: body for name, body in built.bodies.items()}
         run = Run(built.mechanism, built.steps, scene.span)
         if not time.periodic:
@@ -511,7 +520,8 @@ def line(row: Mapping[str, Any]) -> str:
     """Of the table."""
     cells = [row["scene"], row["joint"], row["quantity"].replace("_", " ")]
     for component in ("step_size", "film_mesh", "basis", "total"):
-        true, estimate = row["true"].get(component), estimate_of(row, component)
+        true = row["true"].get(component)
+        estimate = estimate_of(row, component)
         if true is None or isinstance(estimate, str):
             cells.append("")
             continue
@@ -534,7 +544,8 @@ def main() -> None:
         for row in judge(name, references):
             print(line(row), flush=True)
             for component in ("step_size", "film_mesh", "basis", "total"):
-                true, estimate = row["true"].get(component), estimate_of(row, component)
+                true = row["true"].get(component)
+                estimate = estimate_of(row, component)
                 if true is not None and not isinstance(estimate, str):
                     found = true / max(estimate, 1e-12)
                     ratios.setdefault(component, []).append(found)

@@ -121,7 +121,7 @@ CLASSES = [
     (lambda: ehd.run("four-bar", "out"), "scene = 'four-bar' is of class str: Scene is needed"),
     (lambda: ehd.read_scene(3), "source = 3 is of class int: str or Path or Mapping is needed"),
     (lambda: ehd.equilibrium(3), "mechanism = 3 is of class int: Mechanism is needed"),
-    (lambda: ehd.linearise(3), "found = 3 is of class int: Equilibrium or Mechanism is needed"),
+    (lambda: ehd.linearise(3), "rest = 3 is of class int: Equilibrium or Mechanism is needed"),
     (lambda: ehd.error_budget(3), "history = 3 is of class int: History is needed"),
     (lambda: ehd.replay(3, mechanism()), "history = 3 is of class int: History is needed"),
     (lambda: ehd.solve_bearing(3, load=1.0), "settings = 3 is of class int: BearingSettings is"),

@@ -156,7 +156,7 @@ def test_reference_has_its_own_errors_and_they_are_the_floors(studied):
     directory, _, rows = studied
     found = json.loads((directory / "reference.json").read_text())
     assert found["method"] == "full"
-    assert found["film_cells"] == "10x2"
+    assert found["film_cells"] == {"big_end": "10x2"}
     assert found["coordinates"] + found["dropped_columns"] == 2 + 8 + found["pressure_columns"]
     floors = {
         (row["pressure_floor"], row["film_floor"]) for row in rows_of(rows, "methods").values()

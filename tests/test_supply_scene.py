@@ -144,12 +144,14 @@ def test_a_run_tells_the_flow_of_every_supply(tmp_path):
     (tmp_path / "supply.csv").write_text(PRESSURES)
     assert call("run", path, "--no-plots", "--no-error-budget", "-o", tmp_path / "out") == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    figures = summary["joints"]["bearing"]
     names = [f"{name}flow_m3_per_s" for name in ("inlet.", "groove.", "side_")]
-    means = [summary[f"mean_{name}"] for name in names]
+    means = [figures[f"mean_{name}"] for name in names]
     header, *rows = (tmp_path / "out" / "history.csv").read_text().splitlines()
     columns = dict(zip(header.split(","), np.loadtxt(rows, delimiter=",").T, strict=True))
     assert means[-1] > 0.0  # holes and grooves take oil as well where the film bears the load
     for name, mean in zip(names, means, strict=True):
-        time, flow = columns["time_s"], columns[name]
+        flow = columns[f"bearing.{name}"]
+        time = columns["time_s"]
         expected = CubicSpline(time, flow).integrate(*time[[0, -1]]) / np.ptp(time)
         assert mean == pytest.approx(expected, abs=2e-2 * np.abs(flow).max())

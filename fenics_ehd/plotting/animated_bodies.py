@@ -115,14 +115,17 @@ def shape_of_part(part: PartFields) -> PartShape:
 def shape_of_bores(body: ReducedBody) -> PartShape:
     """A ring around every bore, moved by the bore's edge."""
     nodes: list[np.ndarray] = []
-    faces, fields, first = [], [], 0
+    faces = []
+    fields = []
+    first = 0
     for rows in body.each_bore():
         x = rows.surface.coordinates
         edge = np.flatnonzero(x[:, 2] > x[:, 2].max() - 1e-6 * rows.surface.radius)
         edge = edge[np.argsort(np.arctan2(x[edge, 1], x[edge, 0]), kind="stable")]
         outer = len(edge)
         i = first + np.arange(outer)
-        j, first = np.roll(i, -1), first + 2 * outer
+        j = np.roll(i, -1)
+        first = first + 2 * outer
         faces.append(np.column_stack([i, i + outer, i + outer, j + outer, j + outer, j, j, i]))
         nodes.append(rows.surface.centre + np.vstack([x[edge], x[edge] * [RING, RING, 1.0]]))
         fields += 2 * [bore_fields(body)[rows.nodes][edge, :2]]
@@ -166,7 +169,8 @@ class BodyView:
 
 def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
     """A flexible body at one instant, its undeformed outline dashed."""
-    shape, nodes = body.shape, body.nodes[frame]
+    shape = body.shape
+    nodes = body.nodes[frame]
     assert shape is not None
     rest = body.pose[frame, :2] + shape.nodes[:, :2] @ body.turns[frame].T
     mesh = {"edgecolors": EDGE if shape.mesh else "none", "linewidths": 0.35}
@@ -181,7 +185,8 @@ def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
 
 def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale: float) -> BodyView:
     """A body at the instants of a replay; `shape` is that of a flexible one."""
-    body, own = replay.bodies[name], replay.coordinates(name)
+    body = replay.bodies[name]
+    coordinates = replay.coordinates(name)
     pose = replay.marker(name, "")
     turns = np.array([rotation(angle) for angle in pose[:, 2]])
     carried = np.zeros((len(pose), 3))
@@ -192,12 +197,12 @@ def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale:
         local = rest + scale * moved - (scale - 1) * rigid_motion(rest, carried)
         nodes = pose[:, None, :2] + local @ turns.transpose(0, 2, 1)
     # Coordinates that the films see are small motions, all others large ones.
-    resting = np.where(body.weights < 1.0, 0.0, own)
+    resting = np.where(body.weights < 1.0, 0.0, coordinates)
     points = {}
     for point in ("", *body.point_names):
-        there, rest = (replay.marker(name, point, z)[:, :2] for z in (own, resting))
-        place = (rest[0] - pose[0, :2]) @ turns[0]
-        kept = np.einsum("tij,tj->ti", turns, rigid_motion(place[None], carried)[:, 0])
+        there, rest = (replay.marker(name, point, z)[:, :2] for z in (coordinates, resting))
+        position = (rest[0] - pose[0, :2]) @ turns[0]
+        kept = np.einsum("tij,tj->ti", turns, rigid_motion(position[None], carried)[:, 0])
         points[point] = there + (scale - 1) * (there - rest - kept)
     return BodyView(name, pose, turns, points, body.angle_index is None, nodes, shape)
 
@@ -215,7 +220,8 @@ def part_motion(
         What of it moves bore and points as a whole, along x, y, and about the bore's centre,
         shape (t, 3) [m], [rad]; zero of a held body.
     """
-    values, part = np.hstack(replay.elastic(name)), replay.part(name)
+    values = np.hstack(replay.elastic(name))
+    part = replay.part(name)
     fields = carried_fields(part) * float(part.frame != "clamped")
     return np.moveaxis(shape.fields @ values.T, -1, 0), values @ fields.T
 
@@ -246,13 +252,13 @@ def carried_fields(part: ReducedBody) -> np.ndarray:
     """
     moved = bore_fields(part)[:, :2]
     still = np.zeros((2, moved.shape[2] - part.modes))
-    places = [bore.centre[:2] for bore in part.bores.values()]
+    positions = [bore.centre[:2] for bore in part.bores.values()]
     fields = [moved[bore.nodes].mean(axis=0) for bore in part.each_bore()]
     for name, point in part.points.items():
         if name not in part.bores:
-            places.append(point[:2, 0])
+            positions.append(point[:2, 0])
             fields.append(np.hstack([point[:2, 3:], still]))
-    unit = rigid_motion(np.array(places), np.eye(3))
+    unit = rigid_motion(np.array(positions), np.eye(3))
     return np.linalg.lstsq(unit.reshape(3, -1).T, np.vstack(fields), rcond=None)[0]
 
 

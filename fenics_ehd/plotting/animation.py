@@ -98,11 +98,13 @@ class Bearing:
     def __init__(self, replay: RecordedMotion, binding: FilmBinding, bodies: Bodies, scale: float):
         self.film = binding.film.film.parameters
         grid = self.film.grid
-        self.radius, self.elastic = grid.radius, bool(binding.bore)
+        self.radius = grid.radius
+        self.elastic = bool(binding.bore)
         self._enlarged = scale / grid.radius
         self.body, bore = at(bodies, binding.surfaces[0].marker)
         self.journal_body, _ = at(bodies, binding.joint.journal)
-        eccentricity, turns = replay.motion.coordinates[:, binding.xi[:2]], self.body.turns
+        eccentricity = replay.motion.coordinates[:, binding.xi[:2]]
+        turns = self.body.turns
         self.centre = bore
         if self.elastic:
             rest = replay.part(binding.bore_body).bores[binding.bore].centre[:2]
@@ -132,15 +134,17 @@ class Bearing:
             style = {"facecolor": face, "edgecolor": "0.45", "hatch": hatch, "zorder": 2}
             axes.add_patch(Annulus(centre, (1 + WALL) * radius, WALL * radius, **style))
         # The mean over the width has no share of the journal's tilt.
-        gap, pressure = self.gap[frame].mean(axis=0), self.pressure[frame].max(axis=0)
-        place, clearance = self.offset[frame] / self.radius, self._enlarged * self.film.clearance
+        gap = self.gap[frame].mean(axis=0)
+        pressure = self.pressure[frame].max(axis=0)
+        position = self.offset[frame] / self.radius
+        clearance = self._enlarged * self.film.clearance
         labels = f"pressure, {1e-6 * pressure.max():.3g} MPa", f"thinnest, {1e6 * gap.min():.3g} µm"
         draw_section(
-            axes, self._enlarged * gap, pressure / highest, place, clearance, labels,
+            axes, self._enlarged * gap, pressure / highest, position, clearance, labels,
             turn=turn, centre=centre, radius=radius,
         )  # fmt: skip
         journal = turn + self.journal_body.pose[frame, 2] - self.body.pose[frame, 2]
-        middle = centre + radius * rotation(turn) @ place
+        middle = centre + radius * rotation(turn) @ position
         towards = rotation(journal)[:, 0]
         ends = middle + np.outer([0.8, 0.97], radius * (1 - clearance) * towards)
         axes.plot(*ends.T, color="0.35", linewidth=2.5, zorder=4.6)
@@ -154,7 +158,8 @@ class Bearing:
     def unwrap(self, axes: Axes, frame: int) -> None:
         """Pressure over the unwrapped bore, and where the film is thinnest."""
         axes.clear()
-        angle, height = np.degrees(ANGLES), 1e3 * self.height
+        angle = np.degrees(ANGLES)
+        height = 1e3 * self.height
         row, column = np.unravel_index(np.argmin(self.gap[frame]), self.gap[frame].shape)
         style = {"color": "white", "markeredgecolor": "black", "clip_on": False}
         axes.plot(angle[column], height[row], "o", label="thinnest film", zorder=5, **style)
@@ -185,11 +190,11 @@ SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
 def extent(bodies: Bodies, bearings: Mapping[str, Bearing]) -> np.ndarray:
     """Least and largest x and y of all that moves, at any instant, shape (2, 2) [m]."""
-    places = [points for body in bodies.values() for points in body.points.values()]
+    positions = [points for body in bodies.values() for points in body.points.values()]
     for bearing in bearings.values():
-        places += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
-    places += [body.nodes.reshape(-1, 2) for body in bodies.values()]
-    everywhere = np.vstack(places)
+        positions += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
+    positions += [body.nodes.reshape(-1, 2) for body in bodies.values()]
+    everywhere = np.vstack(positions)
     return np.array([everywhere.min(axis=0), everywhere.max(axis=0)])
 
 
@@ -215,8 +220,8 @@ def draw_mechanism(
     for bearing in bearings.values():
         turn = bearing.body.pose[frame, 2]
         bearing.draw(axes, frame, highest, bearing.centre[frame], turn, bearing.radius)
-    (left, bottom), (right, top) = limits + ROOM * size * np.array([[-1.0], [1.0]])
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    lower, upper = limits + ROOM * size * np.array([[-1.0], [1.0]])
+    axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), aspect="equal")
     axes.set(xlabel="x [m]", ylabel="y [m]")
 
 
@@ -236,7 +241,7 @@ def draw_body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
 def draw_pin(axes: Axes, joint: Revolute | Fixed, bodies: Bodies, size: float, frame: int) -> None:
     """Two points that stay together, on a pedestal where one of them is held."""
     ends = [at(bodies, marker) for marker in joint.markers]
-    held = [place[0] for body, place in ends if body.held]
+    held = [positions[0] for body, positions in ends if body.held]
     style = {"color": "white", "markeredgecolor": "0.2", "markersize": 8}
     sign = "s" if isinstance(joint, Fixed) else "o"
     axes.plot(*ends[0][1][frame], sign, zorder=1.2 if held else 5, **style)
@@ -254,15 +259,16 @@ def _ground(axes: Axes, corners: np.ndarray) -> None:
 
 def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: int) -> None:
     """A block on a line, between walls where the line is held."""
-    (body, origin), (_, place) = at(bodies, joint.line), at(bodies, joint.point)
+    body, origin = at(bodies, joint.line)
+    _, position = at(bodies, joint.point)
     along = np.array(joint.direction) / np.hypot(*joint.direction)
     base = np.array([along, (-along[1], along[0])])
     turns = base @ body.turns.transpose(0, 2, 1)
-    travel = np.einsum("tj,tj->t", turns[:, 0], place - origin)
+    travel = np.einsum("tj,tj->t", turns[:, 0], position - origin)
     length = np.array([travel.min() - 4.5 * size, travel.max() + 4.5 * size])
     line = origin[frame] + np.outer(length, turns[frame][0])
     axes.plot(*line.T, color="0.6", linewidth=0.8, linestyle="-.", zorder=0)
-    block = place[frame] + size * SQUARE * [3.0, 2.0] @ turns[frame]
+    block = position[frame] + size * SQUARE * [3.0, 2.0] @ turns[frame]
     axes.add_patch(Polygon(block, facecolor="#dfe5ea", edgecolor="0.35", zorder=1.5))
     for side in (-size, size) if body.held else ():
         wall = np.column_stack([length[[0, 1, 1, 0]], side * np.array([2.1, 2.1, 2.8, 2.8])])
@@ -430,11 +436,12 @@ def draw_run(
         known = ", ".join(pressures) or "none"
         raise SettingsError(f"--joint {joint}: lubricated joints of this run: {known}")
     name = joint or max(pressures, key=lambda name: pressures[name].max(), default="")
-    whole = parts_of_bases(run.bodies, bases)
-    shapes = {name: shape_of_part(part) for name, part in whole.items()}
-    scene, hints = directory / SCENE_NAME, []
+    complete_parts = parts_of_bases(run.bodies, bases)
+    shapes = {name: shape_of_part(part) for name, part in complete_parts.items()}
+    scene = directory / SCENE_NAME
+    hints = []
     for body, flexible in run.bodies.items():
-        if not isinstance(flexible, FlexibleBody) or body in whole:
+        if not isinstance(flexible, FlexibleBody) or body in complete_parts:
             continue
         shapes[body] = shape_of_bores(flexible.reduced)
         made = (
@@ -469,7 +476,8 @@ def draw(
     scale
         Enlargement of displacements and clearances, None: automatic.
     """
-    mechanism, time = frames.system.mechanism, frames.time
+    mechanism = frames.system.mechanism
+    time = frames.time
     scale = scale or automatic_scale(frames, shapes)
     bodies = {name: body_view(frames, name, shapes.get(name), scale) for name in frames.bodies}
     bearings = {
@@ -484,13 +492,17 @@ def draw(
     start = run.time[0] - run.motion.time[0]
     if joint:
         bearing = bearings[joint]
-        path, places = (r.orbits[joint] / bearing.film.clearance for r in (run, frames))
+        path, positions = (r.orbits[joint] / bearing.film.clearance for r in (run, frames))
         clearance_circle(panels["orbit"])
         panels["orbit"].plot(*path.T, color="0.6", linewidth=1.0)
-        (dot,) = panels["orbit"].plot(*places[0], "o", color=BLUE, mec="white")
-        clock, found = 1e3 * run.motion.time, run.motion.joints[joint]
-        films, labels = 1e6 * found.min_film_thickness, ("max. pressure [MPa]", "min. film [µm]")
-        pressure_and_film(panels["curves"], clock, 1e-6 * found.max_pressure, films, labels)
+        (dot,) = panels["orbit"].plot(*positions[0], "o", color=BLUE, mec="white")
+        clock = 1e3 * run.motion.time
+        recorded_joint = run.motion.joints[joint]
+        films = 1e6 * recorded_joint.min_film_thickness
+        labels = ("max. pressure [MPa]", "min. film [µm]")
+        pressure_and_film(
+            panels["curves"], clock, 1e-6 * recorded_joint.max_pressure, films, labels
+        )
         panels["curves"].set(xlabel="time [ms]", xlim=clock[[0, -1]])
         now = panels["curves"].axvline(0.0, color="0.3", lw=0.9)
         colours = ScalarMappable(Normalize(0.0, 1e-6 * bearing.pressure.max()), PRESSURES)
@@ -509,7 +521,7 @@ def draw(
         if joint:
             bearing.close_up(panels["close up"], frame)
             bearing.unwrap(panels["film"], frame)
-            dot.set_data(*places[frame, :, None])
+            dot.set_data(*positions[frame, :, None])
             now.set_xdata([moment])
         words = [joint] if joint else []
         words.append(f"t = {moment:.2f} ms")

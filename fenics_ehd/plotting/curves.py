@@ -85,7 +85,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Curves:
-    """Panels below each other, for every joint in turn.
+    """Figure with panels below each other, those of the first joint first.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Curves:
     needed: str = ""
 
     def has(self, joint: ShownJoint) -> bool:
-        """True where there is anything to draw."""
+        """True if at least one column can be drawn."""
         if self.needed and not _is_known(joint.columns.get(self.needed)):
             return False
         return any(panel.found(joint.columns) for panel in self.panels)
@@ -119,10 +119,10 @@ class Curves:
         figure, axes = plt.subplots(
             len(cells), figsize=(WIDTH, height), layout="constrained", sharex=True, squeeze=False
         )
-        for place, (title, joints, panel) in zip(axes.flat, cells, strict=True):
-            draw_panel(place, joints, panel)
-            place.set_title(title, loc="left", fontweight="bold")
-            place.label_outer()
+        for panel_axes, (title, joints, panel) in zip(axes.flat, cells, strict=True):
+            draw_panel(panel_axes, joints, panel)
+            panel_axes.set_title(title, loc="left", fontweight="bold")
+            panel_axes.label_outer()
         return figure
 
     def difference(self, rows: Rows) -> Figure:
@@ -150,7 +150,7 @@ def _largest(values: np.ndarray) -> np.intp:
 def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
     """One set of axes, with the curves of the same joint of one or more runs."""
     over = common_axis(joints)
-    curves = [(joint, *found) for joint in joints for found in panel.found(joint.columns).items()]
+    curves = [(joint, *column) for joint in joints for column in panel.found(joint.columns).items()]
     drawn = []
     for number, (joint, column, called) in enumerate(curves):
         look = style(number)
@@ -158,17 +158,17 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         figures = []
         if panel.extreme is not None:
             known = np.flatnonzero(np.isfinite(y))  # errors are estimated at some steps only
-            place = known[panel.extreme(y[known])]
-            axes.plot(x[place], y[place], "o", color=look["color"], markersize=5, zorder=4)
+            extreme = known[panel.extreme(y[known])]
+            axes.plot(x[extreme], y[extreme], "o", color=look["color"], markersize=5, zorder=4)
             figures.append(
-                f"{with_unit(y[place], panel.label)} at {position_label(x[place], over)}"
+                f"{with_unit(y[extreme], panel.label)} at {position_label(x[extreme], over)}"
             )
         if (errors := _reported_errors(joint, panel.budget)) is not None:
-            extreme, largest = errors
-            # Pressures are judged over their peak, films place by place.
+            of_extreme, largest = errors
+            # Pressures are judged over their peak, films node by node.
             half = largest * (y.max() if panel.extreme is np.argmax else y)
             axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
-            figures[-1] += f" ± {100 * extreme:.2g} %"
+            figures[-1] += f" ± {100 * of_extreme:.2g} %"
         if panel.mean:
             average = factor_of(panel.label) * float(
                 mean(joint.columns[column], joint.columns[TIME])
@@ -314,7 +314,7 @@ class Paths:
     bound: str = ""
 
     def has(self, joint: ShownJoint) -> bool:
-        """True where there is anything to draw."""
+        """True if at least one column can be drawn."""
         return all(column in joint.columns for column in self.needed)
 
     def draw(self, rows: Rows) -> Figure:
@@ -325,11 +325,11 @@ class Paths:
             down, across, figsize=(PANEL * across, (PANEL + 0.6) * down),
             layout="constrained", squeeze=False, subplot_kw={"projection": "polar"},
         )  # fmt: skip
-        for place in axes.flat[len(rows) :]:
-            place.remove()
-        for place, (title, joints) in zip(axes.flat, rows.items(), strict=False):
-            self._draw(place, joints)
-            place.set_title(title, loc="left", fontweight="bold")
+        for unused in axes.flat[len(rows) :]:
+            unused.remove()
+        for polar_axes, (title, joints) in zip(axes.flat, rows.items(), strict=False):
+            self._draw(polar_axes, joints)
+            polar_axes.set_title(title, loc="left", fontweight="bold")
         return figure
 
     def difference(self, rows: Rows) -> Figure:
@@ -345,13 +345,14 @@ class Paths:
         return Curves((panel,)).difference(components)
 
     def _draw(self, axes: Axes, joints: Sequence[ShownJoint]) -> None:
-        over, largest = common_axis(joints), float(bool(self.bound))
-        found = [
+        over = common_axis(joints)
+        largest = float(bool(self.bound))
+        curves = [
             over_cycle(joint, factor_of(self.label) * self.vector(joint.columns), over)
             for joint in joints
         ]
-        largest = max([largest, *(np.abs(vector).max() for _, vector in found)])
-        for number, (joint, (x, vector)) in enumerate(zip(joints, found, strict=True)):
+        largest = max([largest, *(np.abs(vector).max() for _, vector in curves)])
+        for number, (joint, (x, vector)) in enumerate(zip(joints, curves, strict=True)):
             label = joint.run.name if len(joints) > 1 else None
             axes.plot(np.unwrap(np.angle(vector)), np.abs(vector), label=label, **style(number))
             _mark(axes, x, vector, number, span(over, joints), APART * largest)
@@ -362,7 +363,7 @@ class Paths:
         axes.set_xticks(np.radians(np.arange(0, 360, 45)))
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
         # Figures of the circles stand between two spokes, away from the curves.
-        away = np.degrees(np.angle(-sum(vector.mean() for _, vector in found)))
+        away = np.degrees(np.angle(-sum(vector.mean() for _, vector in curves)))
         axes.set_rlabel_position(45.0 * np.floor(away / 45.0) + 22.5)
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
         axes.set_xlabel(f"{self.label},\nangles from the x axis of the bore's body")
@@ -370,7 +371,7 @@ class Paths:
 
 
 def orbit(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Place of the journal in the bore as it is, over the clearance."""
+    """Position of the journal's centre in the deformed bore over the clearance, x + i y."""
     x, y = (columns[f"eccentricity_in_bore_{axis}_m"] for axis in "xy")
     return columns["eccentricity_ratio"] * np.exp(1j * np.arctan2(y, x))
 
@@ -385,16 +386,16 @@ def _mark(
 ) -> None:
     """Dots at some instants, those of the first curve labelled where there is room."""
     instants = np.arange(np.ceil(x[0] / every - 1e-6), np.floor(x[-1] / every + 1e-6) + 1) * every
-    places = np.interp(instants, x, vector.real) + 1j * np.interp(instants, x, vector.imag)
+    positions = np.interp(instants, x, vector.real) + 1j * np.interp(instants, x, vector.imag)
     colour = style(number)["color"]
-    axes.plot(np.angle(places), np.abs(places), "o", color=colour, markersize=3.5)
+    axes.plot(np.angle(positions), np.abs(positions), "o", color=colour, markersize=3.5)
     labelled: list[complex] = []
-    for instant, place in zip(instants, places, strict=True):
-        if number or any(abs(place - other) < apart for other in labelled):
+    for instant, position in zip(instants, positions, strict=True):
+        if number or any(abs(position - other) < apart for other in labelled):
             continue
-        labelled.append(place)
+        labelled.append(position)
         axes.annotate(
-            f"{instant + 0.0:g}", (np.angle(place), abs(place)), (4, 4),
+            f"{instant + 0.0:g}", (np.angle(position), abs(position)), (4, 4),
             textcoords="offset points", fontsize=7.5, color=colour,
         )  # fmt: skip
 

@@ -99,28 +99,28 @@ class Map:
         else:
             nodal = self.extreme(values, axis=0)
         factor = factor_of(self.label)
-        found = raster_of(joint.grid, factor * nodal, title)
+        raster = raster_of(joint.grid, factor * nodal, title)
         if not self.marked:
-            return found
+            return raster
         column, angle, height = (joint.columns[name] for name in self.marked)
         step = column.argmin() if self.extreme is np.min else column.argmax()
         mark = factor * column[step], angle[step], 1e3 * height[step]
-        return found._replace(mark=mark)
+        return raster._replace(mark=mark)
 
 
 def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
     """Nodal values at the lines of a mesh, the largest at them marked."""
     angle, height = (np.unique(x.round(9)) for x in grid.node_positions.T)
     angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
-    found = sampled(grid, nodal, np.radians(angle), height)
-    return Raster(found, angle, 1e3 * height, title, largest(found, angle, 1e3 * height))
+    values = sampled(grid, nodal, np.radians(angle), height)
+    return Raster(values, angle, 1e3 * height, title, largest(values, angle, 1e3 * height))
 
 
 def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
     """Nodal values (..., k) on a raster of angles (a,) [rad] and heights (b,) [m], (..., b, a)."""
     around, along = (x.ravel() for x in np.meshgrid(angle, height))
-    found = (grid.interpolation(around, along) @ nodal.T).T
-    return found.reshape(*nodal.shape[:-1], len(height), len(angle))
+    values = (grid.interpolation(around, along) @ nodal.T).T
+    return values.reshape(*nodal.shape[:-1], len(height), len(angle))
 
 
 def draw_rasters(
@@ -128,16 +128,16 @@ def draw_rasters(
 ) -> Figure:
     """Maps below each other, those of a group in the same colours; see `draw_raster`."""
     count = sum(map(len, groups))
-    figure, places = plt.subplots(
+    figure, grid_axes = plt.subplots(
         count, figsize=(WIDTH, HEIGHT * count + 0.5), layout="constrained",
         sharex=True, squeeze=False,
     )  # fmt: skip
-    left = iter(places.flat)
+    next_axes = iter(grid_axes.flat)
     for rasters in groups:
         lowest = 0.0 if from_zero else min(raster.values.min() for raster in rasters)
         levels = levels_between(lowest, max(raster.values.max() for raster in rasters))
         for raster in rasters:
-            axes = next(left)
+            axes = next(next_axes)
             draw_raster(axes, raster, levels, label, colours)
     axes.set_xlabel("angle on the bore from its body's x axis, from x to y [°]")
     return figure
@@ -150,8 +150,8 @@ def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colo
     if np.ptp(values):
         axes.contour(angle, height, values, levels[1:], colors="0.2", linewidths=0.4)
     axes.plot(where, z, "o", markerfacecolor="white", markeredgecolor="black", clip_on=False)
-    place = f"at {where:.0f}°, z = {z + 0.0:.3g} mm"
-    axes.set_title(f"{with_unit(value, label)} {place}", loc="right")
+    position = f"at {where:.0f}°, z = {z + 0.0:.3g} mm"
+    axes.set_title(f"{with_unit(value, label)} {position}", loc="right")
     axes.set_title(title, loc="left", fontweight="bold")
     axes.set(ylabel="z [mm]", xticks=np.arange(-180, 181, 45))
     axes.grid(False)
@@ -205,14 +205,14 @@ class Bores:
             len(cells), 2, figsize=(2 * PANEL, (PANEL + 0.4) * len(cells)), layout="constrained",
             squeeze=False,
         )  # fmt: skip
-        for places, (title, joint, joints) in zip(panels, cells, strict=True):
+        for pair, (title, joint, joints) in zip(panels, cells, strict=True):
             name = _title(title, joint, len(joints))
             steps = {
                 "peak pressure": int(joint.columns["max_pressure_Pa"].argmax()),
                 "minimum film": int(joint.columns["min_film_thickness_m"].argmin()),
             }
             scale = _scale(joint, list(steps.values()))
-            for axes, (instant, step) in zip(places, steps.items(), strict=True):
+            for axes, (instant, step) in zip(pair, steps.items(), strict=True):
                 over = common_axis([joint])
                 now = joint.columns[over][step] * (1.0 if over == ANGLE else 1e3)
                 _draw(axes, joint, step, scale)
@@ -224,13 +224,13 @@ class Bores:
 
 
 def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gap and pressure around the bore at a step, and the journal's place in the bore.
+    """Gap and pressure around the bore at a step, and the journal's position in the bore.
 
     Returns
     -------
     gap, pressure
         Of the section with the thinnest film; largest over the width, shape (a,) [m], [Pa].
-    place
+    position
         Eccentricity of the circle that comes nearest to that gap, shape (2,) [m].
     """
     height = np.unique(joint.grid.node_positions[:, 1].round(9))
@@ -238,21 +238,21 @@ def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.nd
     gaps, pressures = sampled(joint.grid, nodal, ANGLES, height)
     gap = gaps[np.argmin(gaps.min(axis=1))]
     waves = np.column_stack([np.ones(len(ANGLES)), -NORMALS.T])
-    place = np.linalg.lstsq(waves[:-1], gap[:-1], rcond=None)[0][1:]
-    return gap, np.maximum(pressures, 0.0).max(axis=0), place
+    position = np.linalg.lstsq(waves[:-1], gap[:-1], rcond=None)[0][1:]
+    return gap, np.maximum(pressures, 0.0).max(axis=0), position
 
 
-def outward(gap: np.ndarray, place: np.ndarray, clearance: float) -> np.ndarray:
+def outward(gap: np.ndarray, position: np.ndarray, clearance: float) -> np.ndarray:
     """Radial displacement of the bore from its circle, shape (a,) [m]."""
-    return gap - clearance + place @ NORMALS
+    return gap - clearance + position @ NORMALS
 
 
 def _scale(joint: ShownJoint, steps: list[int]) -> float:
     """Enlargement, a round number."""
     largest = clearance = joint.film.clearance
     for step in steps:
-        gap, _, place = profile(joint, step)
-        largest = max(largest, float(np.abs(outward(gap, place, clearance)).max()))
+        gap, _, position = profile(joint, step)
+        largest = max(largest, float(np.abs(outward(gap, position, clearance)).max()))
     return round_scale(ENLARGED * joint.film.radius / largest)
 
 
@@ -263,14 +263,18 @@ def round_scale(largest: float) -> float:
 
 
 def _draw(axes: Axes, joint: ShownJoint, step: int, scale: float) -> None:
-    film, columns = joint.film, joint.columns
-    gap, pressure, place = profile(joint, step)
+    film = joint.film
+    columns = joint.columns
+    gap, pressure, position = profile(joint, step)
     labels = (
         f"pressure, up to {1e-6 * columns['max_pressure_Pa'][step]:.4g} MPa",
         f"thinnest, {1e6 * columns['min_film_thickness_m'][step]:.4g} µm",
     )
-    share, enlarged = pressure / (film.pressure.max() or 1.0), scale / film.radius
-    draw_section(axes, enlarged * gap, share, enlarged * place, enlarged * film.clearance, labels)
+    share = pressure / (film.pressure.max() or 1.0)
+    enlarged = scale / film.radius
+    draw_section(
+        axes, enlarged * gap, share, enlarged * position, enlarged * film.clearance, labels
+    )
     lay_out_section(axes)
 
 
@@ -278,7 +282,7 @@ def draw_section(
     axes: Axes,
     gap: np.ndarray,
     pressure: np.ndarray,
-    place: np.ndarray,
+    position: np.ndarray,
     clearance: float,
     labels: tuple[str, str],
     *,
@@ -294,17 +298,18 @@ def draw_section(
         Where.
     gap, pressure
         Enlarged, over the bore's radius; over the largest one; at `ANGLES`.
-    place, clearance
+    position, clearance
         Of the journal, shape (2,), and between round bore and journal; enlarged, over the radius.
     labels
         Labels of the pressure and of the thinnest film in the legend.
     turn, centre, radius
         Of the bore in the picture, its x axis turned from the picture's [rad].
     """
-    turned, middle = radius * rotation(turn), np.reshape(centre, (2, 1))
-    bore = (1.0 + outward(gap, place, clearance)) * NORMALS
+    turned = radius * rotation(turn)
+    middle = np.reshape(centre, (2, 1))
+    bore = (1.0 + outward(gap, position, clearance)) * NORMALS
     fan = np.hstack([bore, (bore + FAN * pressure * NORMALS)[:, ::-1]])
-    journal = middle[:, 0] + turned @ place
+    journal = middle[:, 0] + turned @ position
     axes.fill(
         *(middle + turned @ fan), color=RED, alpha=0.35, linewidth=0, clip_on=False,
         label=labels[0], zorder=4,
@@ -351,17 +356,21 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
         width_ratios=(1.45, 1.0),
         layout="constrained",
     )
-    settings, position = result.settings, result.position
+    settings = result.settings
+    position = result.position
     grid = result.film.parameters.grid
     height = np.linspace(grid.heights[0], grid.heights[-1], 81)
-    found = sampled(grid, result.state.pressure, ANGLES - result.angle, height)
-    pressure = 1e-6 * np.maximum(found, 0.0)
+    sampled_pressure = sampled(grid, result.state.pressure, ANGLES - result.angle, height)
+    pressure = 1e-6 * np.maximum(sampled_pressure, 0.0)
     gap = settings.clearance - position @ NORMALS
     if settings.bore_shape is not None:
         gap += settings.bore_shape.radial(ANGLES, np.zeros_like(ANGLES))
-    degrees, millimetres, highest = np.degrees(ANGLES), 1e3 * height, pressure.max()
+    degrees = np.degrees(ANGLES)
+    millimetres = 1e3 * height
+    highest = pressure.max()
     mark = largest(pressure, degrees, millimetres)
-    raster, levels = Raster(pressure, degrees, millimetres, "", mark), levels_between(0.0, highest)
+    raster = Raster(pressure, degrees, millimetres, "", mark)
+    levels = levels_between(0.0, highest)
     draw_raster(axes["map"], raster, levels, "pressure [MPa]", PRESSURES)
     _mark(axes["map"], result, millimetres[[0, -1]])
     middle = pressure[len(height) // 2]

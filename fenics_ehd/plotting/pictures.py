@@ -256,7 +256,8 @@ class Pictures:
 
         Those of several runs have names of their own, and leave those of the first alone.
         """
-        rows, quantity = self._having(name), QUANTITIES[self._selected(name)[0]]
+        rows = self._having(name)
+        quantity = QUANTITIES[self._selected(name)[0]]
         if not rows:
             return []
         with plt.rc_context(SETTINGS):
@@ -277,16 +278,20 @@ class Pictures:
     def _having(self, name: str) -> Rows:
         """Joints, or runs as a whole, of which a quantity can be drawn."""
         selected, joints = self._selected(name)
-        quantity, rows = QUANTITIES[selected], _rows(self._runs, joints)
-        whole = _is_of_run(selected)
+        quantity = QUANTITIES[selected]
+        rows = _rows(self._runs, joints)
+        of_run = _is_of_run(selected)
         # Works of two runs do not begin at the same instant.
-        if self._difference and (whole or not isinstance(quantity, Curves | Paths)):
+        if self._difference and (of_run or not isinstance(quantity, Curves | Paths)):
             return {}
-        if whole:
+        if of_run:
             rows = {"": [run.whole for run in self._runs]}
-        drawn = {title: [j for j in own if quantity.has(j)] for title, own in rows.items()}
+        drawn = {
+            title: [joint for joint in joints if quantity.has(joint)]
+            for title, joints in rows.items()
+        }
         least = 2 if self._difference else 1
-        return {title: own for title, own in drawn.items() if len(own) >= least}
+        return {title: joints for title, joints in drawn.items() if len(joints) >= least}
 
 
 def _is_of_run(quantity: str) -> bool:

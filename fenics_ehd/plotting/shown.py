@@ -113,10 +113,12 @@ class ShownRun:
         self.starts = start <= 0.0
         self._start = 0.0 if cycle.periodic else start
         rows = cycle.rows(np.asarray(time))
-        first, behind = rows.start, rows.stop
+        first = rows.start
+        behind = rows.stop
         if first:
             # It begins between two steps.
-            last, share = first - 1, np.interp(start, time, np.arange(len(time))) - first + 1
+            last = first - 1
+            share = np.interp(start, time, np.arange(len(time))) - first + 1
             result = result.each(
                 lambda v: np.concatenate(
                     [(1 - share) * v[last:first] + share * v[first : first + 1], v[first:behind]]
@@ -158,7 +160,7 @@ class ShownRun:
         path = self.directory / ERROR_BUDGET
         if not path.is_file():
             return {}
-        found = {}
+        errors = {}
         with named(InputError, f"{path}: not the error budget of a run"):
             for component, over in read_json(path).get(joint, {}).items():
                 time, pressure, film, more_pressure, more_film = (np.array(over[k]) for k in BUDGET)
@@ -166,10 +168,10 @@ class ShownRun:
                     ("pressure_error", more_pressure / pressure.max()),
                     ("film_error", more_film / film),
                 ):
-                    found[f"{component}.{name}"] = np.interp(
+                    errors[f"{component}.{name}"] = np.interp(
                         self._start + self.time, time, error, left=np.nan
                     )
-        return found
+        return errors
 
 
 @dataclass(frozen=True, eq=False)

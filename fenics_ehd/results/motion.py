@@ -132,12 +132,14 @@ class RecordedMotion:
 
         ``q + zeta q'`` and ``V p``: what damping carries is with them, ``y + zeta y' = V p``.
         """
-        part, (coordinates, amplitudes) = self.part(body), self.elastic(body)
+        part = self.part(body)
+        (coordinates, amplitudes) = self.elastic(body)
         flexible = self.bodies[body]
         assert isinstance(flexible, FlexibleBody)
         rates = self.motion.rates[:, self.system.bodies[body]]
         rates = rates[:, rates.shape[1] - part.modes :]
-        films, equations = self.system.films, self._equations
+        films = self.system.films
+        equations = self._equations
         if body in equations.responses.bodies:
             patterns = equations.responses.bodies[body].patterns
             pressures = [self.motion.pressures[p.name] for p in films]
@@ -163,7 +165,8 @@ class RecordedMotion:
         SettingsError
             Pressures reach a bore by a mortar.
         """
-        part, joints = self.part(body), self._equations.contacts.joints
+        part = self.part(body)
+        joints = self._equations.contacts.joints
         forces = np.zeros((len(self.time), len(part.bore_basis), 3))
         for i, binding in enumerate(self.system.films):
             bore = binding.film.bore
@@ -222,5 +225,5 @@ class RecordedMotion:
         """Pressures at all pressure nodes of a flexible body, bore by bore, shape (t, k) [Pa]."""
         none = np.zeros(self.part(body).load_projection.shape[1])
         films = [self.motion.pressures[binding.name] for binding in self.system.films]
-        steps = ([own[i] for own in films] for i in range(len(self.time)))
+        steps = ([pressures[i] for pressures in films] for i in range(len(self.time)))
         return np.array([bore_loads(self.system, step).get(body, none) for step in steps])

@@ -102,15 +102,17 @@ def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
 
     Residual patterns (M4) are not in such a file: they move the bores' nodes only.
     """
-    nodes, moved = file.nodes, bore_fields(body)
+    nodes = file.nodes
+    moved = bore_fields(body)
     distance, bore = cKDTree(nodes).query(body.positions())
     if distance.max() > 1e-9 or not len(file.cells) or file.modes != body.modes:
         return None
     basis = np.moveaxis(file.displacement(np.eye(file.modes)), 0, -1)
-    rows, found = body.bore_basis, basis[bore]
+    rows = body.bore_basis
+    at_bores = basis[bore]
     # A mode has no sign of its own: two reductions of one part may choose different ones.
-    signs = np.where(np.einsum("mcn,mcn->n", rows, found) < 0, -1.0, 1.0)
-    if np.abs(signs * found - rows).max(initial=0.0) > AGREEMENT * np.abs(rows).max(initial=0.0):
+    signs = np.where(np.einsum("mcn,mcn->n", rows, at_bores) < 0, -1.0, 1.0)
+    if np.abs(signs * at_bores - rows).max(initial=0.0) > AGREEMENT * np.abs(rows).max(initial=0.0):
         return None
     fields = np.zeros((len(nodes), 3, moved.shape[2]))
     fields[..., : body.modes] = signs * basis
@@ -130,8 +132,8 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
     parts: dict[str, PartFields] = {}
     for path in bases:
         with BasisFile(path) as file:
-            found = {name: part_of_basis(file, part) for name, part in reduced.items()}
-        fitting = {name: part for name, part in found.items() if part is not None}
+            candidates = {name: part_of_basis(file, part) for name, part in reduced.items()}
+        fitting = {name: part for name, part in candidates.items() if part is not None}
         if not fitting:
             sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in reduced.items())
             raise SettingsError(f"--basis {path}: not that of a flexible body ({sizes or 'none'})")
@@ -209,20 +211,23 @@ def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
 
 def line_block(replay: RecordedMotion, name: str) -> Block:
     """A body by lines from its origin to its points, or from one end of a shaft to the other."""
-    body, own = replay.bodies[name], replay.coordinates(name)
+    body = replay.bodies[name]
+    coordinates = replay.coordinates(name)
     points = ["", *body.point_names]
     first = np.zeros(len(points) - 1, dtype=int)
     if isinstance(body, ShaftBody):
         points = sorted(body.points, key=body.points.__getitem__) or [""]
         first = np.arange(len(points) - 1)
-    kind, cells = "line", np.column_stack([first, np.arange(1, len(first) + 1)])
+    kind = "line"
+    cells = np.column_stack([first, np.arange(1, len(first) + 1)])
     if len(points) == 1:
-        kind, cells = "vertex", np.array([[0]])
+        kind = "vertex"
+        cells = np.array([[0]])
     # Coordinates that the films see are small motions, all others large ones.
-    resting = np.where(body.weights < 1.0, 0.0, own)
+    resting = np.where(body.weights < 1.0, 0.0, coordinates)
     there, rest = (
         np.stack([replay.marker(name, point, z) for point in points], axis=1)
-        for z in (own, resting)
+        for z in (coordinates, resting)
     )
     moved = there - rest
     moved[..., 2] = 0.0
@@ -233,7 +238,8 @@ def line_block(replay: RecordedMotion, name: str) -> Block:
 def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -> Block:
     """A film on its bore, which moves and bends with its body."""
     kind, order = FILM_CELLS[film.family]
-    angle, height = np.asarray(film.angle), np.asarray(film.height)
+    angle = np.asarray(film.angle)
+    height = np.asarray(film.height)
     local = np.column_stack([film.radius * np.cos(angle), film.radius * np.sin(angle), height])
     point = binding.surfaces[0].marker.partition(".")[2]
     poses = replay.marker(binding.bore_body, point)
@@ -273,7 +279,8 @@ def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     body = replay.bodies[name]
     if not isinstance(body, ShaftBody):
         return 0.0
-    length, start = body.length, 0.0
+    length = body.length
+    start = 0.0
     for binding in replay.system.films:
         journal, _, station = binding.joint.journal.partition(".")
         if journal == name and binding.bore:
@@ -347,11 +354,11 @@ def write_series(directory: Path, times: np.ndarray, blocks: Sequence[Block]) ->
     ]
     claim(directory, [SERIES, *(frame for frame, _ in frames), *chain(*files)])
     for i, (frame, _) in enumerate(frames):
-        found: dict[str, list[tuple[str, str]]] = {}
+        groups: dict[str, list[tuple[str, str]]] = {}
         for block, file in zip(blocks, files[i], strict=True):
             _write_block(directory / file, block, i)
-            found.setdefault(block.group, []).append((block.name, file))
-        (directory / frame).write_text(_multi_block(found))
+            groups.setdefault(block.group, []).append((block.name, file))
+        (directory / frame).write_text(_multi_block(groups))
     series = directory / SERIES
     lines = [
         f'    <DataSet timestep="{time:.9e}" part="0" file={quoteattr(file)}/>'

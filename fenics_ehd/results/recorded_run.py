@@ -578,7 +578,7 @@ def record_run(
     SolverError
         See `Run.until` and `PeriodicSolver`.
     """
-    more = dict[str, Any]()
+    later_entries = dict[str, Any]()
     budgets: Budgets = {}
     if former is not None:
         require_same_scene(former, fingerprints, directory)
@@ -590,7 +590,7 @@ def record_run(
     def leave(status: str) -> dict[str, Any]:
         seconds = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
         figures = RunSummary(run, budgets).entries()
-        summary = {"status": status, **about, **figures, **seconds, **more}
+        summary = {"status": status, **about, **figures, **seconds, **later_entries}
         if run.rows:
             write_summary(directory, summary)
         return summary
@@ -609,11 +609,11 @@ def record_run(
                 _show(bar, run, step)
                 check()
             if multiplier:
-                more |= multiplier_figures(run, check)
+                later_entries |= multiplier_figures(run, check)
             status = verdict(RunSummary(run))
         if judge is not None:
             budgets, judged = judge(run, directory)
-            more |= judged
+            later_entries |= judged
     except BaseException as error:
         with suppress(OutputError):  # the disk may be full
             leave(_how_it_ended(error, directory))

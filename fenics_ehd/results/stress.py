@@ -96,27 +96,30 @@ def cycle_stress(
         fields = columns @ coordinates.T + missing_fields(structure, body, columns, *loads)
     nodal = NodalStress(recovery.stress(fields))
     count = nodal.nodes
-    pairs, tensors = np.zeros((count, 2), dtype=int), np.zeros((2, count, 6))
-    found = HalfRange(pairs, np.zeros(count), *tensors)
-    principal, instants = np.zeros(count), np.zeros(count, dtype=int)
+    pairs = np.zeros((count, 2), dtype=int)
+    tensors = np.zeros((2, count, 6))
+    half_range = HalfRange(pairs, np.zeros(count), *tensors)
+    principal = np.zeros(count)
+    instants = np.zeros(count, dtype=int)
     for nodes, stress in nodal.blocks():
         history = stress if histories is None else stress @ histories
-        own = largest_half_range(history)
-        found.instants[nodes] = own.instants
-        found.von_mises[nodes] = own.von_mises
-        found.half_range[nodes] = own.half_range
-        found.mean[nodes] = own.mean
+        largest = largest_half_range(history)
+        half_range.instants[nodes] = largest.instants
+        half_range.von_mises[nodes] = largest.von_mises
+        half_range.half_range[nodes] = largest.half_range
+        half_range.mean[nodes] = largest.mean
         principal[nodes], instants[nodes] = largest_principal(history)
 
     def around(node: int) -> np.ndarray:
         stress = nodal.around(node)
         return stress if histories is None else stress @ histories
 
-    widest, highest = int(found.von_mises.argmax()), int(principal.argmax())
+    widest = int(half_range.von_mises.argmax())
+    highest = int(principal.argmax())
     return CycleStress(
         structure.coordinates,
         recovery.cells,
-        found,
+        half_range,
         principal,
         instants,
         widest,
@@ -159,18 +162,19 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
     instants
         Columns that say when an instant is by their names, shape (t,) each.
     """
-    node, found = stress.half_range_node, stress.half_range
-    pair = found.instants[node]
+    node = stress.half_range_node
+    half_range = stress.half_range
+    pair = half_range.instants[node]
     top = stress.principal_node
     when = stress.principal_instants[top]
-    mean = found.mean[node]
+    mean = half_range.mean[node]
     return {
         "half_range": {
-            "von_mises_Pa": float(found.von_mises[node]),
+            "von_mises_Pa": float(half_range.von_mises[node]),
             "in_cells_around_Pa": list(stress.half_range_around),
             "place_m": stress.nodes[node].tolist(),
             **{name: values[pair].tolist() for name, values in instants.items()},
-            "half_range_Pa": found.half_range[node].tolist(),
+            "half_range_Pa": half_range.half_range[node].tolist(),
             "mean_Pa": mean.tolist(),
             "mean_von_mises_Pa": float(von_mises(mean)),
             "mean_hydrostatic_Pa": float(mean[:3].mean()),
@@ -186,15 +190,15 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
 
 def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
     """Write the fields on the undeformed part for ParaView, times [s] of the instants with them."""
-    found = stress.half_range
+    half_range = stress.half_range
     data = {
-        "half_range_von_mises_Pa": found.von_mises,
-        "mean_von_mises_Pa": von_mises(found.mean),
-        "mean_hydrostatic_Pa": found.mean[:, :3].mean(axis=1),
-        "half_range_Pa": found.half_range,
-        "mean_Pa": found.mean,
-        "half_range_from_s": time[found.instants[:, 0]],
-        "half_range_to_s": time[found.instants[:, 1]],
+        "half_range_von_mises_Pa": half_range.von_mises,
+        "mean_von_mises_Pa": von_mises(half_range.mean),
+        "mean_hydrostatic_Pa": half_range.mean[:, :3].mean(axis=1),
+        "half_range_Pa": half_range.half_range,
+        "mean_Pa": half_range.mean,
+        "half_range_from_s": time[half_range.instants[:, 0]],
+        "half_range_to_s": time[half_range.instants[:, 1]],
         "largest_principal_Pa": stress.principal,
         "largest_principal_at_s": time[stress.principal_instants],
     }
