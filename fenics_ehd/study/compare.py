@@ -481,13 +481,13 @@ def run_study(
     calls = read_json(path)["calls"] if path.exists() else []
     if missing:
         date = datetime.now(UTC).strftime("%Y-%m-%d")
-        own = {
+        call = {
             "date": date,
             "version": __version__,
             "workers": getattr(executor or pool, "width", None),
             "runs": len(missing),
         }
-        calls.append(own)
+        calls.append(call)
     folder.write(STUDY, describe_study(folder.study) | {"calls": calls})
     folder.write_tables()
     # Runs with the shortest steps take longest and begin first.

@@ -180,10 +180,10 @@ def joint_figure(
     figure, panels = plt.subplots(
         len(shown), len(curves), figsize=size, layout="constrained", squeeze=False
     )
-    for row, (joint, own) in zip(panels, shown.items(), strict=True):
+    for row, (joint, content) in zip(panels, shown.items(), strict=True):
         row[0].set_title(joint.name, loc="left", fontweight="bold")
         for axes, curve in zip(row, curves, strict=True):
-            draw(axes, own, joint, curve)
+            draw(axes, content, joint, curve)
     legend_below(figure)
     return figure
 
@@ -407,7 +407,7 @@ def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
         draw_floor(axes, 100 * floor, "error of the last mesh but one")
 
     rows = {joint: joint.measured("film") for joint in joints}
-    several = [len(set(map(cells, own))) > 1 for own in rows.values()]
+    several = [len(set(map(cells, members))) > 1 for members in rows.values()]
     return joint_figure(rows, 3.9, draw) if all(several) else None
 
 
@@ -435,9 +435,9 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
         floor = gap_floor(joint)
         for label, members in families(rows).items():
             true = [1e6 * max(row["true_gap_error_m"], floor) for row in members]
-            own = [1e6 * row["estimated_gap_error_m"] for row in members]
-            values += true + own
-            axes.plot(true, own, label=label, **(line_style(members[0]) | {"linestyle": ""}))
+            estimates = [1e6 * row["estimated_gap_error_m"] for row in members]
+            values += true + estimates
+            axes.plot(true, estimates, label=label, **(line_style(members[0]) | {"linestyle": ""}))
         line = np.array([0.5 * min(values), 2 * max(values)])
         axes.plot(line, line, color="0.4", linewidth=1)
         axes.fill_between(line, line / 2, 2 * line, color="#33AA55", alpha=0.15, linewidth=0,
@@ -502,9 +502,9 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             if history is None:
                 continue
             dashes = LINES[(i - len(rows)) % len(LINES)]
-            own = factor_of(curve.label) * history.joints[joint.name][curve.quantity]
+            values = factor_of(curve.label) * history.joints[joint.name][curve.quantity]
             axes.plot(
-                1e3 * history.time, own, color=colour(row), linestyle=dashes, label=sized(row)
+                1e3 * history.time, values, color=colour(row), linestyle=dashes, label=sized(row)
             )
         axes.set(xlabel="time [ms]", ylabel=curve.label)
         axes.margins(x=0)
