@@ -2,8 +2,8 @@
 
 Sizes are whole numbers or symbols, which fields share: ``("m", 3, "n")``. The first field with a
 symbol, in the order of the declaration, determines its value; ``"n + 3"``, ``"3 n"`` and
-``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow during a run. Symbols in
-small letters are the same in every state of one model (`sizes_of`).
+``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow during a run.
+Symbols in small letters are the same in every state of one model (`sizes_of`).
 
 Headers of all values are checked before the first one is read, so that no memory is allocated for
 data of another shape. Content is checked as it is read.
