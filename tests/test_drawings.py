@@ -127,7 +127,7 @@ def test_iges_becomes_a_model(tmp_path):
 @pytest.mark.slow
 def test_closed_surfaces_are_sewn_and_open_ones_refused(tmp_path):
     drawing = read_drawing(SURFACES)
-    assert drawing.notices == [f"{SURFACES}: 4 surfaces, which enclose a solid, are sewn into it"]
+    assert drawing.notices == [f"{SURFACES}: 4 surfaces that enclose a solid are sewn into it"]
     assert cylinders(drawing.faces) == cylinders(read_drawing(RING).faces)
 
     def bored_plate(occ):

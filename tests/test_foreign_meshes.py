@@ -209,9 +209,9 @@ def changed(solid, how):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ("twice", r"ring.inp: 3 of \d+ cells are there twice"),
+        ("twice", r"ring.inp: 3 of \d+ cells are repeated"),
         ("mirrored", r"(\d+) of \1 cells are turned inside out.*the other way round"),
-        ("curved", r"\d of \d+ cells are turned inside out.*take smaller ones"),
+        ("curved", r"\d of \d+ cells are turned inside out.*use smaller cells"),
     ],
 )
 def test_cells_that_are_no_solid(how, message, tmp_path):
@@ -227,7 +227,7 @@ def test_a_model_with_cells_twice_ends_in_one_line(tmp_path):
     solid = changed(ring_solid("tet"), "twice")
     write_model(tmp_path / "ring.msh", solid)
     # dolfinx would free memory twice, and the process be gone.
-    with pytest.raises(ehd.errors.MeshError, match=r"ring\.msh: 3 of \d+ cells are there twice"):
+    with pytest.raises(ehd.errors.MeshError, match=r"ring\.msh: 3 of \d+ cells are repeated"):
         ehd.build_mesh(tmp_path / "ring.msh")
 
 

@@ -1,1 +1,1 @@
-"""Ground floor of all rooms: errors, settings and units, files, PETSc options."""
+"""Foundation of all other packages: errors, settings and units, files, PETSc options."""

@@ -1,7 +1,7 @@
-"""Arguments of public functions and classes, with the checks of scene keys.
+"""Checks of arguments of public functions and classes, the same as those of scene keys.
 
-Settings classes check their fields (`fenics_ehd.base.fields`). The functions of this module are for
-arguments of functions, and of classes that are no settings.
+Settings classes check their fields themselves (`fenics_ehd.base.fields`). The functions of this
+module check arguments of functions, and of classes that are no settings.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from fenics_ehd.base.printed import key_hint, shown
 
 
 def require_word(name: str, value: Any, words: tuple[str, ...]) -> None:
-    """Refuse a value that is none of some words.
+    """Refuse a value that is not one of some words.
 
     Raises
     ------
     SettingsError
-        The message lists all of them.
+        The message lists the accepted words.
     """
     one_of(words)(name, value)
 
@@ -102,12 +102,12 @@ Value = TypeVar("Value")
 def copied(
     name: str, values: Mapping[str, Value], check: Callable[[str, Any], None]
 ) -> dict[str, Value]:
-    """A copy of a dictionary, its values checked under their full names.
+    """A copy of a dictionary whose values are checked under their full names.
 
     Raises
     ------
     SettingsError
-        The argument is no dictionary, or from the check.
+        The argument is no dictionary, or a value fails the check.
     """
     require_class(name, values, Mapping)
     for key, value in values.items():

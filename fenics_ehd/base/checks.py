@@ -1,8 +1,8 @@
 """Checks of values: finite numbers within limits, whole numbers, pairs, words.
 
 A check is a function of name and value that raises `SettingsError`. Fields of settings
-(`fenics_ehd.base.fields`) and arguments of functions (`fenics_ehd.base.arguments`) have the same
-checks, and so the same messages.
+(`fenics_ehd.base.fields`) and arguments of functions (`fenics_ehd.base.arguments`) share the
+checks, and so their messages.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import shown
 from fenics_ehd.base.units import in_unit
 
-#: Sizes of a number whose powers and products are still numbers.
+#: Smallest and largest size of a number: powers and products of such numbers do not overflow.
 SMALLEST = 1e-30
 
 LARGEST = 1e30
 
 
 def unless(holds: Callable[[Any], bool], wanted: str) -> Callable[[str, Any], None]:
-    """A check that refuses values without a property, `wanted` in words."""
+    """A check that refuses values without a property; `wanted` describes the property in words."""
 
     def check(name: str, value: Any) -> None:
         if not holds(value):
@@ -52,9 +52,9 @@ def limits(
     least, most
         Inclusive limits.
     unit, hint
-        Unit of the number, and end of the message for one beyond a limit.
+        Unit of the number, and end of the message for a number beyond a limit.
     sized
-        Whether numbers are refused, too, whose powers and products overflow or vanish.
+        Whether numbers are also refused if their powers and products overflow or vanish.
     """
 
     def check(name: str, value: Any) -> None:
@@ -84,7 +84,7 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
     Raises
     ------
     SettingsError
-        Naming the unit.
+        The message has the unit.
     """
     if isinstance(value, str):
         try:
@@ -96,11 +96,11 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
 
 
 def as_float(value: Any, unit: str | None = None) -> Any:
-    """A number as a float, a text with a number and its unit too; anything else unchanged.
+    """A number, or a text with a number and its unit, as a float; any other value unchanged.
 
     Values that cannot be converted are refused by a check, whose message has the name.
     """
-    value = value.tolist() if hasattr(value, "tolist") else value  # of NumPy
+    value = value.tolist() if hasattr(value, "tolist") else value  # a number or array of NumPy
     with suppress(SettingsError, OverflowError):
         if unit is not None and isinstance(value, str):
             return in_unit(value, unit)
@@ -110,7 +110,7 @@ def as_float(value: Any, unit: str | None = None) -> Any:
 
 
 def as_tuple(value: Any, unit: str | None = None) -> Any:
-    """Nested lists as nested tuples, their numbers as floats, see `as_float`."""
+    """Nested lists as nested tuples with numbers as floats, see `as_float`."""
     plain = as_float(value, unit)
     listed = isinstance(plain, (list, tuple))
     return tuple(as_tuple(entry, unit) for entry in plain) if listed else plain

@@ -1,4 +1,4 @@
-"""Arrays that know their unit, and columns, whose names end with one."""
+"""Arrays with a unit, and names of columns, which end with their unit."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from typing import Any
 
 import numpy as np
 
-#: Units that names of columns end with, ``force_N``; several are a product, ``Pa_m``, and what
-#: comes after ``per`` divides, ``rad_per_s``. A name that ends with none is dimensionless.
+#: Units at the end of column names, ``force_N``. Several units are a product, ``Pa_m``; units after
+#: ``per`` are divisors, ``rad_per_s``. A name without a unit is dimensionless.
 UNITS = ("Pa", "N", "Nm", "W", "J", "m", "m2", "m3", "s", "kg", "rad", "deg", "C", "K", "Hz")
 
-#: How they are written where that is not the same.
+#: Written forms of units that differ from their form in names.
 _WRITTEN = {"Nm": "N m"}
 
-#: Unit of what has none.
+#: Unit of a dimensionless quantity.
 DIMENSIONLESS = "1"
 
 
 class Quantity(np.ndarray):
-    """An array with its unit; results of arithmetic are plain arrays, parts of it keep the unit.
+    """An array with its unit; slices keep the unit, results of arithmetic are plain arrays.
 
     Attributes
     ----------
     units
-        ``"Pa"``, ``"m3/s"``, ``"1"``.
+        Unit, for instance ``"Pa"``, ``"m3/s"`` or ``"1"``.
     """
 
     units: str
@@ -41,7 +41,7 @@ class Quantity(np.ndarray):
         self.units = getattr(source, "units", DIMENSIONLESS)
 
     def __array_wrap__(self, array: np.ndarray, *_: Any) -> Any:
-        # The unit of a product, or of a count, is not that of its factor.
+        # A product or a count has another unit than its factor.
         return np.asarray(array)[()]
 
     def __repr__(self) -> str:

@@ -4,8 +4,8 @@ A command gives the same results in every folder: files of the current folder th
 named are neither executed nor read. Only commands call this module. A program that imports the
 package, a notebook for instance, keeps its environment; see also `matplotlib_start` and `compat`.
 
-Every import here, and in the package's ``__init__`` before this module, is of a module that Python
-has built in or frozen: another one could come from the current folder.
+This module, and the package's ``__init__`` before it, import only modules that are built into
+Python or frozen: another module could be read from the current folder.
 
 Imports inside functions: `processes` imports modules that are not frozen, and is imported once the
 current folder has left the module path.

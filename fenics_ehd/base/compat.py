@@ -37,7 +37,7 @@ except ImportError:
     from basix.ufl_wrapper import BasixElement as _BasixElement
 
 
-#: For annotations: classes that every version names differently or keeps private.
+#: Annotations of classes whose names differ between versions or are private.
 Element: TypeAlias = Any
 MeshTags: TypeAlias = Any
 
@@ -61,7 +61,7 @@ def _cell(name: str, dimension: int = 3) -> ufl.Cell:
 def lagrange_element(
     cell: str, degree: int, shape: tuple[int, ...] = (), *, dimension: int = 3
 ) -> Element:
-    """Nodal Lagrange element of cells in space or in the plane, blocked by a `shape`, ``(3,)``."""
+    """Nodal Lagrange element of cells in space or in the plane; `shape` (3,) makes vectors."""
     if _basix_ufl is not None:
         return _basix_ufl.element("Lagrange", cell, degree, shape=shape)
     if shape:
@@ -78,7 +78,7 @@ def custom_element(
     superdegree: int,
     shape: tuple[int, ...] = (),
 ) -> Element:
-    """Element from its polynomial span and point evaluations, blocked when `shape` is ``(3,)``."""
+    """Element from its polynomial span and point evaluations; `shape` (3,) makes vectors."""
     cell_type = getattr(basix.CellType, cell)
     if _basix_ufl is not None:
         scalar = _basix_ufl.custom_element(
@@ -151,18 +151,18 @@ def fem_petsc() -> ModuleType:
 
 _OLD = _basix_ufl is None
 
-#: Word for options of a compilation in names of FFCx and dolfinx.
+#: Name of the options of a compilation in this version of FFCx and dolfinx.
 _OPTIONS = "parameters" if _OLD else "options"
 
 _FORM_OPTIONS: Any = getattr(ffcx, _OPTIONS)
 
 
 def _no_options() -> tuple[dict[str, Any], dict[str, Any]]:
-    """No options of the user's or the current folder; no file is opened."""
+    """Empty options: files of the user's or the current folder are not opened."""
     return {}, {}
 
 
-# Files of these folders could change results, and could name compilers and plugins.
+# Option files in these folders could change results, or name compilers and plugins.
 for _module in (jit, _FORM_OPTIONS):
     setattr(_module, f"_load_{_OPTIONS}", _no_options)
 
@@ -198,7 +198,7 @@ def _load_or_begin(
 
 
 def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of FFCx, made to compile with a lock and silently, and to load without waiting."""
+    """A function of FFCx that compiles with a lock and silently, and loads without waiting."""
 
     @wraps(compile_objects)
     def compiled(*arguments: Any, **options: Any) -> Any:
@@ -279,7 +279,7 @@ def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> 
 
 
 def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
-    """Compile forms independent of a mesh, as one module; handles for `create_form`."""
+    """Compile forms independent of a mesh as one module; returns handles for `create_form`."""
     scalar = {"scalar_type": "double" if _OLD else np.float64}
     options = {_OPTIONS: getattr(ffcx, f"get_{_OPTIONS}")(scalar)}
     compiled, module, _ = ffcx_jit.compile_forms(list(forms), **options, **_JIT)
@@ -287,7 +287,7 @@ def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
 
 
 def coefficient_positions(compiled: Any) -> list[int]:
-    """Positions, among the coefficients of a form, of those that its kernel takes, in order."""
+    """Positions of the coefficients that a form's kernel reads, in the kernel's order."""
     name = "original_coefficient_position"
     positions = getattr(compiled[1], name if hasattr(compiled[1], name) else f"{name}s")
     return [positions[i] for i in range(compiled[1].num_coefficients)]

@@ -1,8 +1,8 @@
 """Lock of the folder of compiled forms: one process compiles at a time.
 
 FFCx writes a C file when it begins to compile a form, and a second file when the form is compiled.
-After a process was killed in between, the first file is there without the second, and without this
-lock any later process would wait for the killed one.
+If a process is killed between the two, only the first file exists. Without this lock, every later
+process would wait for the killed one.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from fenics_ehd.base.errors import CompilationError
 from fenics_ehd.base.files import lock_taken
 from fenics_ehd.base.printed import escaped
 
-#: Seconds of waiting after which a line names the process that compiles.
+#: Waiting time after which a notice names the process that compiles [s].
 NOTICE = 10.0
 
-#: Longest wait for one compilation [s], which takes half a minute at most.
+#: Longest wait for one compilation [s]; a compilation takes half a minute at most.
 LIMIT = 300
 
-#: Seconds between two attempts to take the lock.
+#: Time between two attempts to lock [s].
 POLL = 0.1
 
-#: Longest name of a process [characters].
+#: Longest description of a process in a notice [characters].
 LONGEST = 300
 
 
@@ -60,7 +60,7 @@ def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Ite
     Parameters
     ----------
     folder
-        Created when missing.
+        Folder, which is created if it is missing.
     notice
         Seconds of waiting after which a line on standard error names the process that compiles.
     limit

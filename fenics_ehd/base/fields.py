@@ -1,9 +1,9 @@
 """Fields of settings: numbers with units and limits, words, switches, tables.
 
-A number may have a written unit, see `fenics_ehd.base.units`. Limits of a quantity refuse values in
-a wrong unit; values of unusual size are reported, as they may be in one. A length in millimetres
-or micrometres is a thousand times too large or more: the limits are below that, and above those
-of every real machine.
+A number may have a written unit, see `fenics_ehd.base.units`. Limits refuse values that can only be
+in a wrong unit; notices report values of unusual size, which may be in a wrong unit. The limits of
+a length are above every real machine, and below the same length written in millimetres or
+micrometres.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fenics_ehd.base.checks import (
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.units import unit_of
 
-#: A key that must be written.
+#: Default of a key that must be written in every scene.
 REQUIRED: Any = attrs.NOTHING
 
 
@@ -61,8 +61,8 @@ def number(
 ) -> Any:
     """Real number with limits: `above` and `below` exclusive, `least` and `most` inclusive.
 
-    A text is a number with its unit; the unit of the setting is in brackets in the help text. The
-    message about a value beyond a limit has that unit and the `example`, as the value may be in
+    A text is a number with its unit; the help text has the unit of the setting in brackets. The
+    message for a value beyond a limit has this unit and the `example`, because the value may be in
     another unit. Sizes outside `usual` are reported by `fenics_ehd.base.settings.unusual`.
     """
     unit = unit_of(help_text)
@@ -171,7 +171,7 @@ def numbers(help_text: str) -> Any:
     return table(
         help_text,
         check,
-        # Whole ones stay so: cells of a mesh.
+        # Whole numbers stay whole: they are numbers of cells.
         lambda value: as_float(value, unit) if isinstance(value, str) else value,
         is_cell_count,
     )
@@ -230,10 +230,10 @@ def ambient_pressure() -> Any:
     )
 
 
-#: Transfers of pressures to a bore with another mesh.
+#: Transfers of pressures between a film mesh and a bore with another mesh.
 TRANSFERS = ("conservative", "mortar")
 
-#: Curves between the rows of a load.
+#: Interpolations between the rows of a load.
 INTERPOLATIONS = ("cubic", "linear")
 
 #: Largest bearing radius, bearing width or crank radius [m].
@@ -242,16 +242,17 @@ LARGEST_LENGTH = 5.0
 #: Largest radial clearance [m].
 LARGEST_CLEARANCE = 5e-3
 
-#: Least and largest clearance over bore radius. Bearings have 100 times the least: a smaller ratio
-#: means a radius in millimetres, or a clearance that cannot be made. Lubrication theory drops terms
-#: of the order of the ratio, hence the largest.
+#: Smallest and largest ratio of clearance and bore radius. Ratios of bearings are 100 times the
+#: smallest or more: a smaller one means a radius in millimetres, or a clearance that cannot be
+#: made. The largest follows from lubrication theory, which neglects terms of the order of the
+#: ratio.
 CLEARANCE_RATIOS = (1e-5, 0.1)
 
 
 def pair(
     help_text: str, default: Any = (0.0, 0.0), *, below: float = 1e15, zero: bool = True
 ) -> Any:
-    """Two numbers along x and y, each of a size below a limit, and perhaps not both 0."""
+    """Two numbers along x and y, of sizes below a limit; `zero`: both may be 0."""
     unit = unit_of(help_text)
     check = plane_vector(unit, below=below, zero=zero)
     return checked(default, help_text, check, partial(as_tuple, unit=unit))

@@ -48,9 +48,9 @@ def read_text(path: str | Path) -> str:
     Raises
     ------
     OSError
-        It cannot be read, or is a folder, a pipe or a device: reading these may never end.
+        The file cannot be read, or is a folder, a pipe or a device: reading these may never end.
     UnicodeDecodeError
-        It is not UTF-8.
+        The file is not in UTF-8.
     """
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(0, "a folder, pipe or device, not a file")
@@ -63,7 +63,7 @@ def read_json(path: str | Path) -> Any:
     Raises
     ------
     OSError, ValueError
-        See `read_text`; or it is no JSON, or has a number that is not finite.
+        See `read_text`; or the text is no JSON, or has a number that is not finite.
     """
     try:
         return json.loads(read_text(path), parse_float=_finite, parse_constant=_finite)
@@ -79,10 +79,10 @@ def _finite(text: str) -> float:
     return value
 
 
-#: Room for the metadata of HDF5 [bytes].
+#: Space for the metadata of HDF5 [bytes].
 BOOKKEEPING = 1 << 18
 
-#: Ending of the name of a file that is being written.
+#: Extension of a file that is being written.
 PART = ".part"
 
 
@@ -108,7 +108,7 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
     Raises
     ------
     OutputError
-        It cannot be written; a former file of that name is unchanged.
+        The file cannot be written; a former file of that name is unchanged.
     """
     with naming(path):
         partial = new_part(path)
@@ -140,7 +140,7 @@ def written_aside(path: Path) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        It cannot be written.
+        The file cannot be written.
     """
     with naming(path), TemporaryDirectory(dir=path.absolute().parent) as folder:
         aside = Path(folder, path.name)
@@ -156,19 +156,19 @@ def put_in_place(partial: Path, path: Path) -> None:
 
 
 def require_room(path: Path, size: int) -> None:
-    """Check that the disk has room for a file: HDF5 crashes if it cannot write.
+    """Check that the disk has room for a file: HDF5 crashes if the disk is full.
 
     Parameters
     ----------
     path
-        File, created when missing.
+        Path of the file, which is created if it is missing.
     size
         Bytes by which it will grow.
 
     Raises
     ------
     OSError
-        There is no room.
+        The disk has too little room.
     """
     with open(path, "ab") as file:
         end = file.tell()
@@ -214,7 +214,7 @@ def locked(directory: Path) -> ExitStack:
     Raises
     ------
     InUseError
-        Another process has locked it.
+        Another process has locked the folder.
     """
     held = ExitStack()
     file = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
@@ -228,13 +228,13 @@ def locked(directory: Path) -> ExitStack:
 #: Key of the command that made a folder.
 COMMAND = "command"
 
-#: All keys that a manifest may have.
+#: All keys of a manifest.
 KEYS = (COMMAND,)
 
 #: Status and figures of one run of a sweep or study, in the folder of that run.
 OUTCOME = "outcome.json"
 
-#: Commands by the names in their manifests: manifests of version 0.3 have no command.
+#: Commands by the files that they list in manifests of version 0.3, which name no command.
 SIGNATURES = {
     "study.json": "study",
     "sweep.json": "sweep",
@@ -244,14 +244,14 @@ SIGNATURES = {
     "run.pvd": "paraview",
 }
 
-#: Ending of files of ``paraview``, in manifests with none of these names.
+#: Extension of files of ``paraview``, whose manifests of version 0.3 have none of these names.
 FIELDS_ENDING = ".vtu"
 
 
 def made_by(directory: Path) -> str:
     """Command that made a folder, by its entry or by the names it lists; empty if unknown.
 
-    A folder without a list is attributed to the folder above if that lists it.
+    A folder without a manifest belongs to the folder above if the manifest there lists it.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def made_by(directory: Path) -> str:
     for name, command in SIGNATURES.items():
         if name in names:
             return command
-    for name in ("study.json", "sweep.json"):  # whose manifest was removed
+    for name in ("study.json", "sweep.json"):  # a study or sweep whose manifest was removed
         if (directory / name).is_file():
             return SIGNATURES[name]
     if any(name.endswith(FIELDS_ENDING) for name in names):
@@ -303,7 +303,7 @@ def require_made_by(directory: Path, command: str) -> None:
 
 
 def _entries(directory: Path) -> dict[str, str]:
-    """Entries of a folder's manifest by key; the first of a key counts."""
+    """Entries of a folder's manifest by key; of repeated keys the first is valid."""
     pairs = (line.partition(": ") for line in _lines(directory) if _is_entry(line))
     entries: dict[str, str] = {}
     for key, _, value in pairs:
@@ -322,7 +322,7 @@ def listed(directory: Path) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        It cannot be read, or has names of other folders.
+        The manifest cannot be read, or has names of other folders.
     """
     path = directory / MANIFEST
     names = tuple(line for line in _lines(directory) if not _is_entry(line))
@@ -340,7 +340,7 @@ def _lines(directory: Path) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        It cannot be read, or is no manifest.
+        The manifest cannot be read, or the file is no manifest.
     """
     path = directory / MANIFEST
     if not os.path.lexists(path):
@@ -364,16 +364,16 @@ def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
     Parameters
     ----------
     directory
-        The folder, created when missing.
+        Path of the folder, which is created if it is missing.
     names
-        Names of files and folders in it.
+        Names of files and folders in the folder.
     command
         Command that makes the folder; empty: the manifest keeps its entry.
 
     Raises
     ------
     InputError
-        A file of such a name is not the program's, or is a link; or another command made the
+        A file of such a name was not made by this program or is a link; or another command made the
         folder.
     OutputError
         The manifest cannot be written.
@@ -389,7 +389,7 @@ def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
         lines.insert(0, f"{COMMAND}: {command}")
     with naming(directory / MANIFEST):
         directory.mkdir(parents=True, exist_ok=True)
-        for name in listed_before.intersection(wanted):  # of a process that was killed
+        for name in listed_before.intersection(wanted):  # files of a process that was killed
             _part(directory / name).unlink(missing_ok=True)
         if lines:
             _append(directory / MANIFEST, lines)
@@ -401,7 +401,7 @@ def _require_claimable(directory: Path, name: str, in_manifest: bool) -> None:
     Raises
     ------
     InputError
-        Such a file is not in the manifest, or is a link or a device.
+        A file of that name is not in the manifest, or is a link or a device.
     """
     folder = name[-1] == "/"
     path = directory / name
@@ -421,14 +421,14 @@ def _require_claimable(directory: Path, name: str, in_manifest: bool) -> None:
 def _append(manifest: Path, lines: Iterable[str]) -> None:
     """Append lines to a manifest and sync it to the disk."""
     with open(manifest, "a", opener=_no_link, encoding="utf-8") as file:
-        # The last line there may not have been ended.
+        # The last line of the manifest may lack its end.
         file.write("\n".join(["" if file.tell() else HEADER, *lines, ""]))
     sync_path(manifest)
     sync_path(manifest.parent)
 
 
 def clear(directory: Path, names: Collection[str] | None = None) -> None:
-    """Remove files and folders that a manifest lists; of folders only what their own lists.
+    """Remove files and folders that a manifest lists; in folders, only files of their manifests.
 
     Raises
     ------
@@ -449,7 +449,7 @@ def clear(directory: Path, names: Collection[str] | None = None) -> None:
 
 
 def let_go(directory: Path, *, folder: bool = True) -> None:
-    """Remove a manifest none of whose files exists, and the folder if it is empty."""
+    """Remove a manifest if none of its files exists, and the folder if it is then empty."""
     if not any((directory / name).exists() for name in listed(directory)):
         (directory / MANIFEST).unlink(missing_ok=True)
         if folder:
@@ -469,23 +469,23 @@ def _no_link(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
-#: Film of a failed solve.
+#: File with the film of a failed solve.
 FAILED_FILM = "failed_film.h5"
 
-#: Errors of a run over time, by component.
+#: File with the errors of a run over time, by component.
 ERROR_BUDGET = "error_budget.json"
 
-#: Search for settings that meet an accuracy.
+#: File with the search for settings that meet an accuracy.
 ACCURACY = "accuracy.json"
 
 #: Summary of a run: its figures and status, written last.
 SUMMARY = "summary.json"
 
-#: Scene of a run, in the folder of its history.
+#: File with the scene of a run, in the folder of its history.
 SCENE_NAME = "scene.toml"
 
-#: Names of pictures of runs, in this order. Names of joints may follow in the names of files, and
-#: of runs if a picture compares several.
+#: Names of pictures of runs, in the order of drawing. In names of files, names of joints may
+#: follow; names of runs as well if a picture compares several runs.
 PICTURES = (
     "max_pressure",
     "min_film_thickness",
@@ -506,12 +506,12 @@ PICTURES = (
     "energy",
 )
 
-#: Formats of every picture.
+#: File formats of every picture.
 PICTURE_FORMATS = ("png", "svg")
 
 
 def require_writable(path: str | Path) -> None:
-    """Refuse an output path early, before any work is done for it.
+    """Refuse an unusable output path before the computation begins.
 
     Raises
     ------
@@ -533,7 +533,7 @@ def require_writable(path: str | Path) -> None:
         )
     if existing.is_dir():
         try:
-            # Permissions do not suffice: a file system may be read-only or full.
+            # Permissions are not sufficient: a file system may be read-only or full.
             with TemporaryFile(dir=existing):
                 pass
         except OSError as error:
@@ -577,7 +577,7 @@ def require_output(
     Parameters
     ----------
     path, kind
-        The file to write.
+        Path and kind of the file to be written.
     inputs
         Files that the command reads.
     option
@@ -586,9 +586,10 @@ def require_output(
     Raises
     ------
     InputError
-        It cannot be written (`require_writable`), is a folder, or exists and is not of its kind.
+        The file cannot be written (`require_writable`), is a folder, or exists and has another
+        kind.
     SettingsError
-        It is one of the inputs.
+        The path is that of an input file.
     """
     require_writable(path)
     file = Path(path)
@@ -596,7 +597,7 @@ def require_output(
     if file.is_dir():
         raise InputError(f"{option} would write a file {path}: it is a folder")
     for source in inputs:
-        with suppress(OSError):  # one of them does not exist
+        with suppress(OSError):  # the output or an input does not exist
             if os.path.samefile(file, source):
                 raise SettingsError(f"{label}: {source} is an input file, give another name")
     try:
@@ -610,7 +611,7 @@ def require_output(
 
 
 def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[str] = ()) -> None:
-    """Refuse a folder for results in which an input would be replaced or removed.
+    """Refuse a folder for results if an input in it would be replaced or removed.
 
     Parameters
     ----------
@@ -619,7 +620,7 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
     inputs
         Files that the command reads.
     names
-        Names that it will write, besides those in the manifest of the folder.
+        Names that the command will write, besides those in the manifest of the folder.
 
     Raises
     ------
@@ -657,7 +658,7 @@ def require_complete(directory: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        There is no such folder, or it has no result, or one that is not complete.
+        The folder does not exist, or has no complete result.
     """
     path = directory / SUMMARY
     try:
@@ -687,12 +688,12 @@ def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
 
 @contextmanager
 def keeping_failed_film(directory: str | Path) -> Iterator[None]:
-    """Save the film of a `CavitationError` that ends a command, directly or as a cause.
+    """Save the film of a `CavitationError` that ends a command, directly or as its cause.
 
     Raises
     ------
     EhdError
-        The error; its message has the path of the saved film.
+        The error itself; its message has the path of the saved film.
     """
     try:
         yield
@@ -711,7 +712,7 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
             ) from error
         with naming(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-        # HDF5 crashes if it cannot write.
+        # HDF5 crashes if the disk is full.
         content = io.BytesIO()
         with h5py.File(content, "w") as file:
             for name, values in cause.state.items():
@@ -730,7 +731,7 @@ def _is_film(path: Path) -> bool:
 
 
 def to_json(values: Mapping[str, object]) -> str:
-    """JSON text; a number that is not finite becomes null, which JSON has."""
+    """JSON text; a number that is not finite becomes null."""
     return json.dumps(_plain(values), indent=2, allow_nan=False)
 
 
@@ -744,7 +745,7 @@ def _plain(value: object) -> object:
 
 
 def versions(*, installed: bool = False) -> dict[str, str]:
-    """Versions of the libraries that are imported, or of all that are `installed`."""
+    """Versions of imported libraries; with `installed`, of all libraries that are installed."""
     names = ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "dolfinx", "gmsh", "matplotlib")
     return {
         "fenics_ehd": __version__,

@@ -1,15 +1,15 @@
 """Layouts of stored data: kind and shape of every value, declared once and checked on reading.
 
-Sizes are whole numbers or symbols, which fields share: ``("m", 3, "n")``. A symbol gets its value
-from the first field that has it, in the order of the declaration; ``"n + 3"``, ``"3 n"`` and
-``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow during a run,
-those in small letters are the same in every state of one model (`sizes_of`).
+Sizes are whole numbers or symbols, which fields share: ``("m", 3, "n")``. The first field with a
+symbol, in the order of the declaration, determines its value; ``"n + 3"``, ``"3 n"`` and
+``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow during a run.
+Symbols in small letters are the same in every state of one model (`sizes_of`).
 
 Headers of all values are checked before the first one is read, so that no memory is allocated for
 data of another shape. Content is checked as it is read.
 
-Names in files are the keys of a layout. They are those of attributes unless an entry has `member`,
-so that an attribute can be renamed and files stay as they are.
+Names in files are the keys of a layout. They equal attribute names unless an entry has `member`, so
+that an attribute can be renamed without a change of files.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ import numpy as np
 
 from fenics_ehd.base.sealed_file import is_text, require_stored, values
 
-#: Kinds of values: NumPy's kinds of type, their size [bytes] or 0 for any, words for a message.
+#: Kinds of values: NumPy's kinds of type; size [bytes], or 0 for any size; description for
+#: messages.
 KINDS: Mapping[str, tuple[str, int, str]] = {
     "float": ("f", 8, "numbers (float64)"),
     "real": ("fiu", 0, "numbers"),
@@ -51,7 +52,7 @@ class Value:
     kind
         A key of `KINDS`.
     axes
-        Size of every axis; none: a single value.
+        Size of every axis; empty for a single value.
     required
         Whether a file without it is refused.
     finite
@@ -63,7 +64,7 @@ class Value:
     attribute
         Whether it is an HDF5 attribute of its group, not a dataset.
     member
-        Python attribute that holds the value; empty: the one named as the key.
+        Python attribute that holds the value; empty: the attribute with the name of the key.
     """
 
     kind: str
@@ -91,7 +92,7 @@ class Value:
             raise ValueError(f"{path} is no array")
         kinds, size, words = KINDS[self.kind]
         fits = item.dtype.kind in kinds and item.dtype.itemsize == (size or item.dtype.itemsize)
-        if self.kind == "text":  # an empty array need not have the type of text
+        if self.kind == "text":  # an empty array may have another type
             fits = is_text(item.dtype) or 0 in item.shape
         if not fits:
             raise ValueError(f"{path} holds {item.dtype}, not {words}")
@@ -136,15 +137,16 @@ class Group:
     entries
         Layouts of values and groups by name.
     each
-        Layout of all other entries, each with symbols of its own; None: others are refused.
+        Layout of all other entries, each with symbols of its own; None: other entries are refused.
     required
         Whether a file without the group is refused.
     foreign
         Whether other programs may add entries, which are not read.
     scoped
-        Whether symbols that are new in the group are unknown outside.
+        Whether new symbols in the group are unknown outside of it.
     member
-        Python attribute that holds the group's object; empty: the one named as the key.
+        Python attribute that holds the group's object; empty: the attribute with the name of the
+        key.
     """
 
     entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
@@ -163,7 +165,7 @@ class Group:
             Object whose attributes have the values, or a mapping with the same keys. Attributes
             that are None, and keys that the mapping lacks, are left out.
         others
-            Values of keys that are no attributes of the object.
+            Values of keys without an attribute in the object.
         """
         values = dict(others)
         for key, entry in self.entries.items():
@@ -251,7 +253,7 @@ Entry = Value | Group
 
 
 def _tree(entry: Entry | None, value: Any) -> Any:
-    """A value as it is, an object as the tree of its layout."""
+    """A value itself, or the tree of an object by its layout."""
     return entry.tree(value) if isinstance(entry, Group) else value
 
 
@@ -273,7 +275,7 @@ def _holder(item: Any, entry: Entry) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Content of an HDF5 attribute, as `values` returns that of a dataset."""
+    """Content of an HDF5 attribute, in the types that `values` returns for a dataset."""
     if isinstance(value, np.ndarray) and value.ndim and (is_text(value.dtype) or not value.size):
         return tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value)
     if isinstance(value, bytes):
@@ -287,7 +289,7 @@ def attribute(item: Any, name: str, value: Value) -> Any:
     Raises
     ------
     ValueError
-        It is missing, or of another kind or shape.
+        The attribute is missing, or has another kind or shape.
     """
     label = f"attribute {name} of {item.name}"
     if name not in item.attrs:
@@ -322,7 +324,7 @@ def sizes_of(layout: Group, tree: Mapping[str, Any]) -> Sizes:
 
 
 def _fit(shape: tuple[int, ...], axes: tuple[str | int, ...], sizes: Sizes) -> bool:
-    """True of a shape as declared; its new symbols are added to the sizes."""
+    """True if a shape fits its declaration; new symbols are added to the sizes."""
     if len(shape) != len(axes):
         return False
     for size, axis in zip(shape, axes, strict=True):
@@ -340,7 +342,7 @@ def _fit(shape: tuple[int, ...], axes: tuple[str | int, ...], sizes: Sizes) -> b
 
 
 def _number(axis: str | int, sizes: Sizes) -> int | None:
-    """Size of an axis, None before its symbol is known."""
+    """Size of an axis; None if its symbol is still unknown."""
     if isinstance(axis, int):
         return axis
     factor, symbol, constant = _parsed(axis)
@@ -355,11 +357,11 @@ def _parsed(axis: str) -> tuple[int, str, int]:
 
 
 class Stateful:
-    """An object with a state: those of its attributes that are carried from step to step.
+    """An object with a state: attributes that are carried from step to step.
 
-    Its state is a dictionary by the keys of `carried`, which is the layout of a state, in a file
-    too. Attributes that are stateful themselves, or dictionaries of such, appear by their states.
-    A state does not change with its object, which replaces its arrays and dictionaries.
+    The state is a dictionary by the keys of `carried`, which is the layout of the state, also in a
+    file. Attributes that are stateful themselves, or dictionaries of such objects, are represented
+    by their states. A state stays constant, because its object replaces arrays and dictionaries.
     """
 
     carried: ClassVar[Mapping[str, Entry]]
@@ -381,7 +383,7 @@ class Stateful:
         layout.check(layout.tree(state), "", sizes)
 
     def known_sizes(self) -> Sizes:
-        """Sizes, by symbols of `carried`, that the state at the start does not have."""
+        """Sizes, by symbols of `carried`, that cannot be read from the initial state."""
         return {}
 
     @property
@@ -408,11 +410,11 @@ class Stateful:
         self._resume()
 
     def _resume(self) -> None:
-        """Update other attributes that depend on the state; called once it is set."""
+        """Update attributes that depend on the state; called after the state is set."""
 
 
 def _state_of(value: Any) -> Any:
-    """Copy of a value for a state, with the states of all that is stateful in it."""
+    """Copy of a value for a state; stateful objects are replaced by their states."""
     if isinstance(value, dict):
         return {name: _state_of(entry) for name, entry in value.items()}
     return value.state if isinstance(value, Stateful) else value

@@ -12,7 +12,7 @@ from fenics_ehd.base.renamed import warn_renamed
 def lazily(
     package: str, modules: Mapping[str, tuple[str, ...]], former: Mapping[str, str] | None = None
 ) -> Callable[[str], Any]:
-    """Function ``__getattr__`` of a package.
+    """Make a function ``__getattr__`` for a package.
 
     Parameters
     ----------
@@ -20,13 +20,13 @@ def lazily(
         Name of the package.
     modules
         Public names by the module that defines them, relative to the package.
-    former
+    Present name of every former name, which is accepted with a warning.
         Present name of every former one, which is accepted with a warning.
 
     Raises
     ------
     AttributeError
-        From that function: the package has no such name.
+        Raised by that function: the package has no such name.
     """
     homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names}
     present = dict(former or {})

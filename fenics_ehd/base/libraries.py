@@ -1,7 +1,7 @@
-"""Compiled libraries: which ones Python finds, and whether they work together.
+"""Compiled libraries: their origins, and a test that they work together.
 
-A NumPy that pip or PYTHONPATH puts before Debian's is not the one that SciPy, h5py and dolfinx were
-compiled for: these then fail with obscure messages at any point. This module finds the fault.
+If pip or PYTHONPATH puts a NumPy before Debian's, then SciPy, h5py and dolfinx, compiled for
+Debian's, fail with obscure messages at any point. This module finds the fault.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STARTS = {
 
 
 def origin(name: str) -> str:
-    """File that Python takes a library from, empty if there is none."""
+    """Path of the file from which Python imports a library; empty if there is none."""
     with suppress(ImportError, ValueError):
         spec = find_spec(name)
         return "" if spec is None else str(spec.origin)
@@ -42,29 +42,29 @@ def version_of(name: str) -> str:
         return "missing"
     with suppress(metadata.PackageNotFoundError):
         distribution = metadata.distribution(name)
-        # The first metadata on the path may be of another copy.
+        # The first metadata on the path may belong to another copy.
         if Path(source).is_relative_to(str(distribution.locate_file(""))):
             return distribution.version
     try:
         import_module(STARTS.get(name, name))
         return str(getattr(import_module(name), "__version__", "unknown"))
-    except Exception:  # a broken library may raise anything
+    except Exception:  # a broken library may raise any exception
         return "broken"
 
 
 def library_fault() -> str:
-    """The first library that cannot be imported, from where, and why; empty if all work."""
+    """The first library that cannot be imported, its origin and the reason; empty if all work."""
     for name in ARRAYS:
         try:
             with redirect_stderr(io.StringIO()):  # NumPy 2 prints a page there
                 _tried(import_module(name))
-        except Exception as error:  # a broken library may raise anything
+        except Exception as error:  # a broken library may raise any exception
             return _described(name, error)
     return ""
 
 
 def _tried(module: ModuleType) -> None:
-    """Use a library as other libraries do at import: an incomplete installation fails here."""
+    """Use a library as other libraries do at import: an incomplete installation then fails."""
     if module.__name__ == "numpy":
         module.zeros(1, dtype=module.dtype(float))
 
@@ -83,6 +83,6 @@ def _described(name: str, error: Exception) -> str:
 
 
 def foreign_numpy() -> bool:
-    """True of a NumPy from another folder than SciPy, which may work or not."""
+    """True if NumPy is in another folder than SciPy; such a combination may fail."""
     folders = {Path(source).parents[1] for source in map(origin, ("numpy", "scipy")) if source}
     return len(folders) > 1

@@ -1,7 +1,7 @@
-"""Settings that have an effect only with another one.
+"""Conditions of settings that have an effect only together with another setting.
 
-A field, or an option of a command, declares its conditions once. A setting is refused if one of
-them fails, unless it has its default, which scene files list with its meaning.
+A field, or an option of a command, declares its conditions once. A setting is refused if one of its
+conditions fails, unless it has its default, which every scene file lists.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import shown
 
-#: Text that means: not set.
+#: Text of an unset setting.
 NONE = "none"
 
-#: Temperature [C] that means: not set; absolute zero.
+#: Temperature of an unset setting [C]: absolute zero.
 NO_TEMPERATURE = -273.15
 
 
@@ -45,18 +45,18 @@ class Needs:
     Attributes
     ----------
     keys
-        Other settings, of the same table or of a table around it, one of which must be given. Keys
-        that are unknown in a table are disregarded; the condition holds if all of them are.
+        Other settings, of the same table or of a table around it; one of them must be set. Unknown
+        keys are ignored; the condition holds if all keys are unknown.
     among
-        Values of which a key must have one; empty: any that is given.
+        Values of which one of the keys must have one; empty: any value that is set.
     absent
-        Whether, on the contrary, none of the keys may be given.
+        Whether none of the keys may be set, instead of one that must be.
     words
         Text behind "without" or "with" in messages, for keys that are properties of several
         settings.
     notice
-        Whether the setting is reported in a notice, not refused: shipped scenes list it together
-        with the switch that leaves it without effect.
+        Whether the setting is reported in a notice instead of being refused: shipped scenes list it
+        together with the switch that makes it ineffective.
     """
 
     keys: tuple[str, ...]
@@ -66,7 +66,7 @@ class Needs:
     notice: bool = False
 
     def failure(self, look_up: LookUp) -> str:
-        """Why the setting has no effect, "without ..." or "with ..."; empty if it has one."""
+        """Reason of a missing effect, "without ..." or "with ..."; empty if it has one."""
         known = [setting for setting in map(look_up, self.keys) if setting is not None]
         met = [setting for setting in known if self._holds(setting.value)]
         if self.absent and met:

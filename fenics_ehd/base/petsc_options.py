@@ -1,4 +1,4 @@
-"""Options of PETSc solvers, which a user can override by prefix, and life of PETSc objects."""
+"""Options of PETSc solvers, which users can override by prefix, and lifetime of PETSc objects."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def configured(
 ) -> Iterator[None]:
     """Set a KSP, SNES or EPS from the options database, with `defaults` for missing options.
 
-    Set up the solver within the block if `defaults` has options of its parts: the levels of a
-    multigrid hierarchy and MUMPS are created, and read their options, during the set-up.
+    If `defaults` has options of parts of the solver, set up the solver within the block: multigrid
+    levels and MUMPS are created during the set-up and read their options then.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ def configured(
     prefix
         Options prefix, ``"film_"`` reads ``-film_...``.
     defaults
-        Option name without prefix and value. They are withdrawn from PETSc's
-        options database after the block, so they cannot leak into another solver.
+        Values by option name without prefix. They are removed from PETSc's options database after
+        the block, so that no other solver reads them.
     """
     options = PETSc.Options(prefix)
     added = {key: value for key, value in defaults.items() if not options.hasName(key)}
@@ -51,17 +51,17 @@ def configured(
 def configure(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
 ) -> None:
-    """Set a solver as `configured` does, if its parts need none of `defaults`."""
+    """Set a solver as `configured` does, if none of `defaults` is an option of its parts."""
     with configured(solver, prefix, defaults):
         pass
 
 
 def destroy_with(owner: object, *objects: PETSc.Object) -> None:
-    """Destroy PETSc objects when their Python owner is garbage, or at exit.
+    """Destroy PETSc objects when their Python owner is collected, or at exit.
 
-    PETSc objects reference arrays and Python contexts until they are destroyed, which must not
-    happen after the interpreter's end. Without an explicit call PETSc 3.18 would keep them until
-    all ranks collect garbage together, which never happens.
+    PETSc objects reference arrays and Python contexts until they are destroyed, which must happen
+    before the end of the interpreter. Without an explicit call PETSc 3.18 would keep them until all
+    ranks collect garbage together, which never happens.
     """
     weakref.finalize(owner, _destroy, objects)
 

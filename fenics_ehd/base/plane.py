@@ -12,7 +12,7 @@ import numpy as np
 def rotation(angle: float) -> np.ndarray:
     """Matrix that rotates a vector by an angle [rad], shape (2, 2), read-only.
 
-    It also transforms components in a frame rotated by that angle to the frame at rest.
+    The matrix also transforms components from a frame rotated by that angle to the frame at rest.
     """
     cosine = math.cos(angle)
     sine = math.sin(angle)

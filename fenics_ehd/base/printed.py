@@ -6,14 +6,14 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
-#: Most characters of a value in a message.
+#: Largest number of characters of a value in a message.
 LONGEST_VALUE = 60
 
 
 def escaped(text: str) -> str:
-    """Text whose control characters, in names for instance, are escaped as Python escapes them.
+    """Text in which control characters, in names for instance, are escaped as Python escapes them.
 
-    Bytes of a path that are not UTF-8 are among them. Ends of lines stay.
+    Bytes of a path that are not UTF-8 are escaped as well; line breaks stay.
     """
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
@@ -44,7 +44,7 @@ def key_hint(known: Iterable[str], name: str) -> str:
     known
         Keys with their sections.
     name
-        The unknown key, with or without a section.
+        Unknown key, with or without a section.
 
     Returns
     -------

@@ -1,9 +1,9 @@
 """Processes: child processes, signals, ranks that end together, suppressed output.
 
-- A function may be called in a child process: the state that a library changes, and a crash, stay
-  there.
-- Signals end a run between two steps, never while one is being written.
-- An error on one rank ends the others, which may wait for it.
+- A function may be called in a child process: a changed state of a library, or a crash, is confined
+  to that process.
+- Signals end a run between two steps, never while a step is being written.
+- An error on one rank ends the other ranks, which may be waiting for it.
 - Output of libraries is kept off the standard output, which has the results of commands.
 
 Imports inside functions: mpi4py starts MPI when imported, which a worker must do after its
@@ -39,17 +39,17 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: Threads of the BLAS, read when NumPy is first imported: one in each process.
+#: Variables with the number of BLAS threads, read when NumPy is first imported: one per process.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 #: Beginnings of the variables that launchers set (Open MPI, PMIx, MPICH, Slurm). A process that
-#: inherits them takes itself for that rank.
+#: inherits them acts as that rank.
 LAUNCHER = ("OMPI_", "ORTE_", "PMIX_", "PRTE_", "PMI_", "HYDI_", "MPI_LOCAL", "SLURM_")
 
-#: Beginnings of those that are settings of the user, and are passed on.
+#: Beginnings of those variables that are settings of the user, and are passed on.
 SETTINGS = ("OMPI_MCA_", "OMPI_ALLOW_", "PMIX_MCA_", "PRTE_MCA_", "PRTE_ALLOW_")
 
-#: Beginnings of settings by which a rank of Open MPI 4 reaches its daemon.
+#: Beginnings of settings through which a rank of Open MPI 4 contacts its daemon.
 RANK_SETTINGS = (
     "OMPI_MCA_ess_base_",
     "OMPI_MCA_initial_wdir",
@@ -65,9 +65,9 @@ RANK_SETTINGS = (
     "OMPI_MCA_orte_top_session_dir",
 )
 
-#: Values of settings of ranks: they forbid components that a single process needs.
+#: Values of settings of ranks that forbid components which a single process needs.
 RANK_VALUES = {
-    "OMPI_MCA_ess": ("^singleton", "singleton"),  # the latter of a single process
+    "OMPI_MCA_ess": ("^singleton", "singleton"),  # the second in a single process
     "OMPI_MCA_pmix": ("^s1,s2,cray,isolated",),
 }
 
@@ -84,28 +84,28 @@ def is_rank() -> bool:
 
 
 def set_by_launcher(name: str, value: str) -> bool:
-    """True of a variable by which a launcher makes a process a rank."""
+    """True of a variable that a launcher sets to make a process a rank."""
     if name.startswith(RANK_SETTINGS) or value in RANK_VALUES.get(name, ()):
         return True
     return name.startswith(LAUNCHER) and not name.startswith(SETTINGS)
 
 
 def without_launcher() -> dict[str, str]:
-    """Environment of a child process that is no rank: settings of the user are kept."""
+    """Environment of a child process that is no rank; settings of the user are kept."""
     return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
 
 
 def begin_worker() -> None:
-    """Set up a process of a pool: no rank, one thread of the BLAS, ended with its parent.
+    """Set up a process of a pool: no rank, one BLAS thread, ended with its parent.
 
-    It must be called before MPI starts, which would believe to be the parent's rank.
+    It must be called before MPI starts, which would otherwise act as the parent's rank.
     """
     from tqdm import tqdm
 
     for name, value in list(os.environ.items()):
         if set_by_launcher(name, value):
             del os.environ[name]
-    # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
+    # Open MPI 4 would start a daemon for each process; two daemons that start at once may fail.
     os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
     for name in THREADS:
         os.environ.setdefault(name, "1")
@@ -115,8 +115,8 @@ def begin_worker() -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-#: Functions of OpenBLAS that set and return its number of threads: Debian's and those of wheels,
-#: which have a prefix and, with indices of 64 bits, a suffix.
+#: Functions of OpenBLAS that set and return its number of threads: Debian's names, and those of
+#: wheels, which have a prefix and, with indices of 64 bits, a suffix.
 THREAD_FUNCTIONS = tuple(
     (f"{prefix}openblas_set_num_threads{suffix}", f"{prefix}openblas_get_num_threads{suffix}")
     for prefix in ("", "scipy_")
@@ -126,7 +126,7 @@ THREAD_FUNCTIONS = tuple(
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Have every OpenBLAS in this process use one thread, as results of several differ."""
+    """Limit every OpenBLAS in this process to one thread, as results depend on their number."""
     former = [(write, read()) for write, read in _thread_functions()]
     try:
         for write, _ in former:
@@ -138,7 +138,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
-    """Functions that set and return the number of threads, of every OpenBLAS that is loaded."""
+    """Functions that set and return the number of threads, for every loaded OpenBLAS."""
     try:
         lines = Path("/proc/self/maps").read_text().splitlines()
     except OSError:
@@ -154,14 +154,14 @@ def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent ends: it would wait for tasks for ever."""
+    """End this process when its parent ends: otherwise it would wait for tasks forever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
     os._exit(1)
 
 
-#: A folder that always exists and in which no user can create a file.
+#: Folder that always exists and in which no user can create a file.
 NEUTRAL = "/proc"
 
 
@@ -169,7 +169,7 @@ NEUTRAL = "/proc"
 def in_neutral_folder() -> Iterator[None]:
     """Change to a folder in which libraries find no files by relative names, and back.
 
-    The former folder may have been removed, or be unreadable.
+    The return works even if the former folder was removed or is unreadable.
     """
     former = os.open(".", os.O_PATH)
     os.chdir(NEUTRAL if os.path.isdir(NEUTRAL) else os.sep)
@@ -180,7 +180,7 @@ def in_neutral_folder() -> Iterator[None]:
         os.close(former)
 
 
-#: Program of the child process. It has this process's module path, without the current folder.
+#: Program of the child process, whose module path is that of this process without its folder.
 _CALL = """
 import pathlib, pickle, sys
 sys.path = pickle.load(sys.stdin.buffer)
@@ -194,16 +194,16 @@ pathlib.Path(sys.argv[1]).write_bytes(pickle.dumps(answer))
 
 
 def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
-    """Result of a function that is called in another Python process; its output is dropped.
+    """Result of a function called in another Python process, whose output is dropped.
 
-    The other process is no rank, even if this one is.
+    The other process is no rank, even if this process is one.
 
     Parameters
     ----------
     function
-        Function at the head of a module that does not start MPI.
+        Function at the top level of a module that does not start MPI.
     arguments
-        Arguments; they and the result are pickled.
+        Arguments; they and the result must be picklable.
     lost
         Error raised if the other process ends without a result.
     """
@@ -237,9 +237,9 @@ INTERRUPTED = 130
 def ending_signals_raise() -> Iterator[None]:
     """Make SIGTERM and SIGHUP raise `KeyboardInterrupt`, as SIGINT does.
 
-    During an import, which would turn it into another error, they end the process. Ignored signals
-    stay ignored, SIGINT in background jobs of a shell for instance. SIGPIPE is ignored as well,
-    except between the steps of a run: writing to a closed pipe raises an error anyway.
+    Signals during an import, which would turn the exception into another error, end the process.
+    Ignored signals stay ignored, SIGINT in background jobs of a shell for instance. SIGPIPE is
+    ignored as well, except between the steps of a run: writing to a closed pipe raises an error.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -248,7 +248,7 @@ def ending_signals_raise() -> Iterator[None]:
     for number, handler in former.items():
         if handler in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, _raise)
-    if former[signal.SIGPIPE] is signal.SIG_IGN:  # by Python
+    if former[signal.SIGPIPE] is signal.SIG_IGN:  # Python ignores it at its start
         signal.signal(signal.SIGPIPE, _pass_over)
     try:
         yield
@@ -272,7 +272,7 @@ def _pass_over(_number: int, _frame: FrameType | None) -> None:
 
 def _restore(handlers: dict[signal.Signals, Any]) -> None:
     for number, handler in handlers.items():
-        if handler is not None:  # else not one of Python's
+        if handler is not None:  # None: the handler was not set from Python
             signal.signal(number, handler)
 
 
@@ -309,7 +309,7 @@ def interrupt_between_steps() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def interrupt_kept() -> Iterator[None]:
-    """Keep the handlers of signals: Gmsh replaces that of SIGINT from import to end."""
+    """Ignore new handlers of signals in the block: Gmsh would replace that of SIGINT."""
 
     def keep(number: int, _handler: Any) -> Any:
         return signal.getsignal(number)
@@ -322,19 +322,19 @@ def interrupt_kept() -> Iterator[None]:
         signal.signal = original
 
 
-#: Time within which the other ranks must end as well [s]; beyond it they wait for this rank.
+#: Time within which other ranks must end as well [s]; ranks that take longer wait for this rank.
 PATIENCE = 3.0
 
-#: Time that mpirun needs to print the message of a rank, before that rank aborts the job [s].
+#: Time that mpirun needs to print a rank's message before the rank aborts the job [s].
 PASSING_ON = 0.3
 
-#: Seconds between two checks of the other ranks.
+#: Time between two checks of the other ranks [s].
 POLL = 0.01
 
 
 @contextmanager
 def all_ranks() -> Iterator[MPI.Comm | None]:
-    """Communicator that nothing else uses, for `agreed`; None for a single process."""
+    """Communicator reserved for `agreed`; None for a single process."""
     if all(os.environ.get(name, "1") == "1" for name in SIZES):
         yield None
         return
@@ -346,7 +346,7 @@ def all_ranks() -> Iterator[MPI.Comm | None]:
 
 
 def require_alike(name: str, value: str) -> None:
-    """Refuse a value that differs between ranks: they would wait for each other. Collective.
+    """Refuse a value that differs between ranks, which would then wait for each other; collective.
 
     Raises
     ------
@@ -362,15 +362,15 @@ def require_alike(name: str, value: str) -> None:
 
 
 def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
-    """Exit status and message of this rank: the first rank that failed has the message of all.
+    """Exit status and message of this rank; the message is that of the first failed rank.
 
-    Every rank calls it at its end. A rank that fails while the others wait for it in a collective
-    call, where no exception reaches them, prints its message and aborts all.
+    Every rank calls this function at its end. If a rank fails while the others wait for it in a
+    collective call, which no exception can interrupt, it prints its message and aborts all ranks.
 
     Parameters
     ----------
     comm
-        From `all_ranks`.
+        Communicator from `all_ranks`.
     status, message
         Exit status and message of this rank; 0 and empty without an error.
     """
@@ -395,7 +395,7 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
 
 @contextmanager
 def printing_kept() -> Iterator[io.StringIO]:
-    """Collect the output of Python code, and drop that of compiled code on file descriptor 1.
+    """Collect the output of Python code; drop output of compiled code to file descriptor 1.
 
     Yields
     ------

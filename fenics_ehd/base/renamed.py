@@ -12,7 +12,7 @@ Three kinds of names are covered::
     @renamed_arguments(place="binding")  # former keyword argument of a function
     def bind(binding: Binding) -> None: ...
 
-A former name of the package itself (``ehd.Course``) is an entry of its table, see
+A former name of the package itself (``ehd.Course``) is an entry in the table of
 `fenics_ehd.base.lazy.lazily`. Every renamed name has a row in ``docs/renamed.md``.
 """
 
@@ -31,7 +31,7 @@ Renamed = TypeVar("Renamed", bound=Callable[..., Any])
 
 
 def renamed_message(former: str, name: str) -> str:
-    """The sentence that warns of a former name."""
+    """Text of the warning about a former name."""
     return f"{former} is now {name}: the former name will be removed in {REMOVED_IN}"
 
 
@@ -77,7 +77,7 @@ def joint_of_bare_name(
 
 
 class _FormerAttribute:
-    """Descriptor that passes a former attribute on to the present one.
+    """Descriptor that redirects a former attribute to the present one.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class _FormerAttribute:
 def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
     """Class decorator that accepts former names of attributes and methods.
 
-    It belongs above ``@dataclass``, which would take the former names for defaults of fields.
+    The decorator must be above ``@dataclass``, which would read former names as defaults of fields.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
 def renamed_arguments(**names: str) -> Callable[[Renamed], Renamed]:
     """Decorator that accepts former keyword arguments of a function or of a constructor.
 
-    Calls of the result pass through one more function: it is not for functions called in every
-    iteration of a step.
+    Calls of the result pass through one more function: the decorator is not meant for functions
+    that are called in every iteration of a step.
 
     Parameters
     ----------

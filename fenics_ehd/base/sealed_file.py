@@ -1,9 +1,9 @@
 """HDF5 files of this program: sealed, written atomically, checked before they are read.
 
-The seal is the SHA-256 digest of everything behind it. It is in the 512 bytes at the head of a file
-that HDF5 leaves to its users (``head -n 1 body.h5`` shows it). A file that a disk, a transfer or an
-editor changed is refused before HDF5 opens it. The seal protects against accidents, not against
-forgery: a changed file can be sealed again.
+The seal is the SHA-256 digest of all data behind it. It is stored in the first 512 bytes of a file,
+which HDF5 leaves free for other uses (``head -n 1 body.h5`` shows it). A file that was changed by a
+disk, a transfer or an editor is refused before HDF5 opens it. The seal protects against accidents,
+not against forgery: a changed file can be sealed again.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ HEAD = 512
 #: First bytes of a sealed file.
 _MARK = b"fenics_ehd sha256 "
 
-#: Largest ratio of compression: that of deflate.
+#: Largest compression ratio of deflate.
 _DEFLATE = 1032
 
 
@@ -38,14 +38,14 @@ def sealed_hdf5(path: str | Path, kind: str, version: int) -> Iterator[h5py.File
     Parameters
     ----------
     path
-        File.
+        Path of the file.
     kind, version
         Name and version of the format.
 
     Raises
     ------
     OutputError
-        It cannot be written; a former file stays.
+        The file cannot be written; a former file stays.
     """
     image = BytesIO()
     with h5py.File(image, "w", userblock_size=HEAD) as file:
@@ -67,10 +67,10 @@ def put_tree(group: h5py.Group, tree: Mapping[str, Any]) -> None:
     Parameters
     ----------
     group
-        Empty.
+        Empty HDF5 group.
     tree
-        Dictionaries of the same, arrays, numbers, text and tuples of text; see `Group.tree` in
-        `fenics_ehd.base.layout`.
+        Dictionaries of dictionaries, arrays, numbers, texts and tuples of texts; see `Group.tree`
+        in `fenics_ehd.base.layout`.
     """
     for name, value in _flat(tree):
         if isinstance(value, Mapping):
@@ -81,7 +81,7 @@ def put_tree(group: h5py.Group, tree: Mapping[str, Any]) -> None:
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Path and value of every entry of a tree, by name; groups are empty, None is left out."""
+    """Path and value of every entry of a tree, sorted by name; groups are empty; without None."""
     for name, value in sorted(tree.items()):
         if value is None:
             continue
@@ -124,13 +124,13 @@ def require_file(path: str | Path) -> None:
 
 
 def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
-    """Open an HDF5 file for reading, `options` as h5py has them.
+    """Open an HDF5 file for reading; `options` are passed to h5py.
 
     Raises
     ------
     ValueError, OSError
-        It is no HDF5 file, or has data in other files, which the digest does not cover and which
-        could be any file of the user.
+        The file is no HDF5 file, or refers to data in other files, which the digest does not cover
+        and which could be any file of the user.
     """
     require_file(path)
     file = h5py.File(path, "r", **options)
@@ -152,8 +152,8 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
     return file
 
 
-#: Bytes that datasets of a foreign file may have beyond its size: variables of netCDF that were
-#: never written occupy no room.
+#: Bytes by which datasets of a foreign file may exceed its size: variables of netCDF that were
+#: never written occupy no space.
 _UNWRITTEN = 1 << 26
 
 
@@ -163,7 +163,7 @@ def require_own_data(path: str | Path) -> None:
     Raises
     ------
     ValueError, OSError
-        See `open_hdf5`; or its datasets together are larger than the file can hold.
+        See `open_hdf5`; or the datasets together are larger than the file can hold.
     """
     claimed = 0
 
@@ -204,7 +204,7 @@ UNREADABLE = (
 
 
 def stored_as(words: str, kind: str) -> Kind:
-    """Kind of the output files of a format, of any version; a file with a broken seal has none."""
+    """Kind of the output files of a format, of any version; a broken seal excludes a file."""
 
     def holds(path: Path) -> bool:
         try:
@@ -244,13 +244,13 @@ def open_sealed(
     Parameters
     ----------
     path, kind, version
-        As in `save_tree`.
+        See `save_tree`.
     remedy
         Advice about a file of another version, for the message.
     former
         Former versions of the format that are read as well.
     foreign
-        Whether other programs write such files too, without a seal.
+        Whether other programs also write such files, without a seal.
 
     Raises
     ------
@@ -276,12 +276,12 @@ def open_sealed(
 
 
 def values(item: Any, part: slice | tuple[()] = ()) -> Any:
-    """Content of a dataset, or of rows of it: an array or one number, a tuple of texts or one text.
+    """Content of a dataset or of some rows: an array or a number, a tuple of texts or a text.
 
     Raises
     ------
     ValueError
-        It is neither numbers nor text, or is larger than its file can hold.
+        The dataset has neither numbers nor text, or is larger than its file can hold.
     """
     require_numbers(item, "fiub", text=True)
     if item.dtype.kind in "fiub":
@@ -290,7 +290,7 @@ def values(item: Any, part: slice | tuple[()] = ()) -> Any:
     return _texts(item)
 
 
-#: Texts read at a time.
+#: Number of texts that are read at once.
 _TEXTS = 256
 
 
@@ -300,7 +300,7 @@ def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
     Raises
     ------
     ValueError
-        They have more characters than their file has bytes: many entries share one text.
+        The texts have more characters than their file has bytes: many entries share one text.
     """
     if not item.shape:
         return str(item.asstr()[()])
@@ -319,7 +319,7 @@ def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
 
 
 def is_text(kind: np.dtype) -> bool:
-    """True of the type of text, of fixed length or any."""
+    """True of the data type of texts, of fixed or variable length."""
     return kind.kind in "SU" or h5py.check_string_dtype(kind) is not None
 
 
@@ -329,8 +329,8 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     Raises
     ------
     ValueError
-        It is no dataset, has no numbers of these kinds (f, i, u), or is larger than its file can
-        hold.
+        The item is no dataset, has no numbers of these kinds (f, i, u), or is larger than its file
+        can hold.
     """
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         raise ValueError(f"{item.name} is no array")
@@ -339,14 +339,14 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     require_stored(item)
 
 
-#: Numbers in HDF5 of filters that compress: deflate, szip, nbit, scale-offset, LZF.
+#: HDF5's numbers of compressing filters: deflate, szip, nbit, scale-offset, LZF.
 _PACKING = (1, 4, 5, 6, 32000)
 
 
 def require_stored(item: h5py.Dataset) -> None:
     """Refuse a dataset with more bytes than its file can hold, even compressed.
 
-    Data that were never written occupy no room in a file, of any shape.
+    Data that were never written occupy no space in a file, for any shape.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Settings classes of checked fields, read from TOML and written as such.
+"""Settings classes with checked fields: reading from TOML and writing to TOML.
 
-The message about an unknown key has the key that is probably meant.
+The message for an unknown key suggests a similar key.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def declared(cls: type) -> list[attrs.Attribute]:
 
 
 def setting_names(cls: type, path: str = "") -> dict[str, attrs.Attribute]:
-    """Every key of a settings class, ``section.key`` and ``table.NAME.key`` of its tables too."""
+    """Fields of a settings class by key, ``section.key`` and ``table.NAME.key`` included."""
     names = {}
     for attribute in declared(cls):
         name = f"{path}{attribute.name}"
@@ -41,13 +41,14 @@ def setting_names(cls: type, path: str = "") -> dict[str, attrs.Attribute]:
 
 T = TypeVar("T", bound=attrs.AttrsInstance)
 
-#: Characters of a key or number in a scene file. Time and memory to parse a key grow with the
-#: square of its dots, and Python does not print numbers of thousands of digits.
+#: Largest number of characters of a key or number in a scene file. Time and memory to parse a key
+#: grow with the square of the number of its dots, and Python prints no numbers of thousands of
+#: digits.
 LONGEST = 300
 
 
 class UnknownKeyError(SettingsError):
-    """A key that no field has: its full name."""
+    """A key that no field has; the message has its full name."""
 
 
 def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
@@ -58,16 +59,16 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
     cls
         Settings class.
     table
-        Values by key, those of a section in a table of their own.
+        Values by key; values of a section are in a table of their own.
     path
-        Sections above, ``"rod."`` for instance.
+        Key of the table, followed by a dot, ``"rod."`` for instance; empty for the whole scene.
 
     Raises
     ------
     UnknownKeyError
-        There is no such key.
+        The key does not exist.
     SettingsError
-        A missing key, or a value outside its limits; the message starts with the key.
+        A key is missing, or a value is outside its limits; the message starts with the key.
     """
     if not isinstance(table, Mapping):
         raise SettingsError(f"{path.rstrip('.')} = {table!r} must be a table")
@@ -103,7 +104,7 @@ def _required(cls: type) -> list[str]:
 
 
 def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any:
-    """Settings object of a named table, of the class that its ``kind`` names, see `entries`."""
+    """Settings object of a named table, of the class that ``kind`` selects, see `entries`."""
     path = f"{section}.{name}"
     kinds = about["kinds"]
     if not name.replace("_", "").replace("-", "").isalnum():
@@ -146,7 +147,7 @@ def idle_settings(
     path
         Key of its table, followed by a dot.
     around
-        Paths and objects of the tables around it, the innermost first.
+        Paths and objects of the enclosing tables, the innermost first.
     """
     tables = ((path, settings), *around)
     look_up = partial(_setting, tables)
@@ -193,12 +194,12 @@ def keys_excluded_by(cls: type, key: str) -> tuple[str, ...]:
 
 
 def require_effects(settings: Any, path: str = "") -> None:
-    """Refuse settings without effect, apart from those of a notice; defaults are accepted.
+    """Refuse settings without effect, except those of a notice; defaults are accepted.
 
     Raises
     ------
     SettingsError
-        The message has the first of them, its value and the setting that it needs.
+        The message has the first such setting, its value and the setting that it needs.
     """
     for name, value, why, notice in idle_settings(settings, path):
         if not notice:
@@ -254,7 +255,7 @@ def toml_string(text: str) -> str:
     Raises
     ------
     SettingsError
-        It is not UTF-8, the name of a file with other bytes for instance.
+        The text is not in UTF-8, such as the name of a file with other bytes.
     """
     try:
         text.encode()
@@ -279,7 +280,7 @@ def _literal(value: Any) -> str:
 def to_toml(settings: Any, path: str = "") -> str:
     """TOML text of a settings object, every key with its help text; `build` reads it back.
 
-    Keys in its attribute ``idle`` are left out.
+    Keys in the attribute ``idle`` of an object are left out.
 
     Parameters
     ----------

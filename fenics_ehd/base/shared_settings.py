@@ -30,10 +30,11 @@ DENSITY = 870.0
 #: grows with temperature by 0.2 % per K.
 SPECIFIC_HEAT = 2000.0
 
-#: Compressibility of mineral oils at ambient pressure, Dowson's and Higginson's law (1966) [1/Pa].
+#: Compressibility of mineral oils at ambient pressure in the law of Dowson and Higginson (1966)
+#: [1/Pa].
 COMPRESSIBILITY = 0.6e-9
 
-#: Stiffening of mineral oils under pressure in the same law [1/Pa]: their density is bounded.
+#: Coefficient of the same law that bounds the density under pressure [1/Pa].
 STIFFENING = 1.7e-9
 
 
@@ -55,12 +56,12 @@ def supply_temperature(default: float, help_text: str) -> Any:
 
 
 def conducted_share(help_text: str) -> Any:
-    """Fraction of the dissipated power that does not leave with the oil [-]."""
+    """Fraction of the dissipated power that is not carried away by the oil [-]."""
     return number(0.0, help_text, least=0, below=1)
 
 
 def outlet_weight() -> Any:
-    """Weight of the outlet temperature in the effective one; practice uses the mean [-]."""
+    """Weight of the outlet temperature in the effective temperature [-]; 0.5 is common practice."""
     return number(
         0.5,
         "where the effective temperature lies between supply, 0, and outlet, 1",
@@ -69,13 +70,13 @@ def outlet_weight() -> Any:
     )
 
 
-#: Keys of an oil by grade, in messages.
+#: Description of an oil by grade, for messages.
 GRADED = "a grade, or viscosity_40 and viscosity_100"
 
-#: Words of `OilSettings.temperature_law`, whose laws are in `fenics_ehd.film.lubricant`.
+#: Values of `OilSettings.temperature_law`, whose laws are in `fenics_ehd.film.lubricant`.
 TEMPERATURE_LAWS = ("walther",)
 
-#: Keys of rough surfaces, in messages.
+#: Keys of rough surfaces, for messages.
 ROUGH = "journal_roughness or bore_roughness"
 
 
@@ -169,7 +170,7 @@ class OilSettings:
 
     @property
     def graded(self) -> bool:
-        """True for a viscosity that comes from a grade or two kinematic viscosities."""
+        """True if the viscosity follows from a grade or two kinematic viscosities."""
         return self.grade != NONE or bool(self.viscosity_40 or self.viscosity_100)
 
 
@@ -188,7 +189,7 @@ def _roughness(of: str) -> Any:
 
 @attrs.frozen(kw_only=True, slots=False)
 class Roughness:
-    """Surfaces of a journal and its bore; rough ones may touch."""
+    """Roughness of a journal and its bore; rough surfaces may come into contact."""
 
     journal_roughness: float = _roughness("journal")
     bore_roughness: float = _roughness("bore")
@@ -244,7 +245,7 @@ class Roughness:
 class Deviations:
     """Deviations of a bore or a journal from a round surface, positive outward.
 
-    They are in the frame of the body, with which a journal's shape turns, and add up.
+    Deviations are in the frame of the body, so that a journal's shape turns with it. They add up.
     """
 
     ovality: float = deviation("amplitude of a wave around [m]")

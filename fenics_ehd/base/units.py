@@ -1,10 +1,10 @@
 """Units: a number written with its unit, ``"9000 rpm"`` or ``"20 um"``, in the unit of its setting.
 
 The unit of a setting is in brackets in its help text. Units are a table, not a library: pint would
-read "40 C" as coulombs, multiply "1 / 3 m" out and accept hertz for radians per second, and it is
-larger than the rest of `base`. Here C is a temperature. An angle is a dimension of its own, so that
-a frequency is no angular speed. Factors are exact until the last product: ``"20 um"`` is the same
-number as ``20e-6``.
+read "40 C" as coulombs, accept hertz for radians per second and is larger than the rest of `base`.
+In this module, C is a temperature. An angle is a dimension of its own, so that a frequency is no
+angular speed. Factors are exact until the last product: ``"20 um"`` is the same number as
+``20e-6``.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from math import pi
 
 from fenics_ehd.base.errors import SettingsError
 
-#: A number in the digits 0 to 9, none of them grouped: Python reads 1_0 as 10, and digits of other
-#: scripts.
+#: Pattern of a number in the digits 0 to 9 without grouping, unlike Python, which reads 1_0 as 10,
+#: and digits of other scripts.
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 
-#: A number and its unit. No exponent beyond what a float has.
+#: Pattern of a number and its unit; exponents have at most three digits.
 WRITTEN = re.compile(
     rf"\s*({NUMBER.replace('[0-9]+)?', '[0-9]{1,3})?')})\s*"
     r"((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
 )
 
-#: Characters of a number; Python converts no integer of more than 4300 digits.
+#: Largest number of characters of a number; Python converts no integer of more than 4300 digits.
 LONGEST = 400
 
-#: Powers of ten of the prefixes; u, and the micro and mu signs.
+#: Powers of ten of the prefixes; micro is u, the micro sign or the letter mu.
 PREFIXES = {"n": -9, "u": -6, "\u00b5": -6, "\u03bc": -6, "m": -3, "c": -2, "k": 3, "M": 6, "G": 9}
 
 
@@ -46,7 +46,7 @@ class Unit:
     powers
         Powers of kg, m, s, K and rad.
     zero
-        Zero of a scale of temperatures [K].
+        Zero of a temperature scale [K].
     """
 
     factor: Fraction
@@ -55,7 +55,7 @@ class Unit:
     zero: Fraction = Fraction(0)
 
 
-#: A word of a unit, and its symbol and power.
+#: Patterns of a word of a unit, and of its symbol and power.
 _WORD = re.compile(r"[^\s*\u00b7]+")
 
 _SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?[0-9])?")
@@ -67,7 +67,7 @@ def _unit(factor: str, powers: str = "", turns: int = 0, zero: str = "0") -> Uni
     return Unit(Fraction(factor), Counter(by_symbol), turns, Fraction(zero))
 
 
-#: Units that take a prefix.
+#: Units that may have a prefix.
 _PLAIN = {
     "m": _unit("1", "m"),
     "g": _unit("1/1000", "kg"),
@@ -85,7 +85,7 @@ _PLAIN = {
     "Hz": _unit("1", "s-1"),
 }
 
-#: Units without a prefix; names of one unit share it.
+#: Units without a prefix; several names of one unit share an entry.
 _ALONE = {
     "t": _unit("1000", "kg"),
     **dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), _unit("1/180", "rad", 1)),
@@ -98,7 +98,7 @@ _ALONE = {
     "in": _unit("127/5000", "m"),
 }
 
-#: Scales of temperature, which are no factors of other units.
+#: Temperature scales, which cannot be factors of other units.
 SCALES = {
     **dict.fromkeys(("C", "degC", "\u00b0C"), _unit("1", "K", zero="273.15")),
     **dict.fromkeys(("F", "degF", "\u00b0F"), _unit("5/9", "K", zero="45967/180")),
@@ -116,9 +116,9 @@ def _symbol(symbol: str) -> Unit | None:
 
 @lru_cache(maxsize=256)
 def unit(text: str) -> Unit | None:
-    """Unit of a text, ``C``, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``; None if it is none.
+    """Unit of a text, ``C``, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``; None for other texts.
 
-    Everything behind the slash is in the denominator, in parentheses or not.
+    All units behind the slash are in the denominator, with or without parentheses.
     """
     if text in SCALES:
         return SCALES[text]
@@ -146,7 +146,7 @@ def unit(text: str) -> Unit | None:
 
 
 def parse_number(text: str) -> float:
-    """Number of a text without a unit; it may be larger than any float, and then is infinite.
+    """Number of a text without a unit; infinite if it exceeds the largest float.
 
     Raises
     ------
@@ -159,14 +159,14 @@ def parse_number(text: str) -> float:
 
 
 def in_unit(written: str, wanted: str) -> float:
-    """A text's number in the unit of a setting.
+    """Number of a text, converted to the unit of a setting.
 
     Parameters
     ----------
     written
         Number and unit, ``"20 um"``.
     wanted
-        Unit of the setting, ``"m"``; empty: it has none, and takes per cent.
+        Unit of the setting, ``"m"``; empty: the setting has no unit, and per cent are accepted.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Commands of the command line, one file for each kind."""
+"""Commands of the command line, one module for each group."""

@@ -89,12 +89,12 @@ groove does.
 
 
 def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) -> Shape | None:
-    """Shape of a bore by its options; None: round.
+    """Shape of a bore from its options; None for a round bore.
 
     Raises
     ------
     SettingsError
-        Naming an option, or what is wrong with the table.
+        The message names the option or the fault of the table.
     """
     settings = build(Deviations, deviations)
     require_effects(settings)
@@ -164,7 +164,7 @@ def summary(result: BearingResult) -> dict[str, Any]:
 
 
 def _plain(_: Any, __: Any, value: Any) -> Any:
-    """A groove, or the table of a shape, with its kind, and numbers as JSON has them."""
+    """A groove, or the shape of a table, as a dictionary with its kind; numbers for JSON."""
     if is_dataclass(value):
         entries = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
         return {"kind": type(value).__name__, **entries}
@@ -175,7 +175,7 @@ def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
 
 
-#: Labels of the rows of the table by key; figures that a bearing lacks are left out.
+#: Labels of the rows of the table by key; a figure that a bearing lacks has no row.
 ROWS = {
     "load_N": "load",
     "eccentricity_ratio": "eccentricity ratio",
@@ -200,7 +200,7 @@ ROWS = {
     "friction_coefficient": "coefficient of friction",
 }
 
-#: Factors and names of units in the table, by SI unit.
+#: Factors and names of the printed units, by SI unit.
 SHOWN = {
     "Pa": (1e-6, "MPa"),
     "m": (1e6, "um"),
@@ -211,7 +211,7 @@ SHOWN = {
 
 
 def report(result: BearingResult) -> str:
-    """The figures in a table."""
+    """Table of the figures of a bearing."""
     values = summary(result)
     settings = result.settings
     if not (settings.grooves or settings.line_at_max_film):
@@ -231,7 +231,7 @@ def report(result: BearingResult) -> str:
 
 
 def _given(settings: BearingSettings, viscosity: float) -> str:
-    """The bearing in one line."""
+    """Settings of the bearing in one line."""
     oil = f"viscosity {viscosity:.4g} Pa s" if settings.grade == NONE else settings.grade
     speeds = f"shaft at {settings.speed:g} rad/s"
     if settings.bore_speed:
@@ -272,7 +272,7 @@ def _row(label: str, key: str, value: float | None) -> str:
 
 
 def _groove(numbers: tuple[float, float, float]) -> Any:
-    """Groove from degrees and Pa."""
+    """Groove of an option, in degrees and Pa, in SI units."""
     from fenics_ehd.film.supply import AxialGroove
 
     angle, width, pressure = numbers
@@ -283,7 +283,7 @@ def _groove(numbers: tuple[float, float, float]) -> Any:
 
 
 def _cells(text: str) -> tuple[int, int]:
-    """Two whole numbers from 64x12."""
+    """Numbers of cells around and along from a text ``64x12``."""
     match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text.strip().lower())
     if not match:
         raise SettingsError(f"--cells {text!r} must be two whole numbers, around x along: 64x12")
@@ -343,7 +343,7 @@ def bearing(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Read the options, solve, print."""
+    """Read the options, solve, and print the result."""
     if (eccentricity is None) == (load is None):
         raise SettingsError("give either --eccentricity or --load")
     around, along = _cells(cells)

@@ -1,6 +1,6 @@
 """``fenics-ehd info`` and ``check``: what is installed, and whether it works.
 
-Imports inside functions: a check imports the libraries that it tests, and reports those that fail.
+Imports inside functions: a check imports the libraries that it tests, and reports failed imports.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def info(as_json: bool) -> None:
 #: A part that is reduced in a second, the same on any number of ranks.
 REDUCE = ("reduce", "conrod", "--method", "m1", "--modes", "4", "--no-estimate-error", "--json")
 
-#: Seconds after which ranks are assumed to wait for each other.
+#: Time after which ranks are assumed to wait for each other [s].
 PATIENCE = 300
 
 #: Attitude angle of a bearing as wide as its diameter at eccentricity 0.6 [degrees], from the
@@ -62,7 +62,7 @@ def check() -> None:
     for name, version in versions(installed=True).items():
         echo(f"  {name:14s} {version}")
         if version == "missing":
-            import_module(name)  # its error has the packages to install
+            import_module(name)  # the message of a failure names the packages to install
     if fault := library_fault():
         raise VerificationError(fault)
     failures = []
@@ -71,7 +71,7 @@ def check() -> None:
             began = perf_counter()
             try:
                 outcome = run(Path(folder))
-            except Exception as error:  # of any kind: it is reported, and the other checks go on
+            except Exception as error:  # any error is reported, and the other checks are run
                 outcome = f"FAILED: {type(error).__name__}: {str(error).strip()}"
                 failures.append(name)
             echo(f"  {name:14s} {outcome} ({perf_counter() - began:.1f} s)")
@@ -98,7 +98,7 @@ def _reduction(folder: Path) -> str:
 def _lowest(folder: Path, launcher: list[str]) -> float:
     """Lowest frequency [Hz] of the part, reduced in child processes."""
     command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
-    # mpirun fails with variables that MPI or a launcher have set: they are not passed on.
+    # mpirun fails with variables of MPI or a launcher: they are not passed on.
     done = subprocess.run(
         [*command, str(folder / "part.h5")],
         capture_output=True,
@@ -138,7 +138,7 @@ def _ranks(folder: Path) -> str:
 
 
 def _within(value: float, expected: float, most: float, text: str) -> str:
-    """The text with a value.
+    """Description of a value that is as expected.
 
     Raises
     ------

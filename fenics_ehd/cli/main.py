@@ -1,6 +1,6 @@
-"""Command line: commands by module, options of the first ones, exit status.
+"""Command line: the commands by module, options of `run`, `reduce` and `init`, exit status.
 
-Imports inside functions: ``--help`` does without the libraries of commands.
+Imports inside functions: ``--help`` must work without the libraries of commands, and quickly.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ with ending_signals_raise():
     )
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
 
-#: Libraries that pip does not install: Debian's packages python3-NAME.
+#: Libraries that pip does not install, of Debian's packages python3-NAME.
 COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
 
 
@@ -52,7 +52,7 @@ COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
 LEAST_MEMORY = 768 << 20
 
 
-#: Keys of [output] without an option of `run` of the same name.
+#: Keys of [output] for which `run` has no option of the same name.
 KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
 
 
@@ -85,7 +85,7 @@ class Commands(click.Group):
         return sorted([*super().list_commands(context), *COMMANDS])
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        """A command by its name."""
+        """Import the module of a command and return the command."""
         if name not in COMMANDS:
             return super().get_command(context, name)
         command: click.Command = getattr(import_module(f"{__package__}.{COMMANDS[name]}"), name)
@@ -213,12 +213,12 @@ def init(scene: str | None) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: named errors become one line and an exit status, on any number of ranks."""
+    """Run a command: a named error becomes one line and an exit status, on any number of ranks."""
     start_command()
     _open_streams()
     logging.disable(logging.INFO)  # the build log of just-in-time compiled forms
     command_line = sys.argv[1:] if arguments is None else arguments
-    # dolfinx reads these when it is imported, and only as UTF-8.
+    # dolfinx reads these variables when it is imported, and only as UTF-8.
     sys.argv = [escaped(argument) for argument in sys.argv]
     with all_ranks() as comm:
         status, message = agreed(comm, *_outcome(command_line, alone=comm is None))
@@ -270,12 +270,12 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
 
 
 def _require_arguments(arguments: list[str]) -> None:
-    """Refuse an empty argument: it would mean the current folder, or a default.
+    """Refuse an empty argument, which would mean the current folder or a default value.
 
     Raises
     ------
     click.UsageError
-        The message has the argument before it.
+        The message has the argument that precedes it.
     """
     for before, argument in pairwise(["fenics-ehd", *arguments]):
         if not argument or (argument.startswith("--") and argument.endswith("=")):
@@ -284,17 +284,17 @@ def _require_arguments(arguments: list[str]) -> None:
             )
 
 
-#: Commands and options that need no arrays, or explain a faulty NumPy.
+#: Commands and options that need no arrays, or explain a NumPy that does not work.
 WITHOUT_ARRAYS = {"init", "info", "check", "-h", "--help", "--version"}
 
 
 def _require_arrays(arguments: list[str]) -> None:
-    """Refuse a NumPy that other libraries were not compiled for, before they are imported.
+    """Refuse a NumPy that other libraries are not compiled for, before they are imported.
 
     Raises
     ------
     EhdError
-        The message has its path.
+        The message has the path of that NumPy.
     """
     if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
         return
@@ -303,12 +303,12 @@ def _require_arrays(arguments: list[str]) -> None:
 
 
 def _require_memory() -> None:
-    """Refuse to begin where BLAS would ask again and again for its first buffer, deaf to signals.
+    """Refuse to begin with too little memory: BLAS would retry forever and ignore signals.
 
     Raises
     ------
     EhdError
-        Libraries and buffers have no room.
+        The address space is too small for libraries and their buffers.
     """
     try:
         mmap(-1, LEAST_MEMORY, flags=MAP_PRIVATE | MAP_ANONYMOUS, prot=PROT_READ).close()
@@ -324,10 +324,10 @@ def _line(message: str) -> str:
 
 
 def _open_streams() -> None:
-    """Have streams that the caller closed lead nowhere: the next files opened had their numbers."""
+    """Open closed standard streams to the null device: other files must not get their numbers."""
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         try:
             os.fstat(number)
         except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number free
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest free number
             setattr(sys, name, open(number, mode, closefd=False))

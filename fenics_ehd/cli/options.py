@@ -1,6 +1,6 @@
-"""Options that several commands have, and lines on the first rank's standard error.
+"""Options common to several commands, and notices on the first rank's standard error.
 
-Imports inside functions: ``--help`` does without the modules that commands need.
+Imports inside functions: ``--help`` must work without the modules of commands, and quickly.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from fenics_ehd.base.units import in_unit, parse_number, unit_of
 
 
 def echo(text: object, *, err: bool = False) -> None:
-    """Print a text, what could control a terminal in it escaped."""
+    """Print a text with its control characters escaped."""
     click.echo(escaped(str(text)), err=err)
 
 
 def warn_of(lines: Iterable[str]) -> None:
-    """Say which numbers are not usual ones: their unit may be another."""
+    """Print notices of unusual values, which may be in another unit."""
     _say(f"fenics-ehd: warning: {line}" for line in lines)
 
 
 def say_reducing(names: Iterable[str]) -> None:
-    """Say which bodies are reduced: the first time ever, this takes long."""
+    """Print the names of the bodies to be reduced; the first reduction takes longer."""
     listed = ", ".join(names)
     compiled = any(forms_folder().glob("libffcx_forms_*.so"))
     once = "" if compiled else " (forms are compiled once, in about half a minute)"
@@ -42,7 +42,7 @@ def say_reducing(names: Iterable[str]) -> None:
 
 
 def _say(lines: Iterable[str]) -> None:
-    from mpi4py import MPI  # help does without
+    from mpi4py import MPI  # not needed for help
 
     if MPI.COMM_WORLD.rank == 0:
         for line in lines:
@@ -51,13 +51,13 @@ def _say(lines: Iterable[str]) -> None:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-#: Paths of a file, and of a folder.
+#: Types of options with the path of a file.
 FILE = click.Path(dir_okay=False)
 FOLDER = click.Path(file_okay=False)
 
 
 class Dependent(click.Option):
-    """Option that is refused where it has no effect.
+    """Option that is refused if it has no effect.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Dependent(click.Option):
     def handle_parse_result(
         self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]
     ) -> tuple[Any, list[str]]:
-        """Value of the option; the default, written out, is accepted everywhere."""
+        """Value of the option; an explicit default value is accepted without its conditions."""
         value, rest = super().handle_parse_result(ctx, opts, args)
         name = str(self.name)
         if name in opts and value != self.get_default(ctx):
@@ -83,18 +83,18 @@ class Dependent(click.Option):
 
 
 def _parameter(command: click.Command, parsed: Mapping[str, Any], name: str) -> Setting | None:
-    """Another parameter of the command, as far as it is parsed."""
+    """Another parameter of the command, if it has been parsed."""
     for parameter in command.params:
         if parameter.name == name:
             value = parsed.get(name, parameter.default)
-            # Some versions of click have a mark in place of None.
+            # Some versions of click have a sentinel in place of None.
             plain = isinstance(value, (bool, int, float, str, tuple, list))
             return Setting(_written(parameter, True), value if plain else None)
     return None
 
 
 def _written(parameter: click.Parameter, value: Any) -> str:
-    """An option as it is written, its ``--no-`` form for false."""
+    """An option as written on the command line; a false switch as ``--no-...``."""
     off = value is False and parameter.secondary_opts
     return (parameter.secondary_opts if off else parameter.opts)[-1]
 
@@ -105,7 +105,7 @@ def option(*names: str, needs: Sequence[Needs] = (), **more: Any) -> Callable[[C
 
 
 def flag(name: str, help_text: str, needs: Sequence[Needs] = ()) -> Callable[[Command], Command]:
-    """Option that is given or not."""
+    """Switch: an option without a value."""
     return option(name, is_flag=True, help=help_text, needs=needs)
 
 
@@ -115,7 +115,7 @@ class Integer(click.ParamType):
     name = "integer"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number of the option, as click asks for it."""
+        """Number of the option; the interface of click."""
         if isinstance(value, str) and not re.fullmatch(r"[+-]?[0-9]{1,300}", value.strip()):
             self.fail(f"{value[:40]!r} is not a whole number", param, ctx)
         return int(value)
@@ -125,7 +125,7 @@ class Whole(click.IntRange):
     """A whole number in plain digits, within limits."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number of the option, as click asks for it."""
+        """Number of the option; the interface of click."""
         return super().convert(Integer().convert(value, param, ctx), param, ctx)
 
 
@@ -133,7 +133,7 @@ class Real(click.FloatRange):
     """A finite number in plain digits, within limits."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number of the option, as click asks for it."""
+        """Number of the option; the interface of click."""
         if isinstance(value, str):
             try:
                 value = parse_number(value)
@@ -144,12 +144,12 @@ class Real(click.FloatRange):
         return super().convert(value, param, ctx)
 
 
-#: Words that Python reads as numbers.
+#: Words that Python converts to numbers that are not finite.
 NOT_FINITE = ("nan", "inf", "-inf")
 
 
 class Measured(click.ParamType):
-    """A number, or one with its unit, ``5 kN``, in that which a help text has in brackets."""
+    """A number, or one with its unit, ``5 kN``, converted to the bracketed unit of a help text."""
 
     name = "float"
 
@@ -157,11 +157,11 @@ class Measured(click.ParamType):
         self.unit = unit_of(help_text)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number in the unit of the option, as click asks for it."""
+        """Number in the unit of the option; the interface of click."""
         if not isinstance(value, str):
             return float(value)
         if value.strip().lower() in NOT_FINITE:
-            return float(value)  # refused by the check of the setting, whose message has the name
+            return float(value)  # the setting checks the number, with its name in the message
         try:
             return parse_number(value)
         except ValueError:
@@ -172,17 +172,17 @@ class Measured(click.ParamType):
             self.fail(f"{value!r} {error}", param, ctx)
 
 
-#: Defaults that mean: not set.
+#: Default values of settings that are not set.
 NOT_GIVEN = (NONE, NO_TEMPERATURE, (0.0, 0.0))
 
 
 def setting_options(
     cls: type, *without: str, defaults: bool = True, needs: Sequence[Needs] = ()
 ) -> Callable[[Command], Command]:
-    """Options for the settings of a class, apart from some, with help and unit of each.
+    """Options for settings of a class, except some, with help texts and units of the settings.
 
-    Without `defaults` missing options are None. All options have the conditions `needs`; those of
-    the settings are checked with the settings.
+    Without `defaults`, missing options are None. All options have the conditions `needs`;
+    conditions of the settings are checked with the settings.
     """
 
     def add(command: Command) -> Command:
@@ -224,7 +224,7 @@ json_option = click.option(
 )
 
 
-#: A printed number that is not finite; not a name at the start of a line, nor "results in nan".
+#: Pattern of a number that is not finite; names at the start of a line and files "in nan" differ.
 UNPRINTABLE = re.compile(r"(?<=\S)(?<! in) +[-+]?(nan|inf)(?=[\s,;%)]|$)")
 
 
@@ -248,7 +248,7 @@ def _unknown(line: str) -> bool:
 
 
 def _not_finite(result: Any, key: str = "") -> Iterator[str]:
-    """Keys of the numbers in a result that are not finite."""
+    """Keys of all numbers in a result that are not finite."""
     if isinstance(result, Mapping):
         for name, value in result.items():
             yield from _not_finite(value, str(name))
@@ -282,7 +282,7 @@ def output_option(
     return option(*names, type=path, help=help_text, required=required, needs=needs)
 
 
-#: Option of commands that run many cases.
+#: Option with the number of processes, for commands that run many cases.
 workers_option = click.option(
     "--workers",
     type=Whole(min=1),

@@ -1,6 +1,6 @@
-"""``fenics-ehd part``: a drawing or a mesh of another program as a model for scenes.
+"""``fenics-ehd part``: conversion of drawings and meshes of other programs to models for scenes.
 
-Imports inside functions: ``--help`` does without Gmsh, PETSc and reductions, which are slow.
+Imports inside functions: ``--help`` must not import Gmsh, PETSc and reductions, which is slow.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from fenics_ehd.cli.options import (
     warn_of,
 )
 
-if TYPE_CHECKING:  # slow to import, and --help does without
+if TYPE_CHECKING:  # the import is slow, and --help must be fast
     from fenics_ehd.fem.drawn_part import NamedFaces, OpenedPart, PlacedPart
 
 UNITS = ("m", "cm", "mm", "um", "in")
 
-#: Most faces that are listed in a row each.
+#: Largest number of faces with a row each in the list.
 MOST_LISTED = 60
 
-#: Most runs of numbers in a row of several faces.
+#: Largest number of ranges of face numbers in a row.
 MOST_RUNS = 6
 
-#: Condition of options for the model that is written.
+#: Condition of the options for writing a model.
 WRITTEN = (Needs(("target",)),)
 
 
@@ -114,11 +114,11 @@ def part(
     from fenics_ehd.fem.drawn_part import open_part, place_part
     from fenics_ehd.fem.foreign_mesh import part_material
 
-    if MPI.COMM_WORLD.rank:  # the first rank does all the work
+    if MPI.COMM_WORLD.rank:  # only the first rank works
         return
     if (target is None) != (not bores):
         raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
-    build(Material, material)  # checks it
+    build(Material, material)  # checks the values
     chosen = {name: value for name, value in material.items() if _on_command_line(name)}
     if target is not None and Path(target).suffix != ".msh":
         raise SettingsError(f"-o {target}: a model's name must end with .msh")
@@ -147,12 +147,12 @@ def part(
 
 
 def _require_target(target: str, file: str) -> None:
-    """Refuse a model that would replace another file, or is in no folder.
+    """Refuse a path of the model that would replace another file, or whose folder is missing.
 
     Raises
     ------
     InputError
-        See `require_output`, or there is no such folder.
+        See `require_output`; or the folder does not exist.
     """
     from fenics_ehd.base.files import require_output
     from fenics_ehd.fem.models import MODEL_KIND
@@ -165,7 +165,7 @@ def _require_target(target: str, file: str) -> None:
 def model_figures(
     target: str, opened: OpenedPart, placed: PlacedPart, material: Material, around: int
 ) -> dict[str, Any]:
-    """Figures of a model before it is checked: cells, bores, points and material."""
+    """Figures of a model before its check: cells, bores, points and material."""
     from fenics_ehd.fem.solid import corner_volumes
 
     cells_around = {"cells_around": around / placed.size} if opened.drawn else {}
@@ -190,17 +190,17 @@ def model_figures(
 def _write_model(
     target: str, opened: OpenedPart, placed: PlacedPart, material: Material, checked: int
 ) -> dict[str, Any]:
-    """Write a model, and check it if `checked`, its cells around the bores, is not 0.
+    """Write a model, and check it if `checked`, the number of cells around the bores, is not 0.
 
     Returns
     -------
     dict
-        Figures of the check, see `_checked`; empty without one.
+        Figures of the check, see `_checked`; empty if there was none.
 
     Raises
     ------
     MeshError
-        The model is none of a part; the message has its path.
+        The model is no valid part; the message has its path.
     """
     from fenics_ehd.base.files import written_aside
     from fenics_ehd.fem.drawn_part import write_part
@@ -226,19 +226,19 @@ def _on_command_line(option: str) -> bool:
 
 
 def _material_from(opened: OpenedPart, chosen: Mapping[str, float]) -> str:
-    """Name of the file's material if any of its values is used, else empty."""
+    """Name of the file's material if one of its values is used, else empty."""
     if opened.materials and set(opened.materials[0].values) - set(chosen):
         return opened.materials[0].name
     return ""
 
 
 def _left_out(opened: OpenedPart) -> list[str]:
-    """A line about contents of the file besides the solid, if any."""
+    """Notice on contents of the file that are not part of the solid, if any."""
     return [f"left out of the file: {opened.left_out}"] if opened.left_out else []
 
 
 def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
-    """Faces by name, of entries ``NAME=FACE`` of an option."""
+    """Faces by name, from values ``NAME=FACE`` of an option."""
     faces: dict[str, str] = {}
     for entry in entries:
         name, _, face = entry.rpartition("=")
@@ -254,7 +254,7 @@ def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
 def _named(
     opened: OpenedPart, bores: Sequence[str], points: Sequence[str], held: str | None
 ) -> NamedFaces:
-    """Numbers of the faces in the options, none of them twice."""
+    """Numbers of the faces in the options; repeated ones are refused."""
     from fenics_ehd.fem.drawn_part import NamedFaces
 
     named = NamedFaces(
@@ -274,9 +274,9 @@ def _named(
 def _checked(
     opened: OpenedPart, placed: PlacedPart, path: Path, around: float, material: Material
 ) -> dict[str, Any]:
-    """Mass, unknowns, and error of the bores' flexibility, which is stored in the file.
+    """Mass, unknowns, and mesh error of the bores' flexibility, which is stored in the file.
 
-    A drawing is meshed again, more finely if affordable; every cell of a mesh is divided in eight.
+    The second mesh of a drawing is finer if affordable; of a mesh, every cell is divided in eight.
     """
     from tempfile import TemporaryDirectory
 
@@ -317,7 +317,7 @@ def _checked(
 
 
 def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
-    """Every face with number, kind, area, cylinder, axis and centre."""
+    """Number, kind, area, cylinder, axis and centre of every face."""
     rows = []
     for number, face in enumerate(opened.faces, 1):
         row: dict[str, Any] = {"number": number, "kind": face.kind, "area_m2": face.area}
@@ -334,7 +334,7 @@ def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
 
 
 def face_table(faces: Sequence[dict[str, Any]]) -> str:
-    """The list in millimetres, equal faces of long lists in one row."""
+    """Table of the faces in millimetres; in long lists, faces of equal size share a row."""
     rows = [
         ["face", "kind", "radius", "width", "around", "area", "axis or normal", "centre"],
         ["", "", "[mm]", "[mm]", "[deg]", "[mm2]", "", "[mm]"],
@@ -352,7 +352,7 @@ def face_table(faces: Sequence[dict[str, Any]]) -> str:
 
 
 def _size_columns(face: dict[str, Any]) -> tuple[str, ...]:
-    """Kind, radius, width, angle and area of a face as they are printed."""
+    """Kind, radius, width, angle and area of a face as printed."""
     area = f"{face['area_m2'] * 1e6:.2f}"
     if "radius_m" not in face:
         return face["kind"], "", "", "", area
@@ -362,7 +362,7 @@ def _size_columns(face: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _face_row(group: Sequence[dict[str, Any]]) -> list[str]:
-    """Row of a face or of several of equal size."""
+    """Row of one face, or of several of equal size."""
     first = group[0]
     if len(group) > 1:
         numbers = _ranges([face["number"] for face in group])
@@ -373,7 +373,7 @@ def _face_row(group: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Ascending numbers as ranges, ``3-7, 9``."""
+    """Ascending numbers as text with ranges, ``3-7, 9``."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:
@@ -385,7 +385,7 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def made_table(figures: dict[str, Any]) -> str:
-    """Figures of the model, and the lines of a scene that uses it."""
+    """Table of the model's figures, and the lines of a scene that uses the model."""
     kind = {"tet": "10-node tetrahedra", "hex": "20-node hexahedra"}[figures["cells"]]
     lines = [
         f"{figures['file']}: {figures['number_of_cells']} {kind}, worst cell "

@@ -1,6 +1,6 @@
 """``fenics-ehd plot``, ``animate``, ``paraview`` and ``stress``: pictures and fields of a run.
 
-Imports inside functions: ``--help`` does without matplotlib and runs.
+Imports inside functions: ``--help`` must work without matplotlib and runs, and quickly.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def plot(
             echo(path)
 
 
-#: File name where none is given.
+#: Default name of the file.
 DEFAULT_NAME = "animation.gif"
 
 
@@ -229,7 +229,7 @@ def stress(
 
     from fenics_ehd.cli.stress import cycle_stresses, report
 
-    if MPI.COMM_WORLD.rank:  # one does it all
+    if MPI.COMM_WORLD.rank:  # only the first rank works
         return
     folder = Path(directory)
     stresses = cycle_stresses(folder, chosen, damping, complete, programs)

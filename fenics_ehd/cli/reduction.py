@@ -1,4 +1,4 @@
-"""``fenics-ehd reduce``: a part to a reduced body, on any number of ranks."""
+"""``fenics-ehd reduce``: reduction of a part, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from fenics_ehd.reduction.part_files import BASIS_KIND, save_basis
 from fenics_ehd.scenes.part import ReducedPart, elastic_part
 from fenics_ehd.scenes.scene import Scene, changed, input_files, meshed, read_scene
 
-#: Scenes whose flexible bodies are known by their models.
+#: Scenes with the flexible bodies that can be named by their models alone.
 SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
 
-#: Most lines of the inventory for a group of modes that are no coordinates.
+#: Largest number of rows, in the inventory, of a group of modes that are no coordinates.
 SHOWN = 8
 
 
@@ -45,7 +45,7 @@ def reduce_part(
     as_json: bool,
     **options: str | float | None,
 ) -> None:
-    """Reduce a part; collective, the first rank writes the body.
+    """Reduce a part; collective, and the first rank writes the body.
 
     `options` are those of [reduction], None for options that are not given.
     """
@@ -67,7 +67,7 @@ def reduce_part(
     element = machine.film_element(name)
     rod = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce(mesh_error=True)
     body = rod.body
-    # Others may have written since.
+    # Other processes may have written files since the first check.
     _require_outputs(outputs, inputs)
     if basis_path:
         _in_place(basis_path, lambda: save_basis(basis_path, rod.structure, rod.columns))
@@ -81,12 +81,12 @@ def reduce_part(
 
 
 def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
-    """A scene and the name of the flexible body that a name or model means.
+    """Scene and name of the flexible body that a body's name or a model refers to.
 
     Raises
     ------
     SettingsError
-        No flexible body is meant, or several are.
+        The name refers to no flexible body, or to several.
     """
     if scene_name is None and part not in SHIPPED:
         raise SettingsError(f"part {part!r}: not {' or '.join(SHIPPED)}; --scene FILE has others")
@@ -102,12 +102,12 @@ def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
     return scene, meant[0]
 
 
-#: Kinds of files by the option that names them.
+#: Kinds of files, by the option with the path.
 KINDS = {"-o": BODY_KIND, "--basis": BASIS_KIND, "--export npz": EXPORT_KIND}
 
 
 def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path]) -> None:
-    """Refuse files that cannot be written, replace other files, or are named by two options."""
+    """Refuse output files that cannot be written, replace other files, or have the same path."""
     taken: dict[Path, str] = {}
     for option, file in outputs.items():
         if not file:
@@ -129,7 +129,7 @@ def _in_place(path: str, write: Any) -> None:
 
 
 def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> dict[str, object]:
-    """Figures of a reduction."""
+    """Figures of a reduction for JSON and tables."""
     body = rod.body
     inertia = body.inertia
     return {
@@ -154,7 +154,7 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
     }
 
 
-#: Factors and sentences of the entries of a reduction's accuracy.
+#: Factors and texts of figures in a reduction's accuracy.
 NOTES = {
     "flexibility_followed": (100, "these modes follow {:.4g} % of the bore's flexibility"),
     "flexibility_mesh_error": (100, "mesh error of the bore's flexibility: {:.2g} %"),
@@ -168,7 +168,7 @@ NOTES = {
 
 
 def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
-    """Figures of the reduction, and the mode inventory."""
+    """Table of the reduction's figures and inventory of its modes."""
     inertia = body.inertia
     lines = [
         f"{body.method}: {body.modes} modes of {summary['degrees_of_freedom']} degrees of freedom, "
@@ -177,7 +177,7 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
         f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2",
     ]
     for key, (factor, text) in NOTES.items():
-        # Zero static modes dropped or added are not reported.
+        # A number of zero static modes dropped or added is not reported.
         if key in body.accuracy and (body.accuracy[key] or not key.startswith("static_")):
             lines.append(f"  {text.format(factor * body.accuracy[key])}")
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
@@ -194,7 +194,7 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
 
 
 def _group(name: str, modes: list[ModeRecord]) -> list[str]:
-    """First lines of a long list, and the number of the others."""
+    """First rows of a long group of modes, and the number of the others."""
     if not modes:
         return []
     lines = [f"  {name}: {len(modes)}, {100 * sum(m.participation for m in modes):.3g} %"]

@@ -1,8 +1,9 @@
 """``fenics-ehd run``: run a scene or resume a run, and print its results.
 
-Results of every joint and over the cycle, the error budget, the accuracy requested and reached.
+The report has results of every joint and over the cycle, the error budget, and the accuracy.
 
-Imports inside functions: pictures, ParaView and reductions are imported by the runs that need them.
+Imports inside functions: pictures, ParaView and reductions are imported only by runs that need
+them.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from fenics_ehd.results.paraview import PartFields
 
 
-#: Names of the components of an error in tables, by key.
+#: Names of the error components in tables, by key.
 COMPONENTS = {
     "basis": "basis",
     "film_mesh": "film mesh",
@@ -57,7 +58,7 @@ COMPONENTS = {
 }
 ROWS = {"max_pressure": "peak pressure", "min_film_thickness": "thinnest film"}
 
-#: Explanation of the figures of a budget.
+#: Explanation below the table of a budget.
 MEANING = (
     "  +-: estimated error of the value; over the {}: largest error of the curve, in per cent of\n"
     "  the peak pressure, or of the film thickness at that instant"
@@ -72,16 +73,16 @@ def share(value: float | str) -> str:
 
 
 def total(errors: Mapping[str, Any]) -> str:
-    """Sum of all errors, ``1.9 %``; ``> 0.5 %`` if one of them is unknown."""
+    """Sum of all errors, ``1.9 %``; ``> 0.5 %`` if a component is unknown."""
     lacking = isinstance(errors["total"], str) and not isinstance(errors["known"], str)
     return "> " * lacking + share(errors["known"])
 
 
 def error_text(joint: Mapping[str, Any], quantity: str, value: float, unit: str) -> str:
-    """Error of a result in its unit, empty without a budget.
+    """Error of a result in its unit; empty if there is no budget.
 
-    ``+- 28 %, too high by about 13 MPa`` if the sign of most of the error is known. Components that
-    are missing from the sum are listed.
+    The text is ``+- 28 %, too high by about 13 MPa`` if the sign of most of the error is known.
+    Components that are missing from the sum are listed.
     """
     budget = joint.get("error_budget")
     if budget is None:
@@ -98,7 +99,7 @@ def error_text(joint: Mapping[str, Any], quantity: str, value: float, unit: str)
 
 
 def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, Any]) -> list[str]:
-    """Lines of all joints' budgets, extremes and the largest over the cycle."""
+    """Lines of all joints' budgets: of the extremes, and of the largest errors over the cycle."""
     known = {
         name: joint["error_budget"] for name, joint in joints.items() if "error_budget" in joint
     }
@@ -132,7 +133,7 @@ def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:
 
 
 def _span(summary: Mapping[str, Any]) -> str:
-    """Word for the span of the figures: the cycle, or the run if it has none."""
+    """Name of the time span of the figures: the cycle, or the run if it has none."""
     cycle = Cycle.of_summary(summary)
     return "cycle" if cycle is None or cycle.complete or cycle.periodic else "run"
 
@@ -148,7 +149,7 @@ def say_next(search: Search) -> None:
 
 
 def choice_text(value: Any) -> str:
-    """A value that an accuracy has chosen: cells, a reduction, a geometry or a number."""
+    """Text of a value chosen for an accuracy: cells, a reduction, a geometry or a number."""
     if isinstance(value, list):
         return " x ".join(map(str, value))
     if isinstance(value, Mapping) and "method" in value:
@@ -160,7 +161,7 @@ def choice_text(value: Any) -> str:
 
 
 def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Choices for an accuracy, with the errors of every run."""
+    """Values chosen for an accuracy, with the errors of every run."""
     if "accuracy" not in summary:
         return []
     search = summary["accuracy"]
@@ -185,7 +186,7 @@ def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-#: Basis error estimate over the thinnest film above which it is reported as large.
+#: Ratio of basis error estimate and thinnest film above which the estimate is reported as large.
 LARGEST_ESTIMATE = 0.2
 
 
@@ -221,7 +222,7 @@ def run(
     options: RunOptions,
     inputs: Collection[Path] = (),
 ) -> None:
-    """Run a scene that was read from the files `inputs`; collective until it is built."""
+    """Run a scene that was read from the files `inputs`; collective until the machine is built."""
     if options.multiplier and not scene.time.periodic:
         raise SettingsError(
             f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
@@ -251,9 +252,9 @@ def changed_scene(
     body
         File of a reduced body.
     method
-        Reduction method of its parts, which a search for an accuracy keeps.
+        Reduction method of the scene's parts, which a search for an accuracy keeps.
     output
-        Values under ``[output]``.
+        Values of settings in ``[output]``.
 
     Raises
     ------
@@ -264,7 +265,7 @@ def changed_scene(
     if body is not None:
         if method is not None:
             raise SettingsError("--body and --method exclude each other: the body has its method")
-        from fenics_ehd.scenes.part import with_body  # imports all reductions
+        from fenics_ehd.scenes.part import with_body  # imports all reductions, which is slow
 
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
     if method is not None:
@@ -279,7 +280,7 @@ def changed_scene(
 
 
 def _gathered_parts(built: Machine) -> dict[str, PartFields]:
-    """Bodies reduced here, for a ParaView series; collective."""
+    """Parts reduced in this run, gathered for a ParaView series; collective."""
     from fenics_ehd.results.paraview import gather_part
 
     parts = {
@@ -290,7 +291,7 @@ def _gathered_parts(built: Machine) -> dict[str, PartFields]:
 
 
 def resume(directory: Path, options: RunOptions) -> None:
-    """Resume a run; serial."""
+    """Resume a run; on one rank only."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
         if done is not None and "cycles" in done:
@@ -311,7 +312,7 @@ def _finish(
     former: Checkpoint | None = None,
     parts: Mapping[str, PartFields] = MappingProxyType({}),
 ) -> None:
-    """Integrate, draw, print; `parts` go into a ParaView series.
+    """Integrate, draw and print; `parts` are written to a ParaView series.
 
     Raises
     ------
@@ -347,7 +348,7 @@ def _finish(
 def _write_series(
     scene: Scene, built: Machine, directory: Path, parts: Mapping[str, PartFields]
 ) -> None:
-    """Write the run for ParaView; bodies from files, and those of resumed runs, have no mesh."""
+    """Write a ParaView series; bodies from files, and bodies of resumed runs, have no mesh."""
     from fenics_ehd.multibody.history import load_history
     from fenics_ehd.results.paraview import write_run
 
@@ -358,10 +359,10 @@ def _write_series(
     write_run(built.mechanism, load_history(directory), parts, directory / "vtk", frames)
 
 
-#: Factors to the printed units, by endings of names of figures: the first that fits.
+#: Factors to printed units, by endings of names of figures; the first ending that fits is used.
 FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m": 1e6}
 
-#: Lines of a joint in these units, each by the figure that it requires.
+#: Lines of a joint in printed units, each by the figure that it requires.
 JOINT_LINES = {
     "max_pressure_Pa": "    maximum pressure        {max_pressure_Pa:9.3f} MPa {pressure_error}at "
     "{max_pressure_time_s:.3f} ms",
@@ -401,7 +402,7 @@ RUN_LINES = {
 
 
 def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
-    """Lines of the figures that a joint has, of a cycle or run; flows at the end."""
+    """Lines of the figures that a joint has, over a cycle or run, with flows at the end."""
     figures = {}
     for key, value in joint.items():
         if isinstance(value, int | float):
@@ -423,7 +424,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         if np.isfinite(figures.get(key, np.nan))
     ]
     for key, flow in figures.items():
-        # The mean over the last cycle replaces that over the run.
+        # The mean over the last cycle replaces the mean over the run.
         if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
             name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
             lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s")
@@ -431,7 +432,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
 
 
 def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
-    """Report of a run; `seconds` is the time of the command, if it was one process."""
+    """Report of a run; `seconds` is the time of the command if it ran in one process."""
     joints = summary["joints"]
     lines = [
         f"{summary['scene']}: {summary['steps']} steps, "
@@ -457,7 +458,7 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
 
 
 def _rest(summary: Mapping[str, Any], seconds: float | None) -> str:
-    """Rest of the time that a command took."""
+    """Text of the remaining time that a command took."""
     if seconds is None:
         return ""
     rest = seconds - summary["reduction_time_s"] - summary["wall_time_s"]

@@ -1,4 +1,4 @@
-"""Stresses of a run's flexible bodies over its last cycle: found, stored and printed."""
+"""Stresses of a run's flexible bodies over its last cycle: computation, storage and report."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from fenics_ehd.results.stress import cycle_stress, figures, write_fields
 from fenics_ehd.scenes.part import model_file, remade_part
 from fenics_ehd.scenes.scene import GROUND, Scene, as_stored, meshed
 
-#: Relative difference of the cells around a node above which its stress is reported as unresolved.
+#: Relative scatter of the stress in the cells around a node above which it counts as unresolved.
 LARGEST_SCATTER = 0.2
 
 #: Methods whose basis misses flexibility of the bore.
@@ -44,18 +44,19 @@ def cycle_stresses(
     complete: bool,
     programs: tuple[str, ...],
 ) -> dict[str, Any]:
-    """Content of ``stress.json``, which is written with the fields.
+    """Compute stresses and write the fields; the content of ``stress.json``.
 
     Parameters
     ----------
     folder
-        Of a complete run.
+        Folder of a complete run.
     chosen
-        Bodies; none: all that have stresses.
+        Names of bodies; empty: all bodies with stresses.
     damping, complete
-        Whether stress balances the loads, and what the basis misses is added.
+        Whether stress includes material damping, which then balances the loads; and whether the
+        static response missing from the basis is added.
     programs
-        Models of the run that are programs and may be run.
+        Models of the run that are programs, and that the user allows to run.
     """
     start = perf_counter()
     summary = require_complete(folder)
@@ -101,12 +102,12 @@ def cycle_stresses(
 def _bodies(
     scene: Scene, run: RecordedMotion, folder: Path, chosen: tuple[str, ...]
 ) -> tuple[list[str], dict[str, str]]:
-    """Bodies with stresses, and the reasons why others have none.
+    """Names of bodies with stresses, and reasons why others have none.
 
     Raises
     ------
     SettingsError
-        A chosen body has none, or no body has.
+        A chosen body has no stresses, or no body has any.
     """
     names = [name for name in scene.bodies if name != GROUND]
     reasons = {name: _why_none(run.bodies[name], name in meshed(scene)) for name in names}
@@ -123,20 +124,20 @@ def _bodies(
 
 
 def _require_models(scene: Scene, bodies: Sequence[str], programs: Sequence[str]) -> None:
-    """Refuse a model that is of none of the bodies, unless one of them needs another first."""
+    """Refuse a model that belongs to none of the bodies, unless a body's own model is refused."""
     if not programs:
         return
     models = [model_file(scene.bodies[name], f"bodies.{name}") for name in bodies]
     unnamed = [m for m in models if not any(m.samefile(program) for program in programs)]
     if any(model.suffix == ".geo" and not is_shipped(model) for model in unnamed):
-        return  # refused by its name
+        return  # the body's model is refused by its name later
     for program in programs:
         if not any(model.samefile(program) for model in models):
             raise no_effect("--model", program, "without a body of that model in the run")
 
 
 def _why_none(body: object, has_model: bool) -> str:
-    """Reason why a body has no stresses, empty if it has."""
+    """Reason why a body has no stresses; empty if it has."""
     if isinstance(body, MasslessBody):
         return "it is rigid"
     if not isinstance(body, FlexibleBody):
@@ -147,7 +148,7 @@ def _why_none(body: object, has_model: bool) -> str:
 
 
 def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
-    """Times of the instants in the cycle [s], and angles of the body that counts the turns."""
+    """Times of the instants in the cycle [s], and rotation angles of the reference body."""
     instants = {"time_s": result.run.time - result.cycle.start}
     angle = result.angle_of(scene.time.of)
     if angle is not None:
@@ -156,7 +157,7 @@ def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
 
 
 def report(result: Mapping[str, Any], folder: Path) -> str:
-    """Largest stresses of every body in a table."""
+    """Table of the largest stresses of every body."""
     lines = [f"{result['scene']}: stresses over {result['instants']} instants ({result['cycle']})"]
     for name, body in result["bodies"].items():
         half = body["half_range"]
@@ -180,12 +181,12 @@ def report(result: Mapping[str, Any], folder: Path) -> str:
 
 
 def _row(name: str, value: float, more: str = "") -> str:
-    """Line of a stress."""
+    """Row of the table with a stress."""
     return f"    {name:52}{value * 1e-6:9.2f}{more}"
 
 
 def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
-    """Lines of a stress: its range in the cells around the node, position and instants."""
+    """Rows of an extreme stress: range in the cells around the node, position and instants."""
     ends = extreme["in_cells_around_Pa"]
     around = " to ".join(f"{end * 1e-6:.1f}" for end in ends)
     position = ", ".join(f"{1e3 * x:.2f}" for x in extreme["place_m"])
@@ -196,7 +197,7 @@ def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
 
 
 def _when(extreme: Mapping[str, Any]) -> str:
-    """Instants of an extreme and the angles at them."""
+    """Instants of an extreme, and the rotation angles at these instants."""
     words = []
     for name, values in extreme.items():
         body = name.removesuffix("_angle_deg")

@@ -1,6 +1,6 @@
 """``fenics-ehd study``, ``sweep``, ``report`` and ``sensitivity``: many runs of one scene.
 
-Imports inside functions: ``--help`` does without runs and pictures.
+Imports inside functions: ``--help`` must work without runs and pictures, and quickly.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from fenics_ehd.cli.options import (
     workers_option,
 )
 
-if TYPE_CHECKING:  # slow to import, and --help does without
+if TYPE_CHECKING:  # the import is slow, and --help must be fast
     from fenics_ehd.analysis.sensitivity import Objective
     from fenics_ehd.study.sensitivity import ParameterPath, SceneSensitivity
 
-#: Characters of a status in a printed table.
+#: Largest number of characters of a status in a printed table.
 STATUS_WIDTH = 60
 
 #: Columns of a printed table: column, heading, factor, format.
@@ -40,7 +40,7 @@ Shown = Sequence[tuple[str, str, float, str]]
 
 
 def table_lines(names: Sequence[str], rows: Sequence[Mapping[str, Any]], shown: Shown) -> list[str]:
-    """Rows for a reader: what names a row, figures in the units of an engineer, its status."""
+    """Rows of a printed table: names of the case, figures in printed units, status."""
     heads = [*names, *(heading for _, heading, _, _ in shown), "status"]
     cells = [
         [*(_value(row[name]) for name in names), *_figures(row, shown), _shortened(row["status"])]
@@ -139,7 +139,7 @@ def study(
         raise FailedCasesError(f"the reference is not complete, nothing was compared: {status}")
 
 
-#: Columns of the printed table: figure, heading, factor, format; those of a joint, and of the run.
+#: Columns of the printed table, of a joint and of the run: figure, heading, factor, format.
 JOINT_SHOWN = (
     ("max_pressure_Pa", "p [MPa]", 1e-6, ".3f"),
     ("min_film_thickness_m", "h [um]", 1e6, ".4f"),
@@ -210,7 +210,7 @@ def sweep(
         )
 
 
-#: How a derivative was found: with the reduced bodies of the run, or one reduced anew.
+#: Methods of a derivative: with the reduced bodies of the run, or with a body reduced again.
 METHODS = "differences in the same steps", "differences in the same steps, reduced anew"
 
 
@@ -300,7 +300,7 @@ def _units(objective: Objective, parameter: ParameterPath) -> str:
 
 
 def _finer(found: SceneSensitivity, objective: Objective, parameter: ParameterPath) -> str:
-    """Change on a finer film, if it is known."""
+    """Change of a derivative on a finer film as text; empty if it is unknown."""
     slope = found.derivatives.get((objective, parameter.key))
     fine = found.finer.get((objective, parameter.key))
     return f"{100 * (fine / slope - 1):+.2g} % on a finer film, " if fine and slope else ""

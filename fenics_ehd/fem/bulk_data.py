@@ -1,8 +1,8 @@
-"""Bulk data of Nastran: nodes and solid cells, and the materials of these.
+"""Reader of Nastran bulk data: nodes, solid cells and their materials.
 
-Cards of fields of 8 or 16 columns, or free ones between commas (MSC Nastran, Quick Reference Guide,
-"Format of Bulk Data entries"). A continuation follows its card, with an empty first field or one
-that begins with ``+`` or ``*``.
+Cards have fields of 8 or 16 columns, or free fields between commas (MSC Nastran, Quick Reference
+Guide, "Format of Bulk Data entries"). A continuation line follows its card; its first field is
+empty or begins with ``+`` or ``*``.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ _SOLID = {
     "CPYRA": {5: "pyramid", 13: "pyramid13"},
 }
 
-#: Nastran's nodes in VTK's order: middles of upright edges come before those on top.
+#: Order of Nastran's nodes in VTK: middles of upright edges precede those of the top edges.
 _ORDERS = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)]}
 
-#: Beginnings of cards that are no element though they begin as one does.
+#: Beginnings of card names that look like an element but define none.
 _NO_ELEMENT = ("CORD", "CAERO", "CSET", "CLOAD", "CYAX", "CYJOIN", "CSUPER", "CREEP", "CFLUID")
 
-#: Cards, besides elements, that hold or join nodes or give them mass.
+#: Cards, besides elements, that constrain or connect nodes or give them mass.
 _JOINING = ("RBE", "RBAR", "RROD", "RJOINT", "MPC", "SPC", "PLOTEL", "SUPORT")
 
-#: Cards that make up properties of solids with other materials than one isotropic one.
+#: Cards of solid properties with layered or anisotropic materials.
 _LAYERED = ("PCOMPS", "PCOMPLS", "PLSOLID")
 
-#: A card: its name and its fields.
+#: Name and fields of a card.
 Card = tuple[str, list[str]]
 
 
 def read_bulk_data(path: Path) -> ForeignMesh:
-    """Nodes by ascending number, solid cells and their materials; other elements are counted.
+    """Nodes by ascending number, solid cells and materials of a file; other elements are counted.
 
     Raises
     ------
     MeshError
-        It cannot be read, or has nodes of another coordinate system than the basic one.
+        The file cannot be read, or a node is in another coordinate system than the basic one.
     """
     cards: dict[str, list[list[str]]] = {}
     for name, fields in _cards(_bulk(_text(path, []), path)):
@@ -60,12 +60,12 @@ def read_bulk_data(path: Path) -> ForeignMesh:
 
 
 def _text(path: Path, opened: list[Path]) -> str:
-    """A file with those that it includes, without comments."""
+    """Text of a file and of the files that it includes, without comments."""
     text = re.sub(r"\$.*", "", included_text(path, opened))
     pattern = re.compile(r"^\s*INCLUDE\s+(?:'([^']+)'|\"([^\"]+)\"|(\S+))", re.I | re.M)
 
     def included(line: re.Match[str]) -> str:
-        # A long name is continued in the next line.
+        # A file name continues in the next line if it is long.
         name = re.sub(r"\s*\n\s*", "", line[1] or line[2] or line[3])
         return _text(path.parent / name.strip(), opened)
 
@@ -73,7 +73,7 @@ def _text(path: Path, opened: list[Path]) -> str:
 
 
 def _bulk(text: str, path: Path) -> list[str]:
-    """Lines of the bulk data: behind its beginning, if a whole deck is there, up to its end."""
+    """Lines of the bulk data section: of a complete deck the part behind its beginning."""
     parts = re.split(r"^\s*BEGIN\b.*$", text, flags=re.I | re.M)
     if len(parts) > 2:
         raise MeshError(f"{path} has {len(parts) - 1} sections of bulk data (superelements), not 1")
@@ -97,7 +97,7 @@ def _cards(lines: Sequence[str]) -> Iterator[Card]:
 
 
 def _fields(line: str) -> tuple[str, list[str]]:
-    """First field of a line, and those of its data, 8 or 4 wide ones."""
+    """First field of a line, and its data fields: eight, or four wide ones."""
     if "," in line:
         first, *fields = (field.strip() for field in line.split(","))
         count = 4 if "*" in first else 8
@@ -114,7 +114,7 @@ def _number(text: str) -> float:
     Raises
     ------
     ValueError
-        It is none.
+        The field is no number.
     """
     if not re.fullmatch(r"[0-9.eEdD+\-]*", text):
         raise ValueError(f"{text!r} is no number")
@@ -130,7 +130,7 @@ def _whole(text: str) -> int:
     Raises
     ------
     ValueError
-        It is none.
+        The field is no whole number.
     """
     if not re.fullmatch(r"[0-9]{1,18}", text):
         raise ValueError(f"{text!r} is no whole number")
@@ -160,7 +160,7 @@ def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray
 def _cells(
     cards: Mapping[str, list[list[str]]], numbers: np.ndarray, path: Path
 ) -> tuple[list[tuple[str, np.ndarray]], set[str]]:
-    """Blocks of solid cells, and the numbers of their properties."""
+    """Blocks of solid cells, and the property number of each cell."""
     rows: dict[str, list[list[int]]] = {}
     properties = set()
     row = {number: index for index, number in enumerate(numbers.tolist())}
@@ -172,7 +172,7 @@ def _cells(
             if len(nodes) not in kinds:
                 wanted = " or ".join(map(str, kinds))
                 raise MeshError(
-                    f"{label} has {len(nodes)} nodes, it must have {wanted}: none may be left out"
+                    f"{label} has {len(nodes)} nodes, it must have {wanted}: write all of them"
                 )
             try:
                 rows.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
@@ -185,7 +185,7 @@ def _cells(
 
 
 def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
-    """Number of elements that are not solid, and of cards that join nodes."""
+    """Numbers of elements that are not solid, and of cards that connect nodes, by card name."""
     counts: Counter[str] = Counter()
     for name, rows in cards.items():
         element = name.startswith("C") and not name.startswith(_NO_ELEMENT)
@@ -197,7 +197,7 @@ def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
 def _materials(
     cards: Mapping[str, list[list[str]]], properties: set[str], factor: float
 ) -> list[FileMaterial]:
-    """Materials of the solid cells' properties, their densities multiplied by a factor."""
+    """Materials of the properties of solid cells, their densities multiplied by a factor."""
     layered = {fields[0]: name for name in _LAYERED for fields in cards.get(name, [])}
     materials = {
         number: FileMaterial(f"of {layered[number]} {number}", {}, _problem(layered[number]))
@@ -212,17 +212,17 @@ def _materials(
 
 
 def _problem(text: str) -> dict[str, str]:
-    """No value of a material."""
+    """A material without values; the text is the reason."""
     return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
 
 
 def _mass_factor(cards: Mapping[str, list[list[str]]], path: Path) -> float:
-    """Factor of all densities, ``PARAM,WTMASS``.
+    """Factor of all densities, from ``PARAM,WTMASS``.
 
     Raises
     ------
     MeshError
-        It is no number.
+        The parameter is no number.
     """
     values = [value for name, value, *_ in cards.get("PARAM", []) if name.upper() == "WTMASS"]
     try:
@@ -232,7 +232,7 @@ def _mass_factor(cards: Mapping[str, list[list[str]]], path: Path) -> float:
 
 
 def _material(number: str, fields: Sequence[str] | None, factor: float) -> FileMaterial:
-    """Material of a MAT1, or of what is none."""
+    """Material of a MAT1 card; for another card, a material without values."""
     name = f"MAT1 {number}"
     if fields is None:
         return FileMaterial(number, {}, _problem("no MAT1"))

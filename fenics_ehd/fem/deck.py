@@ -1,8 +1,8 @@
-"""Decks of Abaqus and CalculiX: nodes and elements of all types, and the materials of solids.
+"""Reader of Abaqus and CalculiX decks: nodes, elements of all types, materials of solids.
 
-Read here and not by meshio, which forgets all nodes at a second ``*NODE`` (reference points of an
-assembly, say), knows type names in capitals alone, and refuses a deck for any type of element that
-it does not know. A deck from elsewhere may include any file: no message shows a row.
+The module replaces meshio's reader, which forgets all former nodes at a second ``*NODE`` (reference
+points of an assembly, for instance), knows only type names in capitals, and refuses a deck with an
+element type that it does not know. A deck may include any file, so messages quote no rows.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ import numpy as np
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
-#: Names in meshio of C3D elements by their numbers of nodes. Their order is VTK's.
+#: Names in meshio of C3D elements by their numbers of nodes, whose order is that of VTK.
 _NAMES = {
     **{4: "tetra", 10: "tetra10", 8: "hexahedron", 20: "hexahedron20", 27: "hexahedron27"},
     **{5: "pyramid", 6: "wedge", 15: "wedge15"},
 }
-#: Families of elements that fill a volume of a part, with their numbers of nodes: solids, continuum
-#: shells, cohesive ones.
+#: Element families that fill a volume, with their numbers of nodes: solids, continuum shells and
+#: cohesive elements.
 _SOLID = re.compile(r"(?:C3D|SC|CSS|COH3D)(\d+)[A-Z]*")
 
-#: Behind these, node numbers mean other nodes: they are those of one part or instance.
+#: Keywords that begin a part or an instance, which has node numbers of its own.
 _SCOPES = {
     *("PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY", "ENDASSEMBLY"),
 }
 
-#: Keywords that make or move nodes and elements without listing them.
+#: Keywords that create or move nodes and elements without listing them.
 _GENERATORS = {"NCOPY", "NFILL", "NGEN", "NMAP", "SYSTEM", "ELCOPY", "ELGEN"}
 
-#: Keywords of what holds, joins or loads nodes with mass, which no part takes from a deck.
+#: Keywords that constrain, connect or load nodes, or give them mass; a part ignores them.
 _JOINING = {
     *("BOUNDARY", "EQUATION", "MPC", "TIE", "COUPLING", "KINEMATICCOUPLING"),
     *("DISTRIBUTINGCOUPLING", "RIGIDBODY", "EMBEDDEDELEMENT", "NONSTRUCTURALMASS"),
@@ -45,7 +45,7 @@ _JOINING = {
 
 @dataclass(eq=False)
 class _Section:
-    """A keyword with its options in capitals, and its rows."""
+    """A keyword, its options in capitals, and its rows."""
 
     keyword: str
     options: Mapping[str, str]
@@ -54,14 +54,14 @@ class _Section:
 
 @dataclass(eq=False)
 class _Scope:
-    """Sections of one part or instance, or of a flat deck.
+    """Sections of one part or instance, or of a deck without parts.
 
     Attributes
     ----------
     kind, options
-        Keyword that begins it, and its options.
+        Keyword that begins the scope, and options of the keyword.
     sections
-        In it.
+        Sections in the scope.
     """
 
     kind: str = ""
@@ -69,7 +69,7 @@ class _Scope:
     sections: list[_Section] = field(default_factory=list)
 
     def of(self, keyword: str) -> list[_Section]:
-        """Sections of a keyword."""
+        """Sections of one keyword."""
         return [section for section in self.sections if section.keyword == keyword]
 
     @property
@@ -79,18 +79,18 @@ class _Scope:
 
 
 def read_deck(path: Path) -> ForeignMesh:
-    """Nodes by ascending number, solid cells and their materials; everything else is counted.
+    """Nodes by ascending number, solid cells and their materials; other entities are counted.
 
     Parameters
     ----------
     path
-        Flat, or of parts and instances, of which one has solid cells: instances are not moved to
-        where the assembly has them. ``*INCLUDE`` and ``INPUT=`` are followed.
+        Path of a deck. If it has parts and instances, exactly one of them has solid cells, and
+        instances keep the coordinates of their part. ``*INCLUDE`` and ``INPUT=`` are followed.
 
     Raises
     ------
     MeshError
-        It has no solid cells, those of several parts or instances, or what cannot be read.
+        The deck has no solid cells, has those of several parts or instances, or cannot be read.
     """
     scopes = _scopes(path)
     solid = [scope for scope in scopes if scope.solids]
@@ -119,9 +119,9 @@ def read_deck(path: Path) -> ForeignMesh:
 
 
 def _scopes(path: Path) -> list[_Scope]:
-    """Parts and instances with their sections."""
+    """Parts and instances of a deck with their sections."""
     scopes = [_Scope()]
-    # Before each keyword a star, before a comment two, which are gone already.
+    # A keyword begins with one star. Comments, with two stars, are already removed.
     for text in re.split(r"^\*", _text(path, []), flags=re.MULTILINE)[1:]:
         header, _, body = text.partition("\n")
         keyword, options = _keyword(header)
@@ -137,7 +137,7 @@ def _scopes(path: Path) -> list[_Scope]:
 
 
 def _instances(scopes: Sequence[_Scope], part: _Scope) -> int:
-    """How often an assembly places a part."""
+    """Number of instances of a part in the assembly."""
     if part.kind != "PART":
         return 1
     name = part.options.get("NAME")
@@ -149,7 +149,7 @@ def _nodes(scope: _Scope) -> tuple[np.ndarray, np.ndarray]:
     rows = [row for section in scope.of("NODE") for row in section.rows]
     _require_numbers(rows, "0-9eEdD+.")
     fields = [row.upper().replace("D", "E").split(",") for row in rows]
-    # A row may leave out what is zero; of two rows of one number the last is valid.
+    # A row may omit coordinates that are zero. Of two rows with one number, the last is valid.
     listed = {int(row[0]): [*row[1:4], "", ""][:3] for row in fields}
     numbers = np.array(sorted(listed), dtype=np.int64)
     texts = [[text.strip() or "0" for text in listed[number]] for number in numbers.tolist()]
@@ -166,24 +166,24 @@ def _elements(section: _Section) -> np.ndarray:
 
 
 def _require_numbers(rows: Sequence[str], characters: str) -> None:
-    """Refuse what Python alone takes for a number.
+    """Refuse rows with characters that Python accepts in a number and Abaqus does not.
 
     Raises
     ------
     ValueError
-        A row has other characters.
+        A row has a character other than those listed.
     """
     if re.search(rf"[^{characters},\s-]", "\n".join(rows)):
         raise ValueError("rows are no numbers")
 
 
 def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Places of nodes among ascending numbers.
+    """Indices of nodes among ascending numbers.
 
     Raises
     ------
     ValueError
-        One is not there.
+        A node is not among the numbers.
     """
     indices = np.minimum(np.searchsorted(numbers, nodes), len(numbers) - 1)
     if not len(numbers) or (numbers[indices] != nodes).any():
@@ -192,7 +192,7 @@ def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 
 
 def _cell(section: _Section) -> str:
-    """Name in meshio of a section's cells; with their type, if no part can be made of these."""
+    """Meshio's name of a section's cells; the type is appended if no part can be made of them."""
     type_name = section.options["TYPE"]
     family = _SOLID.fullmatch(type_name)
     assert family is not None
@@ -201,7 +201,7 @@ def _cell(section: _Section) -> str:
 
 
 def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
-    """Number of elements that are not solid, of sets, and of what joins or holds nodes."""
+    """Numbers of elements that are not solid, of sets, and of constraints and connections."""
     counts: Counter[str] = Counter()
     for section in (section for scope in scopes for section in scope.sections):
         if section.keyword == "ELEMENT":
@@ -219,7 +219,7 @@ def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
 def _materials(
     scopes: Sequence[_Scope], solid: _Scope, elements: Sequence[np.ndarray]
 ) -> list[FileMaterial]:
-    """Materials of the solid elements, whose numbers are given section by section."""
+    """Materials of the solid elements, which sections assign to element sets."""
     known = _all_materials(section for scope in scopes for section in scope.sections)
     names = [
         section.options.get("MATERIAL", "")
@@ -235,7 +235,7 @@ def _materials(
 
 
 def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
-    """True of a set with a solid element in it, or that is nowhere to be found."""
+    """True of a set that has one of the solid elements or that the deck does not define."""
     pending = [name]
     seen: set[str] = set()
     while pending:
@@ -253,13 +253,13 @@ def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
 
 
 def _words(section: _Section) -> set[str]:
-    """What a section of a set lists, in capitals without blanks."""
+    """Entries that a set lists, in capitals without blanks."""
     rows = re.sub(r"[^\S\n]", "", "\n".join(section.rows)).upper()
     return {word for word in re.split(r"[,\n]", rows) if word}
 
 
 def _lists(section: _Section, elements: np.ndarray) -> bool:
-    """True of a section of a set that lists one of some elements, by numbers or as a range."""
+    """True of a set that lists one of some elements, by numbers or as a range."""
     if "GENERATE" in section.options:
         for row in section.rows:
             first, last, step = [*map(int, re.findall(r"\d+", row)[:3]), 1, 1, 1][:3]
@@ -283,11 +283,11 @@ def _all_materials(sections: Iterable[_Section]) -> dict[str, FileMaterial]:
     return {name: _material(name, parts) for name, parts in sections_of.items()}
 
 
-#: Keywords of a material, and the names of their first numbers in `Material`.
+#: Keywords of a material, and names in `Material` of the first numbers in their rows.
 _QUANTITIES = {"ELASTIC": ("youngs_modulus", "poissons_ratio"), "DENSITY": ("density",)}
 _EVERY = [name for names in _QUANTITIES.values() for name in names]
 
-#: Keywords of elasticity that a modulus and Poisson's ratio do not describe.
+#: Keywords of elasticity beyond Young's modulus and Poisson's ratio.
 _OTHER_ELASTICITY = {
     *("HYPERELASTIC", "ANISOTROPICHYPERELASTIC", "HYPERFOAM", "HYPOELASTIC", "LOWDENSITYFOAM"),
     "USERMATERIAL",
@@ -295,7 +295,7 @@ _OTHER_ELASTICITY = {
 
 
 def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
-    """Material of the sections behind its keyword."""
+    """Material of a name from the sections that follow its keyword."""
     values: dict[str, float] = {}
     problems: dict[str, str] = {}
     for keyword, section in parts.items():
@@ -316,7 +316,7 @@ def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
 
 
 def _numbers(row: str) -> list[float]:
-    """Numbers of a row up to the first that is none."""
+    """Numbers at the beginning of a row, up to the first field that is no number."""
     numbers = []
     for text in row.split(","):
         try:
@@ -327,7 +327,7 @@ def _numbers(row: str) -> list[float]:
 
 
 def _text(path: Path, opened: list[Path]) -> str:
-    """A deck with those that it includes; keywords with their options in one line, no comments."""
+    """A deck with included files; each keyword and its options in one line, comments removed."""
     text = included_text(path, opened)
 
     def included(name: str) -> str:
@@ -342,7 +342,7 @@ def _text(path: Path, opened: list[Path]) -> str:
 #: Keywords that include a file.
 _INCLUDE = re.compile(r"^\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,\n]+).*$", re.IGNORECASE | re.MULTILINE)
 
-#: Keywords whose rows are in a file.
+#: Keywords whose rows may be in a separate file.
 _ROWS_ELSEWHERE = re.compile(
     r"^(\*[ \t]*(?:NODE|ELEMENT|NSET|ELSET)[ \t]*(?:,.*?)?),[ \t]*INPUT[ \t]*=[ \t]*([^,\n]+)(.*)$",
     re.IGNORECASE | re.MULTILINE,
@@ -350,7 +350,7 @@ _ROWS_ELSEWHERE = re.compile(
 
 
 def _keyword(line: str) -> tuple[str, dict[str, str]]:
-    """Keyword without blanks, and its options by name, in capitals."""
+    """Name of a keyword without blanks, and its options by name, in capitals."""
     keyword, *options = re.sub(r"\s", "", line).upper().split(",")
     pairs = [option.partition("=") for option in options if option]
     return keyword, {name: value.strip('"') for name, _, value in pairs}

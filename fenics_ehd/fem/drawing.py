@@ -1,8 +1,8 @@
-"""Drawings: one solid of a STEP or IGES file, its faces exactly, and meshes of it.
+"""Drawings: one solid of a STEP or IGES file, its exact faces, and meshes of the solid.
 
-OpenCASCADE converts every file to millimetres. The solid is kept as text of its own format, so that
-the faces listed and those meshed are numbered alike. Faces are found in the surfaces themselves,
-whose points and normals are exact, without a mesh.
+OpenCASCADE converts every file to millimetres. The solid is kept as text in OpenCASCADE's format,
+so that listed and meshed faces have the same numbers. Faces are identified by exact points and
+normals of the surfaces, without a mesh.
 """
 
 from __future__ import annotations
@@ -39,32 +39,32 @@ from fenics_ehd.fem.solid import Solid, inside_out, require_extent, used
 #: Length of OpenCASCADE's unit [m].
 MILLIMETRE = 1e-3
 
-#: Growth of the cells with the distance from a cylinder.
+#: Growth of the cell size with the distance from a cylinder.
 GROWTH = 0.35
 
-#: Sizes of the cells relative to those asked for, tried in turn until no cell is turned inside out:
-#: the last mesh has about eight times as many cells.
+#: Relative cell sizes, tried in turn until no cell is turned inside out: the last mesh has about
+#: eight times as many cells as the first.
 TRIED_SIZES = (1.0, 0.8, 0.64, 0.512)
 
-#: Most cells turned inside out about which nodes are moved: with 1 to 3 of them it takes 1 to 17 s,
-#: with 18 longer than a minute, where smaller cells are made in less.
+#: Largest number of inverted cells for which Gmsh optimises the mesh: with 1 to 3 of them this
+#: takes 1 to 17 s, with 18 more than a minute, and a mesh of smaller cells is faster.
 FEW = 5
 
 #: Gmsh's number of the triangulation of surfaces that is tried if the usual one fails.
 DELAUNAY = 5
 
-#: Tolerances of sewing, tried in turn [mm]: files written to 7 digits need the second, those of
-#: programs that model to 1 um the last.
+#: Tolerances of sewing, tried in turn [mm]: files with 7 digits need the second, files of programs
+#: that model to 1 um need the last.
 SEWING = (1e-6, 1e-4, 1e-3)
 
-#: Largest relative change of the volume when surfaces are merged: that of a solid of tori is only
-#: integrated to 1e-5.
+#: Largest relative change of the volume when surfaces are merged: OpenCASCADE integrates a solid of
+#: tori only to 1e-5.
 SAME_VOLUME = 1e-4
 
-#: Points in each direction at which a surface is sampled: less than half a turn apart.
+#: Points of a surface sample in each direction: neighbours are less than half a turn apart.
 SAMPLES = 9
 
-#: Largest cosine between normals of a cylinder and its axis.
+#: Largest cosine of the angle between normals of a cylinder and its axis.
 ACROSS = 1e-2
 
 
@@ -75,9 +75,9 @@ class DrawnFace(Face):
     Attributes
     ----------
     surfaces
-        Numbers of the surfaces that it is made of.
+        Numbers of the surfaces that make up the face.
     angle
-        Part of a turn that it covers, of cylinders [rad].
+        Angle that a cylindrical face covers [rad].
     """
 
     surfaces: Sequence[int] = ()
@@ -85,22 +85,22 @@ class DrawnFace(Face):
 
     @property
     def arc(self) -> float:
-        """Share of the circumference that the face covers; holes in it do not count."""
+        """Share of the circumference that the face covers, holes included."""
         return self.angle / (2 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
 class CellSizes:
-    """Size of the cells of a drawing at a point: so many around each cylinder, larger beyond.
+    """Size of the cells of a drawing at a point: set around each cylinder, growing with distance.
 
     Attributes
     ----------
     around
-        Cylinders, and cells around each.
+        Cylinders, and number of cells around each of them.
     largest
-        Of the cells [m].
+        Largest size of a cell [m].
     coarser
-        All of them are larger by this factor.
+        Factor of all sizes.
     """
 
     around: Sequence[tuple[Cylinder, float]]
@@ -116,7 +116,7 @@ class CellSizes:
             "half_width": np.array([0.5 * c.width for c in cylinders]),
             "size": np.array([2 * np.pi * c.radius / count for c, count in self.around]),
         }
-        # Gmsh asks some hundred thousand times: all cylinders at once.
+        # Gmsh calls this function some hundred thousand times: all cylinders are evaluated at once.
         object.__setattr__(self, "_columns", columns)
 
     def __call__(self, point: np.ndarray) -> float:
@@ -142,7 +142,7 @@ class MeshedDrawing:
     surfaces
         Number of the drawing's surface for each of the solid's `facets`.
     size
-        Size of the cells relative to that asked for: below 1 if larger ones were inside out.
+        Relative cell size: below 1 if larger cells were inside out.
     """
 
     solid: Solid
@@ -157,17 +157,17 @@ class Drawing:
     Attributes
     ----------
     path
-        Of the file.
+        Path of the file.
     shape
         The solid in OpenCASCADE's own format.
     scale
-        Length of its unit [m].
+        Length of the unit of `shape` [m].
     extent
-        Sides of the box around it, shape (3,) [m].
+        Sides of the bounding box, shape (3,) [m].
     faces
-        In the order in which they are numbered.
+        Faces in the order of their numbers.
     notices
-        What was done to the file's geometry, a line each.
+        Changes that were made to the file's geometry, a line each.
     """
 
     path: Path
@@ -178,35 +178,36 @@ class Drawing:
     notices: Sequence[str] = ()
 
     def mesh(self, sizes: CellSizes) -> MeshedDrawing:
-        """Second-order tetrahedra, finer than asked for if cells would be turned inside out.
+        """Second-order tetrahedra; cells are made smaller than requested if some are inside out.
 
         Raises
         ------
         MeshError
-            Gmsh cannot mesh it, or cells are turned inside out at every size of `TRIED_SIZES`.
+            Gmsh cannot mesh the solid, or cells are inside out at every size of `TRIED_SIZES`.
         """
         return called("mesh", _mesh, self.path, self.shape, self.scale, sizes)
 
 
 def read_drawing(path: Path, unit: str | None = None) -> Drawing:
-    """The one solid of a drawing, coplanar and coaxial surfaces merged.
+    """The only solid of a drawing, with coplanar and coaxial surfaces merged.
 
     Parameters
     ----------
     path
-        STEP or IGES.
+        STEP or IGES file.
     unit
-        Of its lengths; None: the one that it declares.
+        Unit of length; None: the unit that the file declares.
 
     Raises
     ------
     MeshError
-        Gmsh cannot read it, it is not one solid, or of another unit.
+        Gmsh cannot read the file, it does not contain exactly one solid, or its size shows that the
+        unit is wrong.
     """
     scale = MILLIMETRE * (1.0 if unit is None else unit_ratio(path, unit))
     try:
         drawing = called("read", _read, path, scale, True)
-    except MeshError:  # of the file, or as OpenCASCADE crashes when it merges faces
+    except MeshError:  # the file is wrong, or OpenCASCADE crashed when it merged faces
         drawing = called("read", _read, path, scale, False)
     require_extent(drawing.extent, path)
     return drawing
@@ -216,7 +217,7 @@ def read_drawing(path: Path, unit: str | None = None) -> Drawing:
 
 
 def _opened(path: Path, shape: bytes) -> int:
-    """Number of the solid of a text of OpenCASCADE's format, which is the current model then."""
+    """Load a solid from text in OpenCASCADE's format as the current model; its number."""
     gmsh.clear()
     with TemporaryDirectory() as folder:
         file = Path(folder, "shape.brep")
@@ -230,7 +231,7 @@ def _opened(path: Path, shape: bytes) -> int:
 
 
 def _text() -> bytes:
-    """The current model in OpenCASCADE's format."""
+    """Text of the current model in OpenCASCADE's format."""
     with TemporaryDirectory() as folder:
         file = Path(folder, "shape.brep")
         gmsh.write(str(file))
@@ -238,17 +239,17 @@ def _text() -> bytes:
 
 
 def _read(path: Path, scale: float, merge: bool) -> Drawing:
-    """A drawing, whose faces are merged if asked for and possible."""
+    """Read a drawing; faces are merged if requested and possible."""
     notices = []
     with session(), by_itself(path) as alone:
-        # Colours and names: Gmsh 4.8 fails on those of some files.
+        # Colours and names are not read: Gmsh 4.8 fails on those of some files.
         gmsh.option.setNumber("Geometry.OCCImportLabels", 0)
         gmsh.model.occ.importShapes(alone)
         gmsh.model.occ.synchronize()
         surfaces = len(gmsh.model.getEntities(2))
         if surfaces and not gmsh.model.getEntities(3):
             _sew(path)
-            notices.append(f"{path}: {surfaces} surfaces, which enclose a solid, are sewn into it")
+            notices.append(f"{path}: {surfaces} surfaces that enclose a solid are sewn into it")
         volumes = gmsh.model.getEntities(3)
         if len(volumes) != 1:
             raise MeshError(f"{path} has {len(volumes)} solids, it must have one: export the part")
@@ -257,18 +258,18 @@ def _read(path: Path, scale: float, merge: bool) -> Drawing:
         if merge:
             shape = _merged(path, shape) or shape
         extent, pieces = _listed(path, shape, scale)
-    # OpenCASCADE does not merge all pieces of a cylinder.
+    # OpenCASCADE does not merge all pieces of a cylinder: the rest is joined here.
     faces = in_order(with_joined_cylinders(pieces, _both))
     return Drawing(path, shape, scale, extent, faces, notices)
 
 
 def _sew(path: Path) -> None:
-    """Make a solid of the current model's surfaces.
+    """Sew the current model's surfaces into a solid.
 
     Raises
     ------
     MeshError
-        They do not enclose one.
+        The surfaces do not enclose a solid.
     """
     surfaces = gmsh.model.getEntities(2)
     area = sum(gmsh.model.occ.getMass(*surface) for surface in surfaces)
@@ -284,7 +285,7 @@ def _sew(path: Path) -> None:
 
 
 def _encloses(area: float) -> bool:
-    """Whether the current model is a solid bounded by surfaces of a total area, no edge free."""
+    """Whether the current model is one closed solid whose surfaces have a given total area."""
     volumes = gmsh.model.getEntities(3)
     if len(volumes) != 1 or gmsh.model.occ.getMass(*volumes[0]) <= 0:
         return False
@@ -295,7 +296,7 @@ def _encloses(area: float) -> bool:
 
 
 def _keep(volume: int) -> None:
-    """Remove what is no part of a solid: lines of construction, loose surfaces, other solids."""
+    """Remove all entities but one solid: construction lines, loose surfaces, other solids."""
     parts = [(3, volume)]
     belonging = set(parts)
     for _ in range(3):
@@ -308,7 +309,7 @@ def _keep(volume: int) -> None:
 
 
 def _merged(path: Path, shape: bytes) -> bytes | None:
-    """The solid with surfaces of one plane or cylinder merged, if it has any and it can be done."""
+    """The solid with surfaces of one plane or cylinder merged; None if nothing can be merged."""
     volume = _opened(path, shape)
     before = gmsh.model.occ.getMass(3, volume)
     count = len(gmsh.model.getBoundary([(3, volume)]))
@@ -325,16 +326,16 @@ def _merged(path: Path, shape: bytes) -> bytes | None:
 
 
 def _fused(volume: int) -> int:
-    """The solid of the current model after a union, which OpenCASCADE merges surfaces after.
+    """Number of the solid after a union, by which OpenCASCADE merges its surfaces.
 
-    A union with a box far away is the solid itself.
+    The union is with a box far away, which is removed afterwards.
     """
     box = np.array(gmsh.model.getBoundingBox(3, volume)).reshape(2, 3)
     side = np.ptp(box, axis=0).max()
     tool = gmsh.model.occ.addBox(*(box[1] + side), *np.full(3, 0.1 * side))
     solids, _ = gmsh.model.occ.fuse([(3, volume)], [(3, tool)])
     gmsh.model.occ.synchronize()
-    # Gmsh 4.8 returns both solids of before, too, which have more surfaces.
+    # Gmsh 4.8 also returns both solids from before the union, which have more surfaces.
     return min(
         (len(gmsh.model.getBoundary([solid])), solid[1])
         for solid in solids
@@ -343,7 +344,7 @@ def _fused(volume: int) -> int:
 
 
 def _listed(path: Path, shape: bytes, scale: float) -> tuple[np.ndarray, list[DrawnFace]]:
-    """Sides of the box around a solid [m], and its surfaces as faces."""
+    """Sides of the bounding box of a solid [m], and its surfaces as faces."""
     volume = _opened(path, shape)
     box = np.array(gmsh.model.getBoundingBox(3, volume)).reshape(2, 3)
     outward = np.sign(gmsh.model.occ.getMass(3, volume))
@@ -353,7 +354,7 @@ def _listed(path: Path, shape: bytes, scale: float) -> tuple[np.ndarray, list[Dr
 
 
 def _face(tag: int, outward: float, scale: float) -> DrawnFace:
-    """A surface as the plane or the cylinder that it is, or as neither."""
+    """A surface as a plane, a cylinder or neither."""
     low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, tag))
     sides = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
     corners = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).ravel()
@@ -388,9 +389,9 @@ def _edge_points(tag: int, scale: float) -> np.ndarray:
 def _cylindrical(
     face: DrawnFace, points: np.ndarray, normals: np.ndarray, edges: np.ndarray, size: float
 ) -> DrawnFace:
-    """The face with the cylinder that its points and normals are of, if they are.
+    """A face, as a cylinder if its points and normals are those of one.
 
-    Points are ``x = c + r n + h a`` of an axis a across all normals n, r negative of a bore.
+    Points are ``x = c + r n + h a`` with an axis a perpendicular to all normals n, r < 0 for bores.
     """
     axis, across = axis_across(normals)
     if np.abs(normals @ axis).max() > ACROSS:
@@ -425,14 +426,14 @@ def _cylindrical(
 
 
 def _turn(rays: np.ndarray) -> float:
-    """Angle that rays to a grid of `SAMPLES` points each way cover, at most a turn [rad]."""
+    """Angle covered by rays to a grid of `SAMPLES` points each way, at most a turn [rad]."""
     grid = np.arctan2(rays[:, 1], rays[:, 0]).reshape(SAMPLES, SAMPLES)
     unwrapped = np.unwrap(np.unwrap(grid, axis=0), axis=1)
     return min(float(np.ptp(unwrapped)), 2 * np.pi)
 
 
 def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
-    """Two pieces of a cylinder as one face."""
+    """One face made of two pieces of a cylinder."""
     a = one.cylinder
     b = other.cylinder
     assert a is not None
@@ -453,7 +454,7 @@ def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
 
 
 def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDrawing:
-    """The first mesh of those of `TRIED_SIZES` without cells that are turned inside out."""
+    """The first mesh, of the sizes `TRIED_SIZES`, without inverted cells."""
     with session():
         _opened(path, shape)
         for name in ("FromPoints", "ExtendFromBoundary"):
@@ -480,7 +481,7 @@ def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDra
 
 
 def _generate(scale: float, sizes: CellSizes) -> None:
-    """Second-order tetrahedra in the current model."""
+    """Generate second-order tetrahedra in the current model."""
 
     def size_at(_d: int, _t: int, x: float, y: float, z: float, *_: float) -> float:
         return sizes(scale * np.array([x, y, z])) / scale
@@ -489,12 +490,12 @@ def _generate(scale: float, sizes: CellSizes) -> None:
     gmsh.model.mesh.setSizeCallback(size_at)
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
-    # Straight cells next to curved ones are curved where a facet would bulge through them.
+    # Straight cells next to curved cells become curved if a facet would bulge through them.
     gmsh.model.mesh.optimize("HighOrderFastCurving")
 
 
 def _judged(scale: float) -> tuple[Solid, int]:
-    """The current model's tetrahedra [m], and how many of them are turned inside out."""
+    """Tetrahedra of the current model [m], and the number of inverted cells."""
     points, row = numbered_nodes()
     solid = Solid(scale * points, row[nodes_of_cells(TETRAHEDRON_10)], "tet")
     if not len(solid.cells):
@@ -503,7 +504,7 @@ def _judged(scale: float) -> tuple[Solid, int]:
 
 
 def _surfaces(solid: Solid) -> np.ndarray:
-    """Number of the current model's surface that each facet of its tetrahedra is on."""
+    """Number of the current model's surface on which each facet of its tetrahedra lies."""
     _, row = numbered_nodes()
     owner: dict[tuple, int] = {}
     for _, entity in gmsh.model.getEntities(2):

@@ -12,7 +12,7 @@ from pathlib import Path
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.units import in_unit
 
-#: Endings of the files of drawings.
+#: File name extensions of drawings.
 STEP = (".step", ".stp")
 IGES = (".iges", ".igs")
 
@@ -28,7 +28,7 @@ _FLAGS = {
     11: 2.54e-8,
 }  # fmt: skip
 
-#: Place of the flag among the parameters of the global section.
+#: Index of the flag among the parameters of the global section.
 _FLAG = 13
 
 
@@ -51,7 +51,7 @@ def unit_ratio(path: Path, unit: str) -> float:
 
 
 def _step_unit(text: str) -> float | None:
-    """Length of the unit of a STEP file's geometry [m], if all its contexts have the same."""
+    """Length of the unit of a STEP file [m]; None unless all its contexts have the same unit."""
     contexts = re.findall(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)", text)
     numbers = {number for context in contexts for number in re.findall(r"#\s*(\d+)", context)}
     lengths = {_step_length(text, number, 3) for number in numbers} - {None}
@@ -59,7 +59,7 @@ def _step_unit(text: str) -> float | None:
 
 
 def _step_length(text: str, number: str, depth: int) -> float | None:
-    """Length of an entity's unit [m]; None if it is of another quantity."""
+    """Length of the unit that an entity defines [m]; None if it is a unit of another quantity."""
     entity = re.search(rf"#\s*{number}\s*=([^;]*);", text)
     if entity is None or "LENGTH_UNIT" not in entity[1]:
         return None
@@ -85,7 +85,7 @@ def _iges_unit(text: str) -> float | None:
 
 
 def _hollerith(text: str) -> list[str]:
-    """Parameters of a section whose strings are counted, ``2HMM``, and may hold delimiters."""
+    """Parameters of a section; strings, ``2HMM``, have their length and may contain delimiters."""
     delimiters = ",;"
     delimited = re.match(r"\s*1H(.)(.)\s*(?:1H(.))?", text)
     if delimited is not None and delimited[1] != ",":
@@ -95,7 +95,7 @@ def _hollerith(text: str) -> list[str]:
     token = re.compile(rf"\s*(?:(\d+)H|([^{re.escape(delimiters)}]*))")
     while position < len(text):
         match = token.match(text, position)
-        assert match is not None  # the second branch takes anything
+        assert match is not None  # the second branch matches any text
         end = match.end() + int(match[1] or 0)
         parameters.append(text[match.end() : end] if match[1] else match[2])
         position = end + 1

@@ -1,6 +1,6 @@
-"""A drawing or a mesh with the faces that matter named, as a model that scenes take.
+"""Drawings and meshes with named faces, converted to part models for scenes.
 
-The part is turned, its bores are put on cylinders and its surfaces named.
+The part is moved to its own frame, nodes of bores are projected onto cylinders, surfaces are named.
 """
 
 from __future__ import annotations
@@ -40,47 +40,47 @@ from fenics_ehd.fem.solid import (
 )
 from fenics_ehd.fem.solid_file import read_part
 
-#: Largest distance that a bore's node is moved onto the cylinder, relative to the radius: of
-#: second-order cells or of the corners of first-order ones.
+#: Largest displacement of a bore's node onto the cylinder, relative to the radius: of all nodes of
+#: second-order cells, or of the corners of first-order cells.
 PROJECTED = 1e-3
 
-#: Distance of a bore's ends from planes, and of its middle from z = 0, that is taken for rounding,
+#: Distance of a bore's ends from planes, and of its middle from z = 0, that counts as rounding,
 #: relative to the radius: 0.1 um at 12 mm is 1e-5.
 FLAT = 1e-4
 
 #: Names in meshio of cells of 10 and 27 nodes, and of their facets.
 _NAMES = {"tet": ("tetra10", "triangle6"), "hex": ("hexahedron27", "quad9")}
 
-#: VTK's order of the faces of a hexahedron, low x, high x, low y and so on, in places of `FACES`.
+#: VTK's order of the faces of a hexahedron, low x, high x, low y and so on, as indices of `FACES`.
 _VTK_FACES = [2, 3, 1, 4, 0, 5]
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Rigid motion of a part into its frame, ``turn @ (x - origin)``, the first bore about z."""
+    """Rigid motion of a part into its frame, ``turn @ (x - origin)``, first bore along z."""
 
     origin: np.ndarray
     turn: np.ndarray
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Points of the file in the part's frame."""
+        """Transform points of the file to the part's frame."""
         return (points - self.origin) @ self.turn.T
 
     def back(self, points: np.ndarray) -> np.ndarray:
-        """Points of the part's frame in the file."""
+        """Transform points of the part's frame to the file's."""
         return points @ self.turn + self.origin
 
 
 def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
-    """The bore's axis along z, its centre at the origin, x towards a point.
+    """Placement with the bore's axis along z, its centre at the origin, and x towards a point.
 
     Parameters
     ----------
     bore
-        The first one.
+        First bore of the part.
     towards
-        Point of the file on the positive x axis, (3,) [m]; None: x stays as it is, as nearly as
-        may be.
+        Point of the file on the positive x axis, shape (3,) [m]; None: the x axis stays as close
+        as possible to the file's.
     """
     z = bore.axis
     x = np.eye(3)[np.argmin(np.abs(z) - 1e-9 * np.array([2, 1, 0]))]
@@ -96,27 +96,27 @@ def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
 def round_bore(
     points: np.ndarray, facets: np.ndarray, name: str, *, first: bool
 ) -> tuple[np.ndarray, float]:
-    """Points with those of a bore along z put on its cylinder, and a corner's largest move [m].
+    """Points with a bore's nodes put on its cylinder, and the largest displacement of a corner [m].
 
-    Middles of facets' edges, if there are any, follow, as `rounded_middles`. Nodes at the ends
-    within the same distance of a plane are put on it, and corners of quadrilaterals along one line
-    of the bore or around it on that.
+    Mid-side nodes, if there are any, follow the corners, see `rounded_middles`. Nodes at the ends
+    of the bore that lie within the same distance of a plane are put on it. Corners of
+    quadrilaterals that lie on one line along the bore or around it are put on that line.
 
     Parameters
     ----------
     points
         Nodes of the part in its frame, shape (n, 3) [m].
     facets
-        Of the bore: corners, of second-order cells then edges.
+        Facets of the bore: corners, then mid-side nodes of second-order cells.
     name
-        Of the bore.
+        Name of the bore.
     first
-        Whether its centre is the origin.
+        Whether the bore's centre is the origin.
 
     Raises
     ------
     MeshError
-        A node has to be moved by more than `PROJECTED` radii.
+        A node is farther from the cylinder than `PROJECTED` radii.
     """
     sides = facet_corners(facets)
     count = sides.shape[1]
@@ -130,16 +130,16 @@ def round_bore(
     low = x[:, 2].min()
     high = x[:, 2].max()
     near = FLAT * cylinder.radius
-    # In the middle, but for rounding: exactly there.
+    # A middle within rounding error of z = 0 is put exactly there.
     offset = 0.5 * (low + high) if abs(low + high) < near else 0.0
     for end in (low, high):
         new[corners[np.abs(x[:, 2] - end) < near], 2] = end - offset
     if count == 4:
-        # Rounded ones are no parallelograms, as films on them need.
+        # Rounded quadrilaterals are no parallelograms, which films on them need.
         new[corners] = _lined_up(new[corners] - centre, cylinder.radius) + centre
     if facets.shape[1] > count:
         new[facets[:, count:]] = rounded_middles(new[sides] - centre) + centre
-    # Along the bore a node may be moved far and do no harm.
+    # Large displacements along the bore are harmless.
     moved = float(np.abs(reach - cylinder.radius).max())
     if moved > PROJECTED * cylinder.radius:
         raise MeshError(
@@ -150,18 +150,18 @@ def round_bore(
 
 
 def _lined_up(x: np.ndarray, radius: float) -> np.ndarray:
-    """Points on a cylinder about z, equal angles and heights made exactly so."""
+    """Points on a cylinder about z; nearly equal angles and heights are made exactly equal."""
     angle = np.arctan2(x[:, 1], x[:, 0])
     ordered = np.sort(angle)
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
-    start = ordered[np.argmax(gaps)] + 0.5 * gaps.max()  # no line of nodes lies there
+    start = ordered[np.argmax(gaps)] + 0.5 * gaps.max()  # in the middle of the largest gap
     angle = _levels(np.mod(angle - start, 2 * np.pi), FLAT) + start
     z = _levels(x[:, 2], FLAT * radius)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
 def _levels(values: np.ndarray, near: float) -> np.ndarray:
-    """Values (n,), those that lie within `near` of the next one replaced by their mean."""
+    """Values, shape (n,); values within `near` of the next one are replaced by their mean."""
     order = np.argsort(values)
     first = np.diff(values[order], prepend=-np.inf) > near
     level = np.empty(len(values), dtype=np.int64)
@@ -171,16 +171,16 @@ def _levels(values: np.ndarray, near: float) -> np.ndarray:
 
 
 def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> None:
-    """A ``.msh`` file of the solid as the physical volume ``part``, with named surfaces.
+    """Write a ``.msh`` file of a solid as the physical volume ``part``, with named surfaces.
 
     Parameters
     ----------
     path
-        To write.
+        Path of the file to be written.
     solid
-        In the part's frame.
+        Solid in the part's frame.
     surfaces
-        Facets of each surface by its name, as `Solid.facets` gives them.
+        Facets of each surface by its name, in the node order of `Solid.facets`.
     """
     points = solid.points
     cells = solid.cells
@@ -201,9 +201,9 @@ def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> 
 def _with_centres(
     solid: Solid, surfaces: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Nodes, 27-node cells and 9-node facets of 20-node hexahedra, as VTK orders them.
+    """Nodes, 27-node cells and 9-node facets of 20-node hexahedra, in VTK's order.
 
-    Centres are where the other nodes put them: the solid is the same.
+    Centres are interpolated from the other nodes: the shape of the solid is unchanged.
     """
     element = solid.element
     n = len(solid.points)
@@ -223,19 +223,19 @@ def _with_centres(
     return np.vstack([solid.points, middles, made[:, 6]]), full, named
 
 
-#: Cells around the bores of a drawing.
+#: Default number of cells around the bores of a drawing.
 AROUND = 40
 
-#: Cells around cylinders without a name: the rim of an oil hole needs 6.
+#: Number of cells around unnamed cylinders: the rim of an oil hole needs 6.
 AROUND_OTHERS = 12
 
-#: Size of cells where nothing asks for smaller ones, relative to the part's longest side.
+#: Cell size away from cylinders, relative to the part's longest side.
 COARSE = 1 / 20
 
-#: Largest difference between a radius asked for and a face's, relative.
+#: Largest relative difference between the radius of a face and the requested one.
 RADIUS_MATCH = 1e-3
 
-#: Largest inclination of a bore to the first one [rad].
+#: Largest inclination of a bore to the first bore [rad].
 TILT = 1e-4
 
 
@@ -246,19 +246,20 @@ class OpenedPart:
     Attributes
     ----------
     path
-        Of the file.
+        Path of the file.
     faces
-        Bores first.
+        Faces, bores first.
     solid, facets
-        Of a mesh, of the file's order; None of a drawing, whose mesh depends on which faces matter.
+        Cells and facets of a mesh, in the file's order; None for a drawing, whose mesh depends on
+        the named faces.
     drawing
-        None of a mesh.
+        Drawing; None for a mesh.
     left_out
-        What the file has besides, in words; empty if nothing.
+        Entities of the file that are not part of the solid, in words; empty if none.
     materials
-        Of the file's cells, see `ForeignPart`.
+        Materials of the file's cells, see `ForeignPart`.
     notices
-        What the user should know about the file, a line each.
+        Notices on the file for the user, a line each.
     """
 
     path: Path
@@ -272,7 +273,7 @@ class OpenedPart:
 
     @property
     def drawn(self) -> bool:
-        """True of a drawing, which can be meshed more finely."""
+        """True of a drawing, whose mesh can be refined."""
         return self.drawing is not None
 
     def radius(self, number: int) -> float:
@@ -282,12 +283,12 @@ class OpenedPart:
         return cylinder.radius
 
     def face(self, wanted: str, kinds: Sequence[str] = ()) -> int:
-        """Number of a face asked for by its number, or by a radius with its unit, ``22.5mm``.
+        """Number of a face, given by its number or by a radius with its unit, ``22.5mm``.
 
         Raises
         ------
         MeshError
-            There is none, or more than one.
+            No face matches, or several do.
         """
         if re.fullmatch(r"[0-9]+", wanted):
             numbers = [int(wanted)] if 1 <= int(wanted) <= len(self.faces) else []
@@ -304,7 +305,7 @@ class OpenedPart:
         if len(numbers) != 1:
             which = f"faces {', '.join(map(str, numbers))} are" if numbers else "no face is"
             raise MeshError(
-                f"{self.path}: {which} {wanted!r}; there are {known}: name one by number"
+                f"{self.path}: {which} {wanted!r}; known are {known}: name one by number"
             )
         face = self.faces[numbers[0] - 1]
         if kinds and face.kind not in kinds:
@@ -335,13 +336,13 @@ def open_part(
     Parameters
     ----------
     path
-        STEP or IGES, or any mesh that meshio reads.
+        STEP or IGES file, or any mesh that meshio reads.
     unit
-        Of its lengths; None: metres of a mesh, what a drawing declares.
+        Unit of length; None: metres for a mesh, the declared unit for a drawing.
     sharp
-        Angle at which a face of a mesh ends [degrees].
+        Angle between facets at which a face of a mesh ends [degrees].
     several_materials
-        As in `read_mesh`.
+        Accept cells of several materials, see `read_mesh`.
 
     Raises
     ------
@@ -356,7 +357,7 @@ def open_part(
         drawing = read_drawing(path, unit)
         return OpenedPart(path, drawing.faces, drawing=drawing, notices=drawing.notices)
     part = read_part(path, unit or "m", several_materials=several_materials)
-    # Middles of straight edges tell nothing of a curved face.
+    # Mid-side nodes of straight edges do not lie on a curved face.
     fitted = first_order(part.solid) if straight(part.solid) else part.solid
     faces = find_faces(fitted, fitted.facets(), sharp=sharp)
     split = split_cylinders(fitted, fitted.facets(), faces, sharp)
@@ -374,7 +375,7 @@ def open_part(
 
 
 def _angle_hint(path: Path, split: Sequence[Face]) -> list[str]:
-    """A line on cylinders that a larger angle of edges would find."""
+    """A notice on cylinders that would be found with a larger angle of edges."""
     radii = sorted({f"{f.cylinder.radius * 1e3:.4g}" for f in split if f.cylinder is not None})
     if not radii:
         return []
@@ -386,14 +387,14 @@ def _angle_hint(path: Path, split: Sequence[Face]) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class NamedFaces:
-    """Numbers of the faces that a part's surfaces are made of.
+    """Numbers of the faces that make up each surface of a part.
 
     Attributes
     ----------
     bores, points
-        By name, the first bore is the origin, the first point lies on x.
+        Faces by name; the first bore is at the origin, the first point on the x axis.
     held
-        Of the surface ``held``, or empty.
+        Faces of the surface ``held``, or empty.
     """
 
     bores: Mapping[str, int]
@@ -409,9 +410,9 @@ class NamedFaces:
 def bore_sizes(
     drawing: Drawing, named: NamedFaces, around: float, coarser: float = 1.0
 ) -> CellSizes:
-    """Size of the cells of a drawing: so many around each bore, larger ones away from it.
+    """Size of the cells of a drawing: given around each bore, growing with the distance.
 
-    All of them are larger by a factor of `coarser`.
+    All sizes are multiplied by `coarser`.
     """
     cells = dict.fromkeys(range(1, len(drawing.faces) + 1), float(AROUND_OTHERS))
     cells |= dict.fromkeys(named.points.values(), around / 2)
@@ -431,21 +432,21 @@ class PlacedPart:
     Attributes
     ----------
     solid, facets
-        In metres, the first bore about z; of the file's order, as matrices of its nodes are.
+        Solid and its facets [m] with the first bore along z, in the file's order of nodes.
     numbers
         Face of each facet.
     named
-        Which faces are surfaces.
+        Faces that make up each surface.
     moved
-        How far nodes of each bore were moved onto its cylinder [m].
+        Largest displacement of the nodes of each bore onto its cylinder [m].
     place
-        Where the file's points come to lie: matrices of the same nodes are turned likewise.
+        Rigid motion from the file to the part's frame; matrices of the nodes are rotated likewise.
     cylinders
-        Those of the file's faces by number, where the file has them.
+        Cylinders of the faces by number, before nodes were moved.
     straight
         Whether all edges of the file's cells are straight.
     size
-        Size of the cells of a drawing relative to that asked for, see `MeshedDrawing`.
+        Relative cell size of a drawing, see `MeshedDrawing`.
     """
 
     solid: Solid
@@ -466,10 +467,10 @@ class PlacedPart:
         }
 
     def quadratic(self) -> PlacedPart:
-        """Part of second-order cells; middles of edges of cylindrical faces are on the cylinders.
+        """Part of second-order cells with mid-side nodes of cylindrical faces on the cylinders.
 
-        Curved edges of a file stay, those of its bores apart. Where cells would be turned inside
-        out, middles are on the cylinders of the bores alone.
+        Edges that are curved in the file stay, except those of bores. If cells would be turned
+        inside out, only mid-side nodes of bores are put on their cylinders.
 
         Raises
         ------
@@ -487,25 +488,25 @@ class PlacedPart:
             return _rounded(part)
 
     def _on_cylinders(self) -> np.ndarray:
-        """Nodes, those in the middles of edges of cylindrical faces on the cylinders, (n, 3)."""
+        """Nodes with mid-side nodes of cylindrical faces put on the cylinders, shape (n, 3) [m]."""
         points = self.solid.points.copy()
         for number, cylinder in self.cylinders.items():
             frame = placement(cylinder, None)
             facets = self.facets[self.numbers == number]
             corners = facet_corners(facets)
-            # Of the frame in which the file is.
+            # Cylinders are in the file's frame.
             middles = rounded_middles(frame(self.place.back(self.solid.points[corners])))
             points[facets[:, corners.shape[1] :]] = self.place(frame.back(middles))
         return points
 
     def refined(self) -> PlacedPart:
-        """Part with every cell cut in eight."""
+        """Part with every cell divided into eight."""
         solid, facets, numbers = refined(self.solid, self.facets, self.numbers)
         return _rounded(replace(self, solid=solid, facets=facets, numbers=numbers, moved={}))
 
 
 def _rounded(part: PlacedPart) -> PlacedPart:
-    """Bores put on their cylinders, middles of edges as they then have to be."""
+    """Put bores on their cylinders, and adapt the mid-side nodes."""
     points = part.solid.points
     moved = dict(part.moved)
     surfaces = part.surfaces()
@@ -524,14 +525,14 @@ def _rounded(part: PlacedPart) -> PlacedPart:
 def place_part(
     part: OpenedPart, named: NamedFaces, around: float = AROUND, coarser: float = 1.0
 ) -> PlacedPart:
-    """Turn a part into its frame, a drawing meshed with so many cells around its bores.
+    """Move a part into its frame; a drawing is meshed with `around` cells around its bores.
 
-    All cells of a drawing are larger by a factor of `coarser`.
+    Cell sizes of a drawing are multiplied by `coarser`.
 
     Raises
     ------
     MeshError
-        It cannot be meshed, or a bore is not round enough or not along the first one.
+        The part cannot be meshed, or a bore is not round or not parallel to the first one.
     """
     faces = part.faces
     solid, facets, numbers, size = _meshed(part, named, around, coarser)
@@ -554,7 +555,7 @@ def place_part(
 def _meshed(
     part: OpenedPart, named: NamedFaces, around: float, coarser: float
 ) -> tuple[Solid, np.ndarray, np.ndarray, float]:
-    """Solid of a part, its facets, the face of each, and `PlacedPart.size`."""
+    """Solid of a part, its facets, the face number of each facet, and `PlacedPart.size`."""
     if part.drawing is not None:
         drawing = part.drawing
         mesh = drawing.mesh(bore_sizes(drawing, named, around, coarser))

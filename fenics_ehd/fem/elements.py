@@ -1,6 +1,6 @@
-"""Elastic elements: their material and their quadratic families.
+"""Quadratic families of finite elements.
 
-Two families on quadrilaterals and hexahedra, one on triangles and tetrahedra.
+Quadrilaterals and hexahedra have two families, triangles and tetrahedra one.
 
 ``serendipity``: 8 nodes on the quadrilateral, 20 on the hexahedron, all
 monomials of superlinear degree at most 2 (Arnold and Awanou, Found. Comput.
@@ -22,7 +22,7 @@ from fenics_ehd.reduction.elements import ELEMENTS, SOLIDS, NodalElement
 
 FAMILIES = ("serendipity", "lagrange")
 
-#: Cells on which every quadratic family is the same.
+#: Cells for which both quadratic families are the same.
 SIMPLICES = ("triangle", "tetrahedron")
 
 
@@ -36,7 +36,7 @@ def _expansion_coefficients(cell: basix.CellType, element: NodalElement) -> np.n
 def _point_evaluations(
     cell: basix.CellType,
 ) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
-    """Points and identity interpolation matrices at vertices and edge midpoints."""
+    """Points at vertices and edge midpoints, and interpolation matrices, which are identities."""
     geometry = basix.geometry(cell)
     points = []
     matrices = []

@@ -1,7 +1,7 @@
 """Cylindrical and flat faces of a solid, found in the facets of its surface.
 
-Cylinders are fitted to the nodes by least squares of their distances; a circle alone, whose
-``x^2 + y^2`` is linear in x and y, by a linear system.
+Cylinders are fitted to the nodes by least squares of the distances. Circles are fitted by a linear
+system, because ``x^2 + y^2`` is linear in x and y on a circle.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ class Cylinder:
     Attributes
     ----------
     centre
-        Half way along the axis, shape (3,) [m].
+        Centre, half way along the axis, shape (3,) [m].
     axis
         Unit vector whose largest component is positive, shape (3,).
     radius, width
-        [m].
+        Radius, and width along the axis [m].
     deviation
-        Largest distance of a point that it was laid through [m].
+        Largest distance from the cylinder of a point that it was fitted to [m].
     """
 
     centre: np.ndarray
@@ -47,22 +47,22 @@ class Cylinder:
         return height, x - np.outer(height, self.axis)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Distance of points from its surface, shape (n,) [m]."""
+        """Distance of points from the cylinder's surface, shape (n,) [m]."""
         height, across = self.split(points)
         beyond = np.maximum(np.abs(height) - 0.5 * self.width, 0.0)
         return np.hypot(np.linalg.norm(across, axis=1) - self.radius, beyond)
 
 
 def fit_circle(plane: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre (2,) and radius of the circle through points, shape (n, 2), by least squares."""
-    # Of a circle, x^2 + y^2 is linear in x and y.
+    """Centre, shape (2,), and radius of the circle fitted to points, shape (n, 2)."""
+    # On a circle, x^2 + y^2 is linear in x and y.
     rows = np.column_stack([2 * plane, np.ones(len(plane))])
     solution = np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0]
     return solution[:2], float(np.sqrt(max(solution[2] + solution[:2] @ solution[:2], 0.0)))
 
 
 def cylinder_centre(x: np.ndarray) -> np.ndarray:
-    """Centre of the cylinder along z that nodes lie on, shape (m, 3) to (3,) [m]."""
+    """Centre of a cylinder along z fitted to nodes, shape (m, 3) to (3,) [m]."""
     middle = x.mean(axis=0)
     middle[:2] += fit_circle(x[:, :2] - x[:, :2].mean(axis=0))[0]
     middle[2] = 0.5 * (x[:, 2].min() + x[:, 2].max())
@@ -70,20 +70,20 @@ def cylinder_centre(x: np.ndarray) -> np.ndarray:
 
 
 def rounded_middles(corners: np.ndarray) -> np.ndarray:
-    """Middles of facets' edges, half way in angle and height between corners on a cylinder.
+    """Mid-side nodes of facets on a cylinder, half way in angle and height between the corners.
 
-    There an isoparametric bore is the best quadratic one, and straight edges in the unwrapped
-    plane are what the mesh transfer takes them for.
+    With these nodes the isoparametric bore is the best quadratic one, and the edges are straight in
+    the unwrapped plane, as the mesh transfer assumes.
 
     Parameters
     ----------
     corners
-        Of each facet in turn, from the axis along z, shape (f, c, 3) [m].
+        Corners of each facet in turn, from a point of the axis along z, shape (f, c, 3) [m].
 
     Returns
     -------
     numpy.ndarray
-        Between each corner and the next, shape (f, c, 3) [m].
+        Nodes between each corner and the next, shape (f, c, 3) [m].
     """
     following = np.roll(corners, -1, axis=1)
     middle = 0.5 * (corners + following)
@@ -93,12 +93,12 @@ def rounded_middles(corners: np.ndarray) -> np.ndarray:
 
 
 def axis_across(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axis to which normals, shape (k, 3), are perpendicular at best, and two vectors across it.
+    """Axis most nearly perpendicular to normals, shape (k, 3), and two vectors perpendicular to it.
 
     Returns
     -------
     axis, across
-        Unit vector whose largest component is positive, shape (3,); orthonormal ones, (2, 3).
+        Unit vector with a positive largest component, shape (3,); orthonormal vectors, (2, 3).
     """
     axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
@@ -106,27 +106,27 @@ def axis_across(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
-    """Cylinder through points by least squares, begun from the normals of the surface.
+    """Cylinder fitted to points by least squares; normals of the surface give the initial guess.
 
     Parameters
     ----------
     points
-        On the surface, shape (n, 3) [m].
+        Points on the surface, shape (n, 3) [m].
     normals
-        Of facets there, in any number, shape (k, 3).
+        Normals of facets of the surface, in any number, shape (k, 3).
     """
     axis, across = axis_across(normals)
     middle = points.mean(axis=0)
     size = np.linalg.norm(points - middle, axis=1).max()
     x = (points - middle) / size
-    found, reach = fit_circle(x @ across.T)
+    foot, first_radius = fit_circle(x @ across.T)
 
     def off(unknowns: np.ndarray) -> np.ndarray:
-        """Distances from the cylinder about a line by a point, its direction, and the radius."""
+        """Distances from a cylinder, given by a point of its axis, the direction and the radius."""
         start, along, radius = np.split(unknowns, [3, 6])
         return np.linalg.norm(np.cross(x - start, along), axis=1) / np.linalg.norm(along) - radius
 
-    parameters = [*found @ across, *axis, reach]
+    parameters = [*foot @ across, *axis, first_radius]
     best = least_squares(off, parameters, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     start = best[:3]
     direction = best[3:6] / np.linalg.norm(best[3:6])
@@ -138,18 +138,18 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     )
 
 
-#: Largest distance of a node from the cylinder or plane that its face is taken for, relative to
-#: the size of the face: rounding of a file is far below, a cone or a chamfer far above.
+#: Largest distance of a node from the fitted cylinder or plane, relative to the size of the face:
+#: rounding of a file is far below, a cone or a chamfer far above.
 SHAPE_TOLERANCE = 1e-3
 
-#: Largest difference of two cylinders that are one, relative to the radius.
+#: Largest difference of two pieces of one cylinder, relative to the radius.
 SAME = 1e-4
 
-#: Two facets whose normals differ by more are of different faces [degrees]: a bore of 12 cells
-#: around turns by 30, chamfers by 45.
+#: Angle between normals of two facets above which they belong to different faces [degrees]: normals
+#: differ by 30 in a bore of 12 cells around, by 45 at a chamfer.
 SHARP = 35.0
 
-#: Angle at which edges of a cylinder of 8 first-order cells around are no edges of the part.
+#: Value of that angle for cylinders with only 8 first-order cells around [degrees].
 COARSE_CELLS = 50.0
 
 
@@ -162,15 +162,15 @@ class Face:
     kind
         ``"bore"`` (a hollow cylinder), ``"shaft"`` (a full one), ``"plane"`` or ``"other"``.
     facets
-        Its facets' numbers.
+        Numbers of the facets of the face.
     area
-        [m2].
+        Area [m2].
     centre
-        Of the cylinder, otherwise of the facets' centres, shape (3,) [m].
+        Centre of the cylinder, otherwise the mean of the facets' centres, shape (3,) [m].
     axis
-        Of the cylinder, otherwise the mean outward normal, shape (3,).
+        Axis of the cylinder, otherwise the mean outward normal, shape (3,).
     cylinder
-        For bores and shafts.
+        Fitted cylinder of a bore or a shaft; None for other kinds.
     """
 
     kind: str
@@ -182,7 +182,7 @@ class Face:
 
     @property
     def arc(self) -> float:
-        """Share of the circumference that the face covers; of a bore with holes below 1."""
+        """Share of the circumference that the face covers; below 1 for a bore with holes."""
         assert self.cylinder is not None
         return self.area / (2 * np.pi * self.cylinder.radius * self.cylinder.width)
 
@@ -191,15 +191,15 @@ F = TypeVar("F", bound=Face)
 
 
 def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> list[Face]:
-    """Faces of a solid, which end where its surface has an edge, `in_order`.
+    """Faces of a solid, bounded by sharp edges and sorted by `in_order`.
 
     Parameters
     ----------
     facets
-        As `Solid.facets` gives them. Cylinders and planes are fitted to all their nodes, so those
-        of a first-order solid to its corners.
+        Facets in the node order of `Solid.facets`. Cylinders and planes are fitted to all nodes of
+        a facet.
     sharp
-        Angle of such an edge [degrees].
+        Angle between facets at a sharp edge [degrees].
     """
     labels = _smooth_pieces(solid, facets, sharp)
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
@@ -213,14 +213,14 @@ def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> lis
 def split_cylinders(
     solid: Solid, facets: np.ndarray, faces: Sequence[Face], sharp: float
 ) -> list[Face]:
-    """Cylinders that are in pieces, as their cells turn by more than an angle of sharp edges.
+    """Cylinders that an angle of sharp edges divides into pieces.
 
     Parameters
     ----------
     faces
-        As `find_faces` gives them for the angle.
+        Faces found by `find_faces` with the angle.
     sharp
-        The angle [degrees]. The result is empty unless it is below `COARSE_CELLS`.
+        Angle [degrees]. The result is empty unless it is below `COARSE_CELLS`.
     """
     if sharp >= COARSE_CELLS:
         return []
@@ -234,19 +234,19 @@ def split_cylinders(
 
 
 def in_order(faces: Sequence[F]) -> list[F]:
-    """Bores by falling radius, shafts, planes by falling area, others."""
+    """Faces sorted: bores by falling radius, shafts, planes by falling area, others."""
     order = {"bore": 0, "shaft": 1, "plane": 2, "other": 3}
 
     def place(face: Face) -> tuple[float, ...]:
         size = face.area if face.cylinder is None else face.cylinder.radius
-        # Of equal faces the one that lies first along x, y, z.
+        # Faces of equal size are sorted by their centres.
         return (order[face.kind], -float(f"{size:.4g}"), *np.round(face.centre, 6))
 
     return sorted(faces, key=place)
 
 
 def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
-    """Outward normals as long as the areas between the corners, shape (f, 3) [m2]."""
+    """Outward normals of facets, with the area between the corners as length, shape (f, 3) [m2]."""
     corners = solid.points[facet_corners(facets)]
     if corners.shape[1] == 3:
         return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -254,7 +254,7 @@ def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
 
 
 def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray:
-    """Pieces of the surface between sharp edges, a number for each facet."""
+    """Number of the piece of the surface, between sharp edges, of each facet, shape (f,)."""
     corners = facet_corners(facets)
     count = corners.shape[1]
     sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
@@ -275,7 +275,7 @@ def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray
 
 
 def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
-    """A face as the plane or the cylinder that it is, or as neither."""
+    """A group of facets as a plane, a cylinder or neither."""
     nodes = np.unique(facets[group])
     x = solid.points[nodes]
     normal = _area_vectors(solid, facets[group])
@@ -304,14 +304,14 @@ def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
 
 
 def with_joined_cylinders(faces: Sequence[F], both: Callable[[F, F], F]) -> list[F]:
-    """Faces, pieces of one cylinder side by side as one.
+    """Faces, with adjacent pieces of one cylinder joined to one face.
 
     Parameters
     ----------
     faces
-        Of a solid.
+        Faces of a solid.
     both
-        Function that makes one face of two pieces.
+        Function that joins two pieces to one face.
     """
     joined: list[F] = []
     for face in faces:
@@ -324,7 +324,7 @@ def with_joined_cylinders(faces: Sequence[F], both: Callable[[F, F], F]) -> list
 
 
 def same_cylinder(one: Face, other: Face) -> bool:
-    """Whether two faces are pieces of one cylinder, side by side."""
+    """Whether two faces are adjacent pieces of one cylinder."""
     a = one.cylinder
     b = other.cylinder
     if a is None or b is None or one.kind != other.kind:
@@ -334,6 +334,6 @@ def same_cylinder(one: Face, other: Face) -> bool:
         abs(a.radius - b.radius) < SAME * b.radius
         and abs(a.axis @ b.axis) > 1 - SAME**2
         and np.linalg.norm(across) < SAME * b.radius
-        # Side by side, not one behind the other as the lands of a groove are.
+        # Lands on both sides of a groove overlap in angle and are two faces.
         and abs(height[0]) < 0.25 * (a.width + b.width)
     )

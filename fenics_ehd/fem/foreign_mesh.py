@@ -1,8 +1,8 @@
-"""Contents of mesh files of other programs: nodes, cells of all kinds, materials, the rest counted.
+"""Contents of mesh files of other programs: nodes, cells, materials, and counts of other entities.
 
 Files have no units. Lengths are in the unit that the user gives. Moduli and densities of a deck are
-in the consistent system of that length with newton (with inches: pound-force) and second: MPa and
-t/mm3 with mm, Pa and kg/m3 with m. A value that no known material has in these units is refused.
+in the consistent system of this length with newton (with inches: pound-force) and second: MPa and
+t/mm3 with mm, Pa and kg/m3 with m. A value outside the range of real materials is refused.
 """
 
 from __future__ import annotations
@@ -29,44 +29,44 @@ CELLS = {
     "hexahedron27": ("hex", 20, 27),
 }
 
-#: Beginnings of meshio's and Gmsh's names of solid cells, those that no part can be made of too.
+#: Beginnings of names of solid cells in meshio and Gmsh, including kinds that no part can have.
 _SOLID = (
     *("tetra", "hexahedron", "wedge", "prism", "pyramid", "polyhedron", "trihedron"),
     *(f"VTK_LAGRANGE_{name}" for name in ("TETRAHEDRON", "HEXAHEDRON", "WEDGE", "PYRAMID")),
 )
 
-#: Nodes of other cells by meshio's names.
+#: Numbers of nodes of other cells by meshio's names.
 _OTHERS = {
     **{"vertex": 1, "line": 2, "line3": 3, "triangle": 3, "triangle6": 6, "quad": 4, "quad8": 8},
     **{"quad9": 9, "wedge": 6, "wedge15": 15, "wedge18": 18, "pyramid": 5, "pyramid13": 13},
     **{"pyramid14": 14, "tetra20": 20},
 }
 
-#: Force of the consistent system that goes with a unit of length, where it is not 1 N [N].
+#: Consistent unit of force of a unit of length, if it is not 1 N: size [N] and symbol.
 _FORCES = {"in": (4.4482216152605, "lbf")}
 
-#: SI units of quantities, and the power of length that their consistent unit divides a force by.
+#: SI units of quantities, and the power of length in their consistent unit, force over length^n.
 _DIMENSIONS = {"youngs_modulus": ("Pa", 2), "density": ("kg/m3", 4)}
 
 
-#: Most files that one includes, each as often as it is included.
+#: Largest number of files that a file includes, repetitions counted.
 MOST_FILES = 100
 
 
 def included_text(path: Path, opened: list[Path]) -> str:
-    """Text of a file, or of one that it includes.
+    """Text of a file, or of a file that it includes.
 
     Parameters
     ----------
     path
-        To read.
+        Path of the file to read.
     opened
         Files read so far, the including one first; the path is appended.
 
     Raises
     ------
     MeshError
-        It cannot be read, is no regular file, or more than `MOST_FILES` are included.
+        The file cannot be read, is no regular file, or more than `MOST_FILES` are included.
     """
     opened.append(path)
     if len(opened) > MOST_FILES:
@@ -86,11 +86,11 @@ class FileMaterial:
     Attributes
     ----------
     name
-        In the file.
+        Name in the file.
     values
-        By the names of `Material`, those that the file has.
+        Values in the file's units, by the names of `Material`.
     problems
-        By the same names, why a value is none of an isotropic elastic material.
+        Reasons why a value is not that of an isotropic elastic material, by the same names.
     """
 
     name: str
@@ -98,16 +98,16 @@ class FileMaterial:
     problems: Mapping[str, str] = field(default_factory=dict)
 
     def same(self, other: FileMaterial) -> bool:
-        """True of another name for equal values."""
+        """True of a material with equal values; names may differ."""
         return (self.values, self.problems) == (other.values, other.problems)
 
     def in_si(self, name: str, unit: str, path: object) -> float:
-        """A value in SI units, of a file whose lengths are in a unit.
+        """A value in SI units, for a file in a given unit of length.
 
         Raises
         ------
         MeshError
-            It is none of an isotropic material, or far from those of known materials.
+            The material has no such value, or it is outside the range of real materials.
         """
         option = name.replace("_", "-")
         label = f"{path}: material {self.name} has"
@@ -141,11 +141,11 @@ class ForeignMesh:
     points
         Nodes, shape (n, 3), in the file's unit.
     blocks
-        Cells of each block by meshio's names, solid or not: nodes, shape (c, k).
+        Cells of each block by meshio's names, solid or not: node indices, shape (c, k).
     others
-        Number of what is no block of cells, by its name: elements that are not solid, sets.
+        Numbers of other entities by their names: elements that are not solid, sets.
     materials
-        Those of solid cells, each once.
+        Materials of the solid cells, each once.
     """
 
     points: np.ndarray
@@ -162,7 +162,7 @@ class ForeignMesh:
         return numbers
 
     def left_out(self) -> str:
-        """What is not part of the solid, in words; empty if nothing."""
+        """Entities that are not part of the solid, in words; empty if none."""
         parts = {name: n for name, n in self.counts.items() if not name.startswith(_SOLID)}
         for name, number in self.others.items():
             parts[name] = parts.get(name, 0) + number
@@ -174,7 +174,7 @@ class ForeignMesh:
         Raises
         ------
         MeshError
-            There are none, or several kinds.
+            The file has no solid cells, or several kinds of them.
         """
         name = one_solid_kind(self.counts, self.left_out(), path)
         kind, kept, _ = CELLS[name]
@@ -182,12 +182,12 @@ class ForeignMesh:
         return kind, np.concatenate([cells for cells in blocks if len(cells)]).astype(np.int64)
 
     def check(self, path: object) -> ForeignMesh:
-        """The same, its blocks' shapes and numbers found to be those of their kinds.
+        """The mesh itself, after a check of node numbers and of the shapes of its arrays.
 
         Raises
         ------
         MeshError
-            Naming the block.
+            The message names the block.
         """
         nodes = len(self.points)
         for name, cells in self.blocks:
@@ -210,7 +210,7 @@ class ForeignMesh:
         Raises
         ------
         MeshError
-            Naming them.
+            The message names the materials.
         """
         different: list[FileMaterial] = []
         for one in self.materials:
@@ -225,21 +225,21 @@ class ForeignMesh:
 
 
 def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
-    """The one kind of solid cells among numbers of cells by meshio's names.
+    """The only kind of solid cells in a file.
 
     Parameters
     ----------
     counts
-        Of all cells.
+        Numbers of all cells, by meshio's names.
     others
-        What the file has if it has no solid cells, in words.
+        Description of other contents, for a file without solid cells.
     path
-        Of the file.
+        Path of the file.
 
     Raises
     ------
     MeshError
-        There are none, several kinds, or others than those of `CELLS`.
+        The file has no solid cells, several kinds, or a kind that is not in `CELLS`.
     """
     solids = {name: n for name, n in counts.items() if name.startswith(_SOLID) and n}
     if len(solids) != 1 or not set(solids) <= set(CELLS):
@@ -254,18 +254,18 @@ def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
 def part_material(
     found: Sequence[FileMaterial], unit: str, given: Mapping[str, float], path: object
 ) -> tuple[Material, list[str]]:
-    """Material of a part, and a line for each value that is not the file's.
+    """Material of a part, and a notice for each value that is not from the file.
 
     Parameters
     ----------
     found
-        Materials of the file's solid cells, of equal values; or none, which needs no line.
+        Materials of the file's solid cells, of equal values; or none, which needs no notice.
     unit
-        Of the file's lengths.
+        Unit of the file's lengths.
     given
-        Values in SI units that take the place of the file's.
+        Values in SI units that replace those of the file.
     path
-        Of the file.
+        Path of the file.
 
     Raises
     ------

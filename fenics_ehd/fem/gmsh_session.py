@@ -1,8 +1,8 @@
-"""Gmsh's sessions: models and drawings meshed, meshes read that nothing else reads.
+"""Gmsh sessions: models and drawings are meshed, and meshes read that no other reader accepts.
 
-A model is a program, and a broken one leaves text in Gmsh's parser for the next; a drawing with a
-line missing ends the process. So all but the models of this package are opened in another process,
-which gives back arrays, or a mesh of Gmsh's own format. Neither MPI nor dolfinx is imported here.
+A model is a program, and an invalid one leaves text in Gmsh's parser that the next session reads. A
+drawing with a missing line ends the process. Files of users are therefore opened in a separate
+process, which returns arrays or a mesh in Gmsh's format. Neither MPI nor dolfinx is imported here.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ with interrupt_kept():
 
 T = TypeVar("T")
 
-#: Beginnings of the names of Gmsh's parameters, which are listed together with those of a model.
+#: Beginnings of the names of Gmsh's own parameters, which are listed with those of a model.
 _GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 
-#: Parameter of a model that can be meshed with hexahedra or tetrahedra.
+#: Parameter of models that can be meshed with hexahedra or with tetrahedra.
 SWITCH = "tetrahedra"
 
-#: Gmsh's second-order cells, and what their faces are.
+#: Gmsh's numbers of second-order cells and of their facets.
 HEXAHEDRON_27 = 12
 TETRAHEDRON_10 = 11
 QUADRILATERAL_9 = 10
@@ -47,7 +47,7 @@ CELL_NAMES = {
     **{15: "vertex", 1: "line", 8: "line3"},
 }
 
-#: Orders of the nodes of those cells of second order that Gmsh numbers otherwise.
+#: Orders of the nodes of second-order cells that Gmsh numbers differently.
 _ORDERS = {
     TETRAHEDRON_10: GMSH_TET,
     17: np.argsort(GMSH_HEX).tolist(),
@@ -57,7 +57,7 @@ _ORDERS = {
 
 @contextmanager
 def session() -> Iterator[None]:
-    """Gmsh without options of its user, silent."""
+    """Context of a silent Gmsh session without the user's options."""
     with interrupt_kept():
         gmsh.initialize([""], readConfigFiles=False)
     try:
@@ -69,17 +69,17 @@ def session() -> Iterator[None]:
 
 
 def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -> T:
-    """Result of a function of a file, in a process of its own unless the file is the package's.
+    """Call a function of a file; in a separate process unless the package ships the file.
 
     Raises
     ------
     MeshError
-        Gmsh raises something, or crashes.
+        Gmsh raises an error or crashes.
     """
     try:
         if is_shipped(path):
             return function(path, *arguments)
-        lost = MeshError(f"Gmsh crashes when it is to {what} {path}: is the file whole?")
+        lost = MeshError(f"Gmsh crashes when it is to {what} {path}: is the file complete?")
         return in_child(function, path, *arguments, lost=lost)
     except MeshError:
         raise
@@ -89,16 +89,16 @@ def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -
 
 @contextmanager
 def by_itself(path: Path) -> Iterator[str]:
-    """Name of the file in a folder without files of options, which Gmsh would read.
+    """Name of a link to a file in a folder without option files, which Gmsh would read.
 
-    Its ending is in lower case: Gmsh runs a file with another ending as a model. Errors of Gmsh
-    have the path of the user's file.
+    The extension is in lower case: Gmsh runs a file with an unknown extension as a model. Errors of
+    Gmsh are given the path of the user's file.
     """
     with TemporaryDirectory() as folder:
         alone = Path(folder, f"model{path.suffix.lower()}")
         if alone.suffix == ".geo":
             if set(str(path.absolute())) & set('"\\\n'):
-                raise MeshError(f"model {path}: quotes and backslashes in its path are Gmsh's")
+                raise MeshError(f"model {path}: rename it, without quotes and backslashes")
             alone.write_text(f'Include "{path.absolute()}";\n')
         else:
             alone.symlink_to(path.absolute())
@@ -119,12 +119,12 @@ def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
 
 
 def nodes_of_cells(number: int, entity: int = -1) -> np.ndarray:
-    """Nodes by Gmsh's numbers of the current model's cells of a type, in the order of `SOLIDS`."""
+    """Gmsh's numbers of the nodes of all cells of a type, in the node order of `SOLIDS`."""
     return _ordered(number, gmsh.model.mesh.getElementsByType(number, entity)[1])
 
 
 def _ordered(number: int, nodes: np.ndarray) -> np.ndarray:
-    """Nodes of cells of a type, in Gmsh's order and flat, as one row a cell in that of `SOLIDS`."""
+    """Nodes of cells of a type, flat in Gmsh's order, one row per cell in the order of `SOLIDS`."""
     cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
     return cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
@@ -133,14 +133,14 @@ def _ordered(number: int, nodes: np.ndarray) -> np.ndarray:
 
 
 def model_parameters(path: Path) -> dict[str, float]:
-    """Parameters of a model, by name, with their defaults; a mesh has none.
+    """Parameters of a model with their default values, by name; empty for a mesh.
 
-    Serial.
+    The function must be called on one rank only.
 
     Raises
     ------
     MeshError
-        Gmsh cannot read it.
+        Gmsh cannot read the model.
     """
     return {} if path.suffix == ".msh" else called("read", _values, path)
 
@@ -152,19 +152,19 @@ def _values(path: Path) -> dict[str, float]:
 
 
 def _parameters(model: str) -> dict[str, Any]:
-    """Entries of ONELAB for every number that is a parameter, by the last part of its name."""
+    """Entries of ONELAB (Gmsh's database) of number parameters, by the last part of the name."""
     gmsh.onelab.clear()
     gmsh.open(model)
     names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
     entries = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
     gmsh.clear()
-    # Values survive in ONELAB, so those of a former model would override this one's.
+    # Values survive in ONELAB: those of a former model would override the values of this one.
     gmsh.onelab.clear()
     return {name: entry for name, entry in entries.items() if entry["type"] == "number"}
 
 
 def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: float) -> None:
-    """Give a parameter a value within the limits that the model sets to it."""
+    """Set a parameter to a value within the limits that the model declares."""
     if name not in known:
         close = difflib.get_close_matches(name, known, n=2, cutoff=0.55)
         meant = f"did you mean {' or '.join(close)}? " if close else ""
@@ -184,12 +184,12 @@ def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: floa
 def opened_model(
     path: Path, parameters: Mapping[str, float], cells: str, size: float = 1.0
 ) -> Iterator[dict[str, int]]:
-    """Numbers of a model's groups by name, its mesh in a session.
+    """Open a session with a meshed model; the numbers of its groups by name.
 
     Raises
     ------
     MeshError
-        Gmsh cannot mesh it.
+        Gmsh cannot mesh the model.
     """
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "mesh.msh")
@@ -202,7 +202,7 @@ def opened_model(
 def _write_mesh(
     path: Path, parameters: Mapping[str, float], cells: str, size: float, target: Path
 ) -> dict[str, int]:
-    """Numbers of a model's groups by name, its mesh in a file."""
+    """Write the mesh of a model to a file; the numbers of its groups by name."""
     check_model(path)
     with session():
         with by_itself(path) as model:
@@ -217,7 +217,7 @@ def _write_mesh(
             gmsh.option.setNumber("Mesh.MeshSizeFactor", size)
             gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)
-        # All nodes are saved, also those without a cell: otherwise nodes would be renumbered.
+        # Nodes without a cell are saved as well: otherwise Gmsh would renumber the nodes.
         for option, value in (("Binary", 1), ("SaveAll", 1), ("MshFileVersion", 4.1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(target))
@@ -230,12 +230,12 @@ def _write_mesh(
 
 
 def read_by_gmsh(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
-    """Points and cells of all kinds by meshio's names.
+    """Points and cells of all kinds, by meshio's names.
 
     Raises
     ------
     MeshError
-        Gmsh cannot read it.
+        Gmsh cannot read the file.
     """
     return called("read", _read, path)
 
@@ -245,8 +245,8 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
         gmsh.merge(alone)
         points, row = numbered_nodes()
         blocks = []
-        # Entity by entity: getElementsByType of Gmsh 4.8 writes beyond its arrays where an entity
-        # has cells of several types.
+        # Entities are read one by one: getElementsByType of Gmsh 4.8 writes beyond its arrays if an
+        # entity has cells of several types.
         for entity in gmsh.model.getEntities():
             types, numbers, nodes = gmsh.model.mesh.getElements(*entity)
             for number, tags, own_nodes in zip(types, numbers, nodes, strict=True):
@@ -255,9 +255,9 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
 
 
 def _block(number: int, count: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
-    """Name in meshio of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`.
+    """Meshio's name of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`.
 
-    Cells without a fixed number of nodes, polyhedra and others, are counted: no nodes of them.
+    Cells without a fixed number of nodes, such as polyhedra, are counted: the array has no columns.
     """
     if not gmsh.model.mesh.getElementProperties(number)[3]:
         return cell_name(number), np.empty((count, 0), dtype=np.int64)
@@ -265,5 +265,5 @@ def _block(number: int, count: int, nodes: np.ndarray) -> tuple[str, np.ndarray]
 
 
 def cell_name(number: int) -> str:
-    """Name in meshio of Gmsh's cells of a type; of others Gmsh's own in lower case."""
+    """Meshio's name of Gmsh's cells of a type; Gmsh's own in lower case if meshio has none."""
     return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0]).lower()

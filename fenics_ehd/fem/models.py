@@ -25,12 +25,12 @@ from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 MESH_BEGINS = b"$MeshFormat"
 
 
-#: Section of a mesh with what it misses, and its end. Gmsh and others skip those that they do not
-#: know ("MSH file format" of Gmsh's manual).
+#: Section of a ``.msh`` file with its mesh error, and the end mark. Gmsh and other programs skip
+#: sections that they do not know ("MSH file format" of Gmsh's manual).
 MESH_ERROR = b"\n$FlexibilityMeshError\n"
 MESH_ERROR_ENDS = b"\n$EndFlexibilityMeshError\n"
 
-#: Section of a mesh with the material of its part, before that, and its end.
+#: Section with the material of the part, before the mesh error, and the end mark.
 MATERIAL = b"\n$PartMaterial\n"
 MATERIAL_ENDS = b"\n$EndPartMaterial\n"
 
@@ -38,18 +38,18 @@ MATERIAL_ENDS = b"\n$EndPartMaterial\n"
 MOST_STORED = 2**24
 
 
-#: Comment of the meshes that this program writes ("MSH file format" of Gmsh's manual).
+#: Comment in meshes that this program writes ("MSH file format" of Gmsh's manual).
 MARK = b"\n$Comments\nfenics_ehd part\n$EndComments\n"
 
 
 def mark_model(path: Path) -> None:
-    """Leave the comment in a ``.msh`` file by which it is known as one of this program."""
+    """Write the comment that identifies a ``.msh`` file of this program."""
     with open(path, "ab") as file:
         file.write(MARK)
 
 
 def _is_model(path: Path) -> bool:
-    """True of a mesh that has the comment, or what `store_mesh_error` left in version 0.3."""
+    """True of a mesh with the comment, or with the mesh error that version 0.3 stored."""
     with open(path, "rb") as file:
         if file.read(len(MESH_BEGINS)) != MESH_BEGINS:
             return False
@@ -57,7 +57,7 @@ def _is_model(path: Path) -> bool:
     return MARK in text or MESH_ERROR in text
 
 
-#: Kind of output file.
+#: Kind of file that a command may overwrite.
 MODEL_KIND = Kind("a model that this program wrote", _is_model)
 
 
@@ -67,17 +67,17 @@ def model_path(name: str) -> Path:
 
 
 def is_shipped(path: Path) -> bool:
-    """True of a model of the package, which needs no suspicion."""
+    """True of a model of the package, which may run in this process."""
     return path.absolute().parent == model_path("conrod").parent
 
 
 def check_model(path: Path) -> None:
-    """Refuse what is neither a ``.geo`` model nor a mesh.
+    """Refuse a file that is neither a ``.geo`` model nor a mesh.
 
     Raises
     ------
     MeshError
-        The name ends otherwise, or a ``.msh`` file is no mesh.
+        The name has another extension, or a ``.msh`` file is no mesh.
     """
     if path.suffix not in (".geo", ".msh"):
         raise MeshError(f"model {path}: must be a .geo model or a .msh file")
@@ -94,12 +94,12 @@ def store_material(path: Path, material: Material) -> None:
 
 
 def stored_material(path: Path) -> dict[str, float]:
-    """Material that `store_material` wrote, by the names of `Material`; empty if there is none.
+    """Material stored by `store_material`, by the names of `Material`; empty if there is none.
 
     Raises
     ------
     MeshError
-        It is not what was written.
+        The section is damaged.
     """
     begin = re.escape(MATERIAL)
     end = re.escape(MATERIAL_ENDS)
@@ -109,11 +109,11 @@ def stored_material(path: Path) -> dict[str, float]:
     try:
         return attrs.asdict(Material(**json.loads(section[1])))
     except (ValueError, TypeError, RecursionError, SettingsError):
-        raise MeshError(f"model {path}: its $PartMaterial is no material: make it anew") from None
+        raise MeshError(f"model {path}: its $PartMaterial is damaged: make it again") from None
 
 
 def _tail(path: Path) -> bytes:
-    """End of a file, where sections of this program are."""
+    """End of a file, with the sections that this program appends."""
     with open(path, "rb") as file:
         file.seek(max(0, file.seek(0, 2) - MOST_STORED))
         return file.read()
@@ -127,11 +127,11 @@ def store_mesh_error(
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
     bores, points
         Names of the bores and of the boundary points.
     error
-        Relative error of the flexibility.
+        Relative error of the flexibility of each column.
     moved
         Displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`) times Young's
         modulus, which they then hardly depend on, shape (k, s + 2 a) [m], [m Pa/N].
@@ -145,12 +145,12 @@ def store_mesh_error(
 def stored_mesh_error(
     path: Path, bores: Sequence[str], points: Collection[str]
 ) -> tuple[float, np.ndarray]:
-    """Error and displacements that `store_mesh_error` stored, for the wanted points.
+    """Stored error and displacements (`store_mesh_error`) for the given bores and points.
 
     Raises
     ------
     MeshError
-        The file has none, or those of other bores or points.
+        The file has no mesh error, or that of other bores or points.
     """
     text = _tail(path).rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
     try:

@@ -1,7 +1,7 @@
-"""A solid as arrays of nodes and cells, from any mesh, and the facets of its surface.
+"""Solids as arrays of nodes and cells, and the facets of their surface.
 
-Cells are of first order, as a file has them, or of second order, as a part is computed with. They
-must neither overlap nor be inside out; second-order cells can be cut in eight, the shape kept.
+Cells are of first order, as in a file, or of second order, as in a computation. They must neither
+overlap nor be inside out. Second-order cells can be divided into eight without a change of shape.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.reduction.elements import SOLIDS, NodalElement, with_middles
 
-#: Corners of the faces of a cell, seen from outside against the clock.
+#: Corners of the faces of a cell, counter-clockwise seen from outside.
 FACES = {
     "tet": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hex": (
@@ -24,26 +24,26 @@ FACES = {
     ),
 }
 
-#: Gmsh's order of the nodes of a cell, in places of this one's; that of tetrahedra both ways.
+#: Gmsh's order of the nodes of a cell, as indices of `SOLIDS`; for tetrahedra its own inverse.
 GMSH_TET = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
 GMSH_HEX = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
 
 
-#: Surface elements of `ELEMENTS` on the facets of first- and of second-order cells.
+#: Surface elements of `ELEMENTS` on the facets of first-order and second-order cells.
 FACET_ELEMENTS = {"tet": ("linear triangle", "triangle"), "hex": ("bilinear", "serendipity")}
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Cells of one kind and one order.
+    """Cells of one kind and order.
 
     Attributes
     ----------
     points
         Nodes, shape (n, 3) [m].
     cells
-        Nodes of each cell: corners, shape (c, 4) or (c, 8); of second-order cells then edges as in
-        `SOLIDS`, shape (c, 10) or (c, 20).
+        Node indices of each cell: corners, shape (c, 4) or (c, 8); for second-order cells then
+        mid-edge nodes in the order of `SOLIDS`, shape (c, 10) or (c, 20).
     kind
         ``"tet"`` or ``"hex"``.
     """
@@ -64,7 +64,7 @@ class Solid:
 
     @property
     def facet_element(self) -> str:
-        """Name of the surface element of the facets, as `bore_from_faces` takes it."""
+        """Name of the surface element of the facets, for `bore_from_faces`."""
         return FACET_ELEMENTS[self.kind][int(self.quadratic)]
 
     @property
@@ -73,7 +73,7 @@ class Solid:
         return self.cells[:, : self.element.corners]
 
     def face_rows(self) -> np.ndarray:
-        """Places in a cell of the nodes of each face: corners in turn, then the edges between."""
+        """Indices within a cell of the nodes of each face: corners in turn, then mid-edge nodes."""
         if not self.quadratic:
             return np.array(FACES[self.kind])
         edges = self.element.edges.tolist()
@@ -85,15 +85,16 @@ class Solid:
         return np.array(rows)
 
     def facets(self) -> np.ndarray:
-        """Nodes of the facets of the surface: corners, then the edges of second-order cells.
+        """Nodes of the facets of the surface: corners, then mid-edge nodes of second-order cells.
 
-        shape (f, 3), (f, 4), (f, 6) or (f, 8); facets come in the same order for both orders.
+        The shape is (f, 3), (f, 4), (f, 6) or (f, 8); facets have the same order for first-order
+        and second-order cells.
         """
         nodes, first, uses = self.faces()
         return nodes[np.sort(first[uses == 1])]
 
     def faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes of the faces of every cell, the first of each kind, and how often it is there."""
+        """Nodes of all cells' faces, index of each distinct face, and number of its occurrences."""
         rows = self.face_rows()
         nodes = self.cells[:, rows].reshape(-1, rows.shape[1])
         corners = np.sort(nodes[:, : len(FACES[self.kind][0])], axis=1)
@@ -101,7 +102,7 @@ class Solid:
 
 
 def raised(points: np.ndarray, corners: np.ndarray, kind: str) -> Solid:
-    """Second-order solid of first-order cells, whose edges are straight."""
+    """Second-order solid with straight edges, from first-order cells."""
     pairs = np.sort(corners[:, SOLIDS[kind].edges], axis=2)
     edges, numbers = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     middles = len(points) + numbers.reshape(pairs.shape[:2])
@@ -111,17 +112,17 @@ def raised(points: np.ndarray, corners: np.ndarray, kind: str) -> Solid:
 
 
 def second_order(solid: Solid) -> Solid:
-    """The solid with nodes in the middles of straight edges, behind its own, where it has none."""
+    """The solid as second-order cells; mid-edge nodes of first-order cells are appended."""
     return solid if solid.quadratic else raised(solid.points, solid.cells, solid.kind)
 
 
-#: Distance of an edge's middle from half way that is taken for rounding, relative to its length:
-#: that of an arc of a circle of 1000 cells is 8e-4.
+#: Distance of a mid-edge node from the middle of the chord that counts as rounding error, relative
+#: to the length of the edge: it is 8e-4 for an arc of 1000 cells around a circle.
 STRAIGHT = 1e-4
 
 
 def straight(solid: Solid) -> bool:
-    """True of a solid all of whose edges are straight, as of every one of first order."""
+    """True of a solid whose edges are all straight, such as any first-order solid."""
     if not solid.quadratic:
         return True
     for middle, edge in enumerate(solid.element.edges.tolist(), solid.element.corners):
@@ -134,7 +135,7 @@ def straight(solid: Solid) -> bool:
 
 
 def first_order(solid: Solid) -> Solid:
-    """The solid of the corners alone; facets come in the same order, nodes keep their numbers."""
+    """The solid without mid-edge nodes; the order of facets and the node numbers stay."""
     return Solid(solid.points, solid.corners, solid.kind)
 
 
@@ -144,16 +145,16 @@ def facet_corners(facets: np.ndarray) -> np.ndarray:
 
 
 def used(solid: Solid) -> Solid:
-    """Without nodes that no cell has: reference points of assemblies, say."""
+    """The solid without nodes that belong to no cell, such as reference points of assemblies."""
     nodes, cells = np.unique(solid.cells, return_inverse=True)
     return Solid(solid.points[nodes], cells.reshape(solid.cells.shape), solid.kind)
 
 
 def corner_volumes(solid: Solid) -> np.ndarray:
-    """Smallest volume that the edges at a corner of a cell span, of each cell, shape (c,).
+    """Smallest normalised volume at the corners of each cell, shape (c,).
 
-    Relative to the product of their lengths: 1 at the corners of a cube, 0.71 in an even
-    tetrahedron; in a cell turned inside out it is negative.
+    The volume spanned by the edges at a corner is divided by the product of their lengths: 1 for a
+    cube, 0.71 for a regular tetrahedron, negative for a cell that is turned inside out.
     """
     x = solid.points[solid.corners]
     element = solid.element
@@ -168,7 +169,7 @@ def corner_volumes(solid: Solid) -> np.ndarray:
 
 
 def inside_out(solid: Solid) -> np.ndarray:
-    """Mask of cells turned inside out or flat, by corners or curvature, shape (c,)."""
+    """Mask of cells turned inside out or flat, at corners or by curvature, shape (c,)."""
     wrong = corner_volumes(solid) <= 0
     solid = second_order(solid)
     x = solid.points[solid.cells]
@@ -179,21 +180,21 @@ def inside_out(solid: Solid) -> np.ndarray:
 
 
 def require_sound_cells(solid: Solid, path: str | Path) -> None:
-    """Refuse cells that are no solid: Gmsh and dolfinx crash on faces of more than two cells.
+    """Refuse invalid cells: Gmsh and dolfinx crash if a face belongs to more than two cells.
 
     Raises
     ------
     MeshError
-        Cells are repeated, overlap or are turned inside out; the message has their number.
+        Cells are repeated, overlap or are turned inside out; the message has the number of cells.
     """
     corners = solid.corners
     count = len(corners)
     if twice := count - len(np.unique(np.sort(corners, axis=1), axis=0)):
-        raise MeshError(f"{path}: {twice} of {count} cells are there twice: export the part once")
+        raise MeshError(f"{path}: {twice} of {count} cells are repeated: export the part once")
     if many := int((solid.faces()[2] > 2).sum()):
         raise MeshError(f"{path}: {many} faces are shared by more than two cells: mesh it again")
     if wrong := int(inside_out(solid).sum()):
-        remedy = "take smaller ones, more cells around and along its bores"
+        remedy = "use smaller cells, more of them around and along the bores"
         if wrong == count:
             remedy = "list their nodes the other way round"
         raise MeshError(
@@ -202,20 +203,20 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
         )
 
 
-#: Limits of a part's longest side [m]: outside of them its lengths are in another unit.
+#: Limits of a part's longest side [m]: lengths outside of them are in another unit.
 SHORTEST = 1e-3
 LONGEST = 5.0
 
 
 def require_extent(extent: np.ndarray, path: str | Path) -> None:
-    """Refuse a part whose lengths are in another unit than the one it was read in.
+    """Refuse a part whose size shows that its unit of length is wrong.
 
     Parameters
     ----------
     extent
-        Sides of the box around it, shape (3,) [m].
+        Sides of the bounding box, shape (3,) [m].
     path
-        Of its file.
+        Path of the part's file.
 
     Raises
     ------
@@ -229,10 +230,10 @@ def require_extent(extent: np.ndarray, path: str | Path) -> None:
         raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
 
 
-#: Distance of nodes that are one, relative to the size of the part.
+#: Distance below which nodes coincide, relative to the size of the part.
 SAME = 1e-9
 
-#: Tetrahedra in one by its nodes: at the corners, then about the diagonal from node 6 to 8.
+#: Tetrahedra in one, by its nodes: four at the corners, then four about the diagonal of nodes 6, 8.
 _TETRAHEDRA = (
     *((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3)),
     *((6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)),
@@ -242,23 +243,23 @@ _TETRAHEDRA = (
 def refined(
     solid: Solid, facets: np.ndarray, labels: np.ndarray
 ) -> tuple[Solid, np.ndarray, np.ndarray]:
-    """Cells cut in eight, whose nodes lie where the second-order cells have them.
+    """Cells divided into eight, with nodes on the second-order geometry.
 
     Parameters
     ----------
     facets, labels
-        Of its surface, and a number for each.
+        Facets of the surface, shape (f, k), and a number for each, shape (f,).
 
     Returns
     -------
     tuple
-        The solid, its facets, and the label of the facet that each was cut from.
+        Refined solid, its facets, and for each the number of the facet that it is part of.
     """
     references = np.array([with_middles(x, solid.element.edges) for x in _children(solid.kind)])
     count = references.shape[1]
     shapes = solid.element.shapes(references.reshape(-1, 3))
     x = np.einsum("mn,cnk->cmk", shapes, solid.points[solid.cells]).reshape(-1, 3)
-    # Those of the given mesh come first and keep their numbers.
+    # Nodes of the coarse mesh come first and keep their numbers.
     every = np.vstack([solid.points, x])
     near = SAME * np.ptp(solid.points, axis=0).max()
     references = cKDTree(every).query_ball_point(every, near)
@@ -269,7 +270,7 @@ def refined(
 
 
 def _children(kind: str) -> list[np.ndarray]:
-    """Corners of the eight in the reference cell."""
+    """Corners of the eight children, as second-order nodes of the reference cell."""
     if kind == "hex":
         corners = SOLIDS["hex"].nodes[:8]
         return [0.5 * (corners + corner) for corner in corners]
@@ -284,7 +285,7 @@ def _children(kind: str) -> list[np.ndarray]:
 def _labelled(
     made: Solid, former: int, facets: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Facets and their labels, from the nodes of the former mesh at their corners."""
+    """Facets and their labels, identified by their corners in the former mesh."""
     count = facets.shape[1] // 2
     known = {}
     for nodes, label in zip(facets.tolist(), labels.tolist(), strict=True):

@@ -1,8 +1,8 @@
 """Solids from meshes of other programs.
 
-Decks of Abaqus and CalculiX and bulk data of Nastran are read here, files of I-DEAS by Gmsh, all
-others by meshio. Every block of a file is counted: solid cells of another kind than the one that is
-taken refuse the file, and what is not solid is reported.
+Decks of Abaqus and CalculiX and bulk data of Nastran have readers in this package; Gmsh reads
+I-DEAS files, meshio all other formats. Every block of a file is counted: a file with
+solid cells of two kinds is refused, and entities that are not solid are reported.
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ from fenics_ehd.fem.gmsh_session import read_by_gmsh
 from fenics_ehd.fem.models import MESH_BEGINS
 from fenics_ehd.fem.solid import Solid, require_extent, require_sound_cells, used
 
-#: Meshes that Gmsh reads and meshio does not, of I-DEAS.
+#: Extensions of meshes that Gmsh reads and meshio does not (I-DEAS).
 READ_BY_GMSH = (".unv",)
 
-#: Files of Nastran and of programs that read its bulk data.
+#: Extensions of bulk data files, of Nastran and of programs that read them.
 NASTRAN = (".bdf", ".fem", ".nas")
 
-#: What no mesh of meshio's formats begins with, and rows of Abaqus' matrices do: a number, a comma.
+#: Beginning of a matrix of Abaqus, unlike that of any mesh: a number and a comma.
 _MATRIX = re.compile(r"\s*(\d+\s*,\s*\d+\s*,|\d+\s+\d+\s+[-+.\d])")
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignPart:
-    """A solid of a file, and what else the file has.
+    """Solid of a file, and its other contents.
 
     Attributes
     ----------
     solid
-        In metres, of the file's order, the file's nodes in their order.
+        Solid [m], of the cell order and with the node order of the file.
     left_out
-        Elements, sets and constraints that are no part of it, in words; empty if none.
+        Elements, sets and constraints that are not part of the solid, in words; empty if none.
     materials
-        Of its cells, of equal values unless several were allowed; empty if the file has none.
+        Materials of the cells, equal unless several were allowed; empty if the file has none.
     """
 
     solid: Solid
@@ -63,25 +63,25 @@ class ForeignPart:
 
 
 def read_mesh(path: Path, unit: str, *, several_materials: bool = False) -> Solid:
-    """Solid of a mesh file, of first or second order as its cells are.
+    """Read the solid of a mesh file; cells keep their order, first or second.
 
-    The nodes are those of the file that cells have, in its order; of decks by ascending number. A
-    `UserWarning` lists what else the file has.
+    Nodes are those of the cells, in the file's order; for decks by ascending number. A
+    `UserWarning` lists the other contents of the file.
 
     Parameters
     ----------
     path
-        Any mesh of one kind of tetrahedra or hexahedra.
+        Path of a mesh of one kind of tetrahedra or hexahedra.
     unit
-        Of its lengths.
+        Unit of the file's lengths.
     several_materials
-        Accept cells of several materials: for matrices of another program, which contain these.
+        Accept cells of several materials, for matrices of another program that contain them.
 
     Raises
     ------
     MeshError
-        It cannot be read, has no solid cells or several kinds, cells of several materials, is of
-        another unit, or its cells are no solid.
+        The file cannot be read, has no solid cells, several kinds or several materials, is in
+        another unit, or has invalid cells.
     """
     part = read_part(path, unit, several_materials=several_materials)
     if part.left_out:
@@ -90,7 +90,7 @@ def read_mesh(path: Path, unit: str, *, several_materials: bool = False) -> Soli
 
 
 def read_part(path: Path, unit: str, *, several_materials: bool = False) -> ForeignPart:
-    """Solid and material of a mesh file, and what is left out; see `read_mesh`."""
+    """Solid, material and ignored contents of a mesh file; see `read_mesh`."""
     mesh = _read(path).check(path)
     kind, cells = mesh.solid_cells(path)
     if not several_materials:
@@ -106,7 +106,7 @@ def read_part(path: Path, unit: str, *, several_materials: bool = False) -> Fore
 
 
 def _read(path: Path) -> ForeignMesh:
-    """Contents of a file of any format."""
+    """Contents of a mesh file of any format."""
     ending = path.suffix.lower()
     if ending == ".inp":
         return read_deck(path)
@@ -117,23 +117,23 @@ def _read(path: Path) -> ForeignMesh:
     return _read_by_meshio(path)
 
 
-#: Elements of I-DEAS by their FE descriptors, by meshio's names.
+#: Meshio's names of I-DEAS elements, by FE descriptor.
 _DESCRIPTORS = {
     **{"111": "tetra", "118": "tetra10", "115": "hexahedron", "116": "hexahedron20"},
     **{"112": "wedge", "113": "wedge15", "114": "pyramid"},
 }
 
-#: Beams, which have a line of their own behind the first.
+#: FE descriptors of beams, whose records have an additional line.
 _BEAMS = (11, 21, 22, 23, 24)
 
 
 def _read_ideas(path: Path) -> ForeignMesh:
-    """Contents of a file of I-DEAS, whose elements are counted before Gmsh reads it.
+    """Contents of an I-DEAS file; elements are counted before Gmsh reads the file.
 
     Raises
     ------
     MeshError
-        It has several kinds of solid elements, or Gmsh does not read all of them.
+        The file has several kinds of solid elements, or Gmsh does not read all of them.
     """
     with named(MeshError, str(path)):
         counts = _elements_of_ideas(path)
@@ -149,7 +149,7 @@ def _read_ideas(path: Path) -> ForeignMesh:
 
 
 def _elements_of_ideas(path: Path) -> Counter[str]:
-    """Number of elements of a file of I-DEAS by name, of datasets 2412 and the older 780."""
+    """Numbers of elements in an I-DEAS file by name, from datasets 2412 and the older 780."""
     counts: Counter[str] = Counter()
     text = path.read_text(errors="replace")
     for dataset in re.split(r"^ {4}-1\s*$", text, flags=re.MULTILINE):
@@ -172,16 +172,16 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
             mesh = meshio.read(path)
     except MeshError:
         raise
-    except (meshio.ReadError, OSError, SystemExit) as error:  # the latter is how it refuses a file
+    except (meshio.ReadError, OSError, SystemExit) as error:  # meshio exits to refuse a file
         reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
         lines = [line for line in reason.splitlines() if line.strip()] or ["it gives no reason"]
         raise MeshError(
             f"{path}: meshio cannot read it: {lines[0].rstrip('.')}{_hint(path)}"
         ) from None
     except Exception:
-        if _is_gmsh(path):  # with groups for some cells alone, say, which meshio cannot read
+        if _is_gmsh(path):  # a file with groups of only some cells, for instance, fails in meshio
             return ForeignMesh(*read_by_gmsh(path))
-        # Its inner words tell nothing of the file.
+        # Messages of other exceptions do not describe the file.
         raise MeshError(
             f"{path}: meshio cannot read it: its contents are not those of a "
             f"{path.suffix or 'mesh'} file, or of a kind that meshio does not know{_hint(path)}"
@@ -192,7 +192,7 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
 
 
 def _is_gmsh(path: Path) -> bool:
-    """True of a mesh of Gmsh, which that reads without running it as a model."""
+    """True of a Gmsh mesh, which Gmsh reads without running it as a model."""
     if path.suffix != ".msh":
         return False
     with open(path, "rb") as file:
@@ -200,7 +200,7 @@ def _is_gmsh(path: Path) -> bool:
 
 
 def _hint(path: Path) -> str:
-    """What else a file may be."""
+    """End of a message: another kind of file that this may be."""
     try:
         with open(path, encoding="ascii") as file:
             lines = [line for line in islice(file, 100) if not line.startswith("**")]
@@ -212,21 +212,21 @@ def _hint(path: Path) -> str:
 
 
 def _require_files(path: Path) -> None:
-    """Refuse a mesh whose numbers are in a pipe, which would be waited for, or in a device.
+    """Refuse a mesh whose data are in a pipe, on which reading would block, or in a device.
 
-    Nor may HDF5 lead to another file, or claim more than it holds.
+    HDF5 files must not lead to such a file either, nor claim more data than they have.
 
     Raises
     ------
     MeshError
-        Naming the file.
+        The message names the file.
     """
     others = []
     if path.suffix.lower() in (".xdmf", ".xmf"):
         items = [i for i in ElementTree.parse(path).iter("DataItem") if i.get("Format") != "XML"]
         names = [(item.text or "").partition(":")[0].strip() for item in items]
-        # HDF5 files are searched for in the folder of the file, in that of a link's target, and in
-        # the working directory.
+        # HDF5 looks for external files in the folder of the file, in that of a link's target, and
+        # in the working directory.
         named_files = [name for name in names if name]
         folders = (path.parent, path.resolve().parent, Path())
         others = [folder / name for name in named_files for folder in folders]

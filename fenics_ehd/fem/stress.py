@@ -1,30 +1,32 @@
-"""Cauchy stresses of displacement fields of a part, where quadratic cells know them best.
+"""Cauchy stresses of displacement fields of a part, at the superconvergent points of its cells.
 
-Stresses are those of the finite-element displacement, ``sigma = C : sym(grad u)``, at points
-inside the cells, neither extrapolated nor averaged: at the 2x2x2 Gauss points of hexahedra, where
-they converge one order faster than elsewhere (Barlow, Int. J. Numer. Meth. Eng. 10, 1976), and at
-the 4 points of the rule of degree 2 of tetrahedra.
+The stresses are those of the finite-element displacement, ``sigma = C : sym(grad u)``, at points
+inside the cells: at the 2x2x2 Gauss points of hexahedra, where they converge one order faster than
+elsewhere (Barlow, Int. J. Numer. Meth. Eng. 10, 1976), and at the 4 points of the rule of degree 2
+of tetrahedra.
 
-In every cell the stresses at its sampling points are continued to its nodes, by the polynomial
-through these points: trilinear in hexahedra, linear in tetrahedra; what cells around a node say is
-averaged (G. Dhondt, The Finite Element Method for Three-Dimensional Thermomechanical Applications,
-section 2.4). All of it is linear: the tensor is averaged, and invariants are taken of that. How far
-the cells around a node differ shows what the mesh does not resolve.
+Nodal stresses follow in two steps. In every cell the stresses are extrapolated to the nodes by the
+polynomial through the sampling points, trilinear in hexahedra, linear in tetrahedra. The values of
+the cells around a node are then averaged (G. Dhondt, The Finite Element Method for
+Three-Dimensional Thermomechanical Applications, section 2.4). Both steps are linear: tensors are
+averaged, and invariants computed afterwards. The scatter of the cells around a node shows the error
+of the mesh.
 
-Fatigue is judged by the largest half-range of a cycle, its mean and the largest principal stress.
-The half-range of a pair of instants i, j is the tensor ``(s_i - s_j) / 2``; of all pairs that one
-counts whose half-range has the largest von Mises stress. Code_Aster's R7.04.04 has the same
+Fatigue is assessed by three values: the largest half-range of a cycle, its mean, and the largest
+principal stress. The half-range of two instants i, j is the tensor ``(s_i - s_j) / 2``. The pair
+with the largest von Mises stress of the half-range is chosen. Code_Aster's R7.04.04 has the same
 maximum over pairs of instants (DEPSPE, of plastic strains,
 docaster-en-codeaster-doc-4113bb35b8213385c636b94f1536856d7f617.gitlab.io,
-man_r/r7/r7.04.04/Crit_res_en_formule). Directions that turn are followed, which a difference of two
+man_r/r7/r7.04.04/Crit_res_en_formule). Rotating principal directions are included; a difference of
+two von Mises stresses would ignore them.
 von Mises stresses does not do.
 
-The mean is ``(s_i + s_j) / 2`` of the same pair, so that both belong to one cycle between two
-states that were there, as in a Haigh diagram; a mean over time would depend on how long the load
-lingers where.
+The mean is ``(s_i + s_j) / 2`` of the same pair, so that both values belong to one cycle between
+two existing states, as in a Haigh diagram. A mean over time would depend on the durations of the
+states.
 
-In the five coordinates of `deviatoric` a von Mises stress is a length, and the largest range the
-diameter of a set of points.
+In the five coordinates of `deviatoric`, a von Mises stress is a length, and the largest range is
+the diameter of a set of points.
 """
 
 from __future__ import annotations
@@ -46,20 +48,20 @@ from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.fem.elements import solid_element
 from fenics_ehd.reduction.part_files import deviatoric, von_mises
 
-#: Choice of owned cells.
+#: Selection of cells that this rank owns.
 Cells = slice | np.ndarray
 
 
 def sampling_points(cell: str) -> np.ndarray:
-    """Reference points of the stresses in a cell, shape (8 or 4, 3)."""
+    """Reference coordinates of the sampling points of a cell, shape (8 or 4, 3)."""
     degree = 3 if cell == "hexahedron" else 2
     return basix.make_quadrature(getattr(basix.CellType, cell), degree)[0]
 
 
 def continuation(cell: str, size: int) -> np.ndarray:
-    """Values at the nodes of a cell of the polynomial through its sampling points.
+    """Matrix that extrapolates values at the sampling points of a cell to its nodes.
 
-    Trilinear of hexahedra, linear of tetrahedra; shape (size, 8 or 4).
+    The polynomial is trilinear in hexahedra, linear in tetrahedra; shape (size, 8 or 4).
     """
     points = sampling_points(cell)
     linear = solid_element(cell, len(points))
@@ -80,7 +82,7 @@ def hooke(displacement: Expr, material: Material) -> Expr:
 class StressField:
     """Stresses of displacement columns in the cells that this rank owns.
 
-    Computed block by block when asked for, without other ranks.
+    Blocks of cells are computed on request, without communication.
 
     Parameters
     ----------
@@ -99,10 +101,10 @@ class StressField:
     owned
         Nodes that this rank owns.
     nodes
-        Nodes of every cell, shape (cells, nodes of a cell): owned ones as this
-        rank counts them, then the ghosts.
+        Node indices of every cell, shape (cells, nodes of a cell): owned nodes by local number,
+        then ghosts.
     shape
-        Owned cells, points of a cell, 6, n.
+        Shape of all stresses: owned cells, points of a cell, 6, n.
     """
 
     def __init__(self, space: fem.FunctionSpace, material: Material, columns: np.ndarray):
@@ -131,7 +133,7 @@ class StressField:
         return self._evaluated(self._positions, cells)
 
     def block(self, cells: Cells = slice(None), columns: slice = slice(None)) -> np.ndarray:
-        """Voigt stresses xx, yy, zz, yz, xz, xy, shape (cells, points, 6, columns) [Pa]."""
+        """Stresses xx, yy, zz, yz, xz, xy at sampling points, (cells, points, 6, columns) [Pa]."""
         stresses = []
         for number in range(self.shape[3])[columns]:
             rows = self._columns[:, number], self._ghosts[:, number]
@@ -140,7 +142,7 @@ class StressField:
         return np.stack(stresses, axis=-1)
 
     def _evaluated(self, expression: fem.Expression, cells: Cells) -> np.ndarray:
-        """Values at the points of cells, shape (cells, points, components)."""
+        """Values of an expression at the points of cells, shape (cells, points, components)."""
         numbers = np.arange(self.shape[0], dtype=np.int32)[cells]
         values = compat.evaluated(expression, self._moved.function_space.mesh, numbers)
         return values.reshape(len(numbers), self.shape[1], -1)
@@ -148,17 +150,17 @@ class StressField:
 
 # At nodes
 
-#: Memory of the stresses of a block of cells, all that leads to them included.
+#: Memory limit of the stresses of a block of cells, intermediate arrays included [bytes].
 _NODAL_BYTES = 1 << 27
 
 
 class NodalStress:
-    """Stresses at the nodes of a part that is whole on one rank.
+    """Stresses at the nodes of a part that is on one rank completely.
 
     Parameters
     ----------
     field
-        Of displacement columns.
+        Stresses of displacement columns in the cells.
 
     Attributes
     ----------
@@ -177,11 +179,11 @@ class NodalStress:
         self._share.data /= np.repeat(counts, counts)
 
     def blocks(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Nodes and their stresses, shape (b,) and (b, 6, columns) [Pa], until all are through."""
+        """Node indices, shape (b,), and their stresses, (b, 6, columns) [Pa], block by block."""
         cells, points, _, columns = self._field.shape
         first_cell = self._share.indices[self._share.indptr[:-1]] // self._size
         order = np.argsort(first_cell, kind="stable")
-        # Of stresses at the points of a cell, twice, and at its nodes.
+        # Bytes of a cell: stresses at its points, twice, and at its nodes.
         each = 8 * max(1, columns) * 6 * (2 * points + self._size)
         count = max(1, max(1, _NODAL_BYTES // each) * self.nodes // max(1, cells))
         for start in range(0, self.nodes, count):
@@ -199,7 +201,7 @@ class NodalStress:
         return values[np.searchsorted(cells, cell), corner]
 
     def _in_cells(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Some cells, ascending, and stresses at the nodes of each, (c, nodes, 6, columns)."""
+        """Ascending indices of cells, and stresses at their nodes, (c, nodes, 6, columns) [Pa]."""
         cells = np.unique(cells)
         stresses = self._field.block(cells)
         return cells, np.einsum("np,cpik->cnik", self._continued, stresses, optimize=True)
@@ -207,22 +209,22 @@ class NodalStress:
 
 # Over a cycle
 
-#: Places of the Voigt stresses xx, yy, zz, yz, xz, xy in the tensor.
+#: Indices of the stresses xx, yy, zz, yz, xz, xy in the tensor.
 _TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
 @dataclass(frozen=True, eq=False)
 class HalfRange:
-    """Largest half-range of points [Pa].
+    """Largest half-range of each point.
 
     Attributes
     ----------
     instants
-        The pair, ascending, shape (points, 2).
+        Indices of the two instants, ascending, shape (points, 2).
     von_mises
-        Of the half-range, shape (points,) [Pa].
+        Von Mises stress of the half-range, shape (points,) [Pa].
     half_range, mean
-        Half the later stress less the earlier one, and half their sum, shape (points, 6) [Pa].
+        Half the difference, later minus earlier stress, and half the sum, shape (points, 6) [Pa].
     """
 
     instants: np.ndarray
@@ -237,7 +239,7 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
     Parameters
     ----------
     stress
-        Histories, shape (points, 6, instants) [Pa].
+        Stress histories, shape (points, 6, instants) [Pa].
     """
     points = deviatoric(np.moveaxis(stress, 1, 2))
     pair = np.sort(_farthest(points), axis=1)
@@ -247,23 +249,23 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
 
 
 def _farthest(points: np.ndarray) -> np.ndarray:
-    """The pair of instants farthest apart, of every set of points (sets, instants, 5)."""
-    indices = [cdist(own, own).argmax() for own in points]
+    """Indices of the two most distant points of each set, shape (sets, instants, 5)."""
+    indices = [cdist(states, states).argmax() for states in points]
     return np.stack(np.unravel_index(indices, (points.shape[1],) * 2), axis=1)
 
 
 def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest principal stress over the cycle.
+    """Largest principal stress of each point over the cycle.
 
     Parameters
     ----------
     stress
-        Histories, shape (points, 6, instants) [Pa].
+        Stress histories, shape (points, 6, instants) [Pa].
 
     Returns
     -------
     values, instants : numpy.ndarray
-        shape (points,) each [Pa].
+        Largest stress [Pa] and index of its instant, shape (points,) each.
     """
     mean = stress[:, :3].mean(axis=1)
     equivalent = von_mises(np.moveaxis(stress, 1, 2))

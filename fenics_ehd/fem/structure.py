@@ -1,6 +1,6 @@
-"""Elastic part with lubricated bores: a Gmsh model to dolfinx matrices for the reduction.
+"""Elastic parts with lubricated bores: from a Gmsh model to dolfinx matrices for the reduction.
 
-A bore's surface is a mesh of its own: nodes of a space there and the cells they make.
+The surface of a bore has a mesh of its own, made of nodes of a function space and their cells.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ from fenics_ehd.reduction.structure import Recovery, Structure
 with interrupt_kept():
     import gmsh
 
-#: Cells that can be asked for, by their short names.
+#: Gmsh's cells by the short names in scenes.
 CELLS = {"hex": HEXAHEDRON_27, "tet": TETRAHEDRON_10}
 
-#: Their facets in Gmsh, and the corners of these.
+#: Gmsh's facets of the cells, and their numbers of corners.
 FACETS = {"hex": (QUADRILATERAL_9, 4), "tet": (TRIANGLE_6, 3)}
 
 
@@ -94,7 +94,7 @@ class PartMesh:
 
 
 def _found_cells(path: str | Path, asked: str) -> str:
-    """Kind of cells that the current model holds, ``"hex"`` or ``"tet"``, and no other solids."""
+    """Kind of the current model's cells, ``"hex"`` or ``"tet"``; other solid cells are refused."""
     kinds = set(gmsh.model.mesh.getElementTypes(3))
     if not kinds:
         raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
@@ -102,7 +102,7 @@ def _found_cells(path: str | Path, asked: str) -> str:
     if kind is None:
         types, numbers, _ = gmsh.model.mesh.getElements(3)
         counts = zip(types, numbers, strict=True)
-        cells = ", ".join(f"{len(own)} {cell_name(cell)}" for cell, own in counts)
+        cells = ", ".join(f"{len(tags)} {cell_name(cell)}" for cell, tags in counts)
         raise MeshError(
             f"model {path} holds {cells}: it must have 27-node hexahedra or 10-node tetrahedra "
             "alone; 'fenics-ehd part' makes a model of other meshes of one kind"
@@ -131,22 +131,21 @@ def build_mesh(
     Parameters
     ----------
     path
-        A ``.geo`` model, which is a program that Gmsh runs, or a ``.msh`` file.
+        Path of a ``.geo`` model, which is a program that Gmsh runs, or of a ``.msh`` file.
     parameters
         Values for the model's ``DefineConstant`` parameters, by name.
     comm
-        Communicator the mesh is distributed over.
+        Communicator over which the mesh is distributed.
     serendipity_geometry
-        Put face and cell centres of hexahedra where the 20 edge and corner nodes
-        put them, which a 20-node element needs to represent linear fields.
+        Move face and cell centres of hexahedra to the positions interpolated from the 20 edge and
+        corner nodes, which a 20-node element needs to represent linear fields.
     cells
-        ``"hex"`` or ``"tet"``, for a model whose parameter ``tetrahedra`` decides; others
-        have what they have.
+        ``"hex"`` or ``"tet"``; effective for a model that has the parameter ``tetrahedra``.
     bores
-        Surfaces on cylinders along z: mid-side nodes there, of a model those of tetrahedra,
-        are put on the cylinder, half way in angle and height.
+        Names of surfaces on cylinders along z. Their mid-side nodes are put on the cylinder, half
+        way in angle and height; for a model only those of tetrahedra.
     size
-        Size of a model's cells over that in the model, if cells are not counted.
+        Relative cell size of a model without parameters for numbers of cells.
 
     Returns
     -------
@@ -155,8 +154,8 @@ def build_mesh(
     Raises
     ------
     MeshError
-        Gmsh cannot read or mesh the model, or it mixes cells, or has no tetrahedra to be asked
-        for.
+        Gmsh cannot read or mesh the model, its cells are of several kinds, or tetrahedra are
+        requested from a model without them.
     """
     require_class("path", path, str, Path)
     require_class("comm", comm, MPI.Comm)
@@ -189,10 +188,10 @@ def build_mesh(
 
 
 def _round_bore(group: int, cells: str) -> None:
-    """Put mid-side nodes of a bore's facets on the cylinder, as `rounded_middles`.
+    """Put mid-side nodes of a bore's facets on the cylinder, see `rounded_middles`.
 
-    Nodes of hexahedra that are on the cylinder already stay, to the last bit: those of straight
-    edges and the centres between them are put half way.
+    Nodes of hexahedra that lie on the cylinder stay unchanged, to the last bit. Only nodes of
+    straight edges, and the centres between them, are moved.
     """
     x, row = numbered_nodes()
     entities = gmsh.model.getEntitiesForPhysicalGroup(2, group)
@@ -229,8 +228,8 @@ def _place_centre_nodes(mesh: Mesh) -> None:
 
 # Matrices
 
-#: Degrees of the rules for elastic energy, kinetic energy and surface loads.
-#: 3 Gauss points a direction integrate the elastic energy of both families on
+#: Degrees of the quadrature rules for elastic energy, kinetic energy and surface loads.
+#: 3 Gauss points in each direction integrate the elastic energy of both families on
 #: straight hexahedra and the bore load on a cylinder exactly; the mass of a
 #: triquadratic field needs 4. On curved tetrahedra mass and load are of degree
 #: 4 + 3 and 4 + 2; the energy is rational there, and of degree 2 on straight ones.
@@ -239,7 +238,7 @@ DEGREES = {
     "tetrahedron": {"stiffness": 5, "mass": 7, "surface": 6},
 }
 
-#: Corner, edge order of VTK's quadratic cells in dolfinx's node numbers.
+#: Nodes of quadratic cells in dolfinx's order, sorted as in VTK: corners, then edges.
 _VTK_ORDER = {
     "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 15, 14],
     "tetrahedron": [0, 1, 2, 3, 9, 6, 8, 7, 5, 4],
@@ -256,29 +255,29 @@ def assemble_structure(
     attachments: tuple[str, ...] = ("pin",),
     clamped: str | None = None,
 ) -> Structure:
-    """Assemble K, M, the bore load matrix and the attachment loads.
+    """Assemble stiffness K, mass M, the load matrices of bores and the loads of attachments.
 
     Parameters
     ----------
     part
-        Mesh with the named groups.
+        Mesh with named groups.
     material
         Elastic constants and density.
     family
-        ``"serendipity"``: 20-node hexahedra, ``"lagrange"``: 27-node ones;
+        ``"serendipity"`` (20-node hexahedra) or ``"lagrange"`` (27-node hexahedra);
         tetrahedra have 10 nodes.
     pressure_family
-        Family of the pressure shape functions in (15), that of a matching film.
+        Family of the pressure shape functions in (15), equal to that of a matching film.
     bores, attachments
-        Names of the lubricated surfaces, the first about the z axis, and of the boundary points'
-        surfaces.
+        Names of the lubricated surfaces, the first about the z axis, and of the surfaces of the
+        boundary points.
     clamped
-        Name of a surface that is held; None: the part is free.
+        Name of a fixed surface; None: the part is free.
 
     Returns
     -------
     Structure
-        Rows distributed over the ranks of the mesh.
+        Matrices whose rows are distributed over the ranks of the mesh.
 
     Raises
     ------
@@ -318,7 +317,7 @@ def assemble_structure(
 
 
 def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
-    """K and M of (16)."""
+    """Stiffness matrix K and mass matrix M of (16)."""
     u = ufl.TrialFunction(space)
     v = ufl.TestFunction(space)
     dx = ufl.Measure("dx", domain=space.mesh)
@@ -331,10 +330,10 @@ def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PET
 def _clamp(
     space: fem.FunctionSpace, facets: np.ndarray, stiffness: PETSc.Mat, mass: PETSc.Mat
 ) -> None:
-    """Hold the nodes of a surface: coupled to nothing, they keep a stiffness and a mass.
+    """Fix the nodes of a surface: their couplings are removed, their diagonals replaced.
 
-    Rows of zeros would leave both matrices singular. The stiffness is the mean one, the mass the
-    one that is cut off with the couplings, so that the part keeps its own.
+    Rows of zeros would make both matrices singular. The diagonal stiffness is the mean one. The
+    diagonal mass is the mass removed with the couplings, so that the mass of the part is unchanged.
     """
     nodes = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
@@ -368,11 +367,11 @@ def _vector(form: ufl.Form) -> PETSc.Vec:
 def _mean_displacement(
     space: fem.FunctionSpace, surface: ufl.Measure
 ) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-    """Area-weighted mean of each displacement component over a surface, as load vectors."""
+    """Load vectors of the area-weighted mean displacement of a surface, one for each component."""
     v = ufl.TestFunction(space)
     mesh = space.mesh
     one = fem.Constant(mesh, PETSc.ScalarType(1.0))
-    # The same rule for the area: the mean of a constant is that constant.
+    # The area has the same quadrature rule: the mean of a constant is exactly this constant.
     surface = surface(metadata=_rule(space, "surface"))
     area = mesh.comm.allreduce(fem.assemble_scalar(fem.form(one * surface)), op=MPI.SUM)
     return tuple(_vector(v[i] / area * surface) for i in range(3))
@@ -387,7 +386,7 @@ def _bore(
     *,
     first: bool,
 ) -> Bore:
-    """Bore nodes, surface meshes of displacement and pressure, and the load matrix."""
+    """Nodes of a bore, surface meshes of displacement and pressure, and the load matrix."""
     tag = part.group(name)
     facets = part.facet_tags.find(tag)
     # The first bore's centre is the origin of the part, to the last bit.
@@ -421,10 +420,10 @@ def _load_matrix(
     pressure_nodes: np.ndarray,
     surface: ufl.Measure,
 ) -> PETSc.Mat:
-    """Rectangular load matrix (15) with the columns of the given pressure nodes.
+    """Rectangular load matrix (15) with one column per pressure node.
 
-    The outward normal of the solid points to the oil, so a positive pressure
-    pushes along its negative.
+    The outward normal of the solid points to the oil, so that a positive pressure acts along the
+    negative normal.
     """
     p = ufl.TrialFunction(pressures)
     v = ufl.TestFunction(space)
@@ -434,7 +433,7 @@ def _load_matrix(
 
 
 def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
-    """Owned cells with their corner and edge nodes, and the stresses in them."""
+    """Owned cells with their corner and edge nodes, and the stress field of the part."""
     topology = space.mesh.topology
     cells = topology.index_map(topology.dim).size_local
     dofs = compat.space_dofmap(space)[:cells, _VTK_ORDER[topology.cell_type.name]]
@@ -444,29 +443,30 @@ def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
 
 # Surfaces
 
-#: Family of a surface cell by its number of nodes.
+#: Families of surface cells by their numbers of nodes.
 _FAMILIES = {8: "serendipity", 9: "lagrange", 6: "triangle"}
 
 
 def surface_mesh(
     space: fem.FunctionSpace, facets: np.ndarray, centre: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes of a quadratic space on a bore's surface and their mesh, the same on every rank.
+    """Nodes of a quadratic space on a bore's surface and their mesh, identical on every rank.
 
     Parameters
     ----------
     space
-        Space on the part.
+        Function space of the part.
     facets
-        Local facets of the surface, on the boundary of the part.
+        Local indices of the surface's facets, on the boundary of the part.
     centre
-        Of the bore, shape (3,) [m].
+        Centre of the bore, shape (3,) [m].
 
     Returns
     -------
     nodes, coordinates, cells : numpy.ndarray
-        Global numbers, sorted by z, then angle about the bore's axis, shape (m,); from the bore's
-        centre, (m, 3) [m]; places in `nodes` of those of each cell, (c, 6, 8 or 9).
+        Global node numbers, sorted by z, then by angle about the bore's axis, shape (m,); positions
+        relative to the bore's centre, shape (m, 3) [m]; indices into `nodes` of each cell's nodes,
+        shape (c, 6, 8 or 9).
     """
     nodes, x = surface_nodes(space, facets)
     x = x - centre
@@ -476,7 +476,7 @@ def surface_mesh(
 
 
 def surface_nodes(space: fem.FunctionSpace, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Global numbers (m,) and positions (m, 3) of the nodes of a surface, on every rank."""
+    """Global numbers, shape (m,), and positions, (m, 3) [m], of a surface's nodes; on all ranks."""
     comm = space.mesh.comm
     dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
     owned = dofs[dofs < space.dofmap.index_map.size_local]
@@ -486,7 +486,7 @@ def surface_nodes(space: fem.FunctionSpace, facets: np.ndarray) -> tuple[np.ndar
 
 
 def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
-    """Global nodes of the facets, shape (c, k), in no particular order of cells."""
+    """Global node numbers of the facets, shape (c, k); the order of the facets is arbitrary."""
     topology = space.mesh.topology
     dimension = topology.dim
     topology.create_connectivity(dimension - 1, dimension)
@@ -494,14 +494,14 @@ def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
     to_cell = topology.connectivity(dimension - 1, dimension)
     to_facet = topology.connectivity(dimension, dimension - 1)
     cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int64)
-    # Each cell has one owner, so its facets are counted once.
+    # Each cell has one owner, so that each facet is listed once.
     owned = cells < topology.index_map(dimension).size_local
     cells = cells[owned]
     facets = facets[owned]
     sides = [
         list(to_facet.links(cell)).index(facet) for cell, facet in zip(cells, facets, strict=True)
     ]
-    # Corners, edge midpoints and centre of a side, ascending: as on a surface cell.
+    # Corners, edge midpoints and centre of a side, ascending as in a surface cell.
     layout = space.dofmap.dof_layout
     count = to_facet.links(0).size
     rows = np.array([layout.entity_closure_dofs(dimension - 1, i) for i in range(count)])
@@ -519,12 +519,12 @@ def part_answers(
     parameters: Mapping[str, float] | None = None,
     points: tuple[str, ...] = (),
 ) -> tuple[Structure, SmoothResponses]:
-    """A model assembled, and answers of its loaded bores; serial.
+    """Assemble a model, and compute responses of its loaded bores; serial.
 
     Raises
     ------
     MeshError, StructureError, VerificationError
-        The model is no part.
+        The model is not a valid part.
     """
     mesh = build_mesh(path, parameters, comm=MPI.COMM_SELF, bores=bores)
     structure = assemble_structure(mesh, material, bores=bores, attachments=points, clamped=clamped)

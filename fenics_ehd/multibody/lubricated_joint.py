@@ -306,6 +306,8 @@ class JointFilm:
         load = [-film.load(outward[:inside].reshape((*film.points.angle.shape, -1)))]
         for surface in self.surfaces:
             rows = surface.rows
+            if rows is None:
+                continue
             mean.append(rows.mean_velocity)
             sliding.append(rows.sliding_velocity)
             gap.append(rows.gap)

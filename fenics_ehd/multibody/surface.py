@@ -193,16 +193,14 @@ class Surface:
         return self.side.sign * self.shape.radial(self._angle, self._height)
 
     @property
-    def rows(self) -> SurfaceRows:
-        """Constant maps of the elastic modes; without columns if the surface turns."""
+    def rows(self) -> SurfaceRows | None:
+        """Constant maps of the elastic modes; None: there are no modes, or the surface turns."""
+        if not self.modes or self.turning:
+            return None
         film = self.side.film
-        modes = 0 if self.turning else self.modes
-        gap = np.zeros((len(self._angle), 0))
-        load = np.zeros((0, len(film.parameters.grid.nodes)))
-        if modes:
-            gap = self.side.sign * self.outward(self._angle, self._height)
-            load = film.load(gap[: self._inside].reshape(*film.points.angle.shape, modes))
-        still = np.zeros((self._inside, modes))
+        gap = self.side.sign * self.outward(self._angle, self._height)
+        load = film.load(gap[: self._inside].reshape(*film.points.angle.shape, self.modes))
+        still = np.zeros((self._inside, self.modes))
         return SurfaceRows(gap, still, still, load)
 
     def _displacement(

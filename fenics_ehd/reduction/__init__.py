@@ -1,7 +1,7 @@
-"""Model reduction of a structure with a lubricated bore: matrices in, reduced body out.
+"""Model reduction of a structure with lubricated bores: from matrices to a reduced body.
 
-Needs petsc4py, slepc4py, mpi4py, numpy, SciPy and h5py; dolfinx and Gmsh are not imported. A name
-brings its module along when it is asked for.
+The package needs petsc4py, slepc4py, mpi4py, numpy, SciPy and h5py; dolfinx and Gmsh are not
+imported. The module of a public name is imported at the first use of the name.
 """
 
 from fenics_ehd.base.lazy import lazily

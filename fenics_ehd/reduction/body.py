@@ -1,6 +1,6 @@
-"""The reduced body: everything the time simulation needs, and no part-size array.
+"""The reduced body: all data of a part that the time simulation needs, without part-size arrays.
 
-It is stored bit for bit in one HDF5 file, and exported to other programs as NumPy's ``.npz``.
+A body is stored bit for bit in one HDF5 file, and exported to other programs as NumPy's ``.npz``.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from fenics_ehd.reduction.bore import (
 )
 from fenics_ehd.reduction.structure import check_surface
 
-#: Positions of the translations and of the elastic modes among the fields of a body.
+#: Positions of the unit translations and of the elastic modes among the fields of a body.
 TRANSLATIONS = slice(1, 3)
 ELASTIC = slice(3, None)
 
@@ -51,7 +51,7 @@ class InertiaIntegrals:
 
     Fields, in order: the position x (from the bore centre), the unit
     translations along x and y, the elastic modes; ``B`` holds them as columns,
-    ``S`` is ``e_z x`` node by node.
+    ``S`` rotates a field, ``e_z x`` node by node.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class ResidualFlexibility:
         amplitude of the pressure.
     mass
         Mass matrix of the patterns' displacements, shape (r, r) [kg m^2/Pa^2]. The method neglects
-        it, its error estimate uses it; empty when not computed.
+        this mass, the error estimate uses it; empty if it was not computed.
     """
 
     displacement: np.ndarray
@@ -123,7 +123,7 @@ class ResidualFlexibility:
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """One line of the mode inventory.
+    """Entry of the mode inventory.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class ModeRecord:
         Share of the mode in the bore's flexibility, the trace of ``J^T G J``; in the sum of the
         listed flexibilities if that of the part is not known.
     dropped
-        Reason why the mode was dropped, empty for a kept one.
+        Reason why the mode was dropped; empty for a mode that is kept.
     """
 
     kind: str
@@ -145,7 +145,7 @@ class ModeRecord:
 
 
 def unknown() -> np.ndarray:
-    """An empty matrix, for an unknown one."""
+    """An empty matrix in place of an unknown one."""
     return np.zeros((0, 0))
 
 
@@ -179,22 +179,23 @@ class ReducedBody:
         ``"vibration"``, ``"fixed-boundary"``, ``"constraint"`` or ``"static"`` for each
         coordinate.
     bores
-        Surface of every bore by name; m nodes and k pressure nodes are those of all of them,
-        one bore after the other. The frame's origin is the centre of the first.
+        Surface of every bore by name. The numbers m of nodes and k of pressure nodes count all
+        bores, one after the other. The origin of the frame is the centre of the first bore.
     bore_basis
         Displacement of the bore nodes for unit coordinates, shape (m, 3, n).
     load_projection
         ``B^T J``, shape (3 + n, k): generalised force of nodal pressures on the
         fields of `InertiaIntegrals`.
-    spin_load_projection
+    ``(S B)^T J``, shape (3 + n, k): generalised moment of nodal pressures about z.
         ``(S B)^T J``, same shape: their moment about z.
     inertia
         Inertia integrals of plane motion.
     points
-        Mean displacement of each boundary point for the same fields, shape (3, 3 + n).
+        Mean displacement of each boundary point for unit fields of `InertiaIntegrals`, shape
+        (3, 3 + n).
     missing_flexibility
-        Outward bore displacement per nodal pressure that the basis cannot
-        follow, shape (m, k) [m/Pa]; empty when not computed.
+        Outward bore displacement per nodal pressure that the basis does not contain, shape
+        (m, k) [m/Pa]; empty if not computed.
     mesh_flexibility
         Outward displacement of the part in excess of that of its mesh, under smooth pressures and
         forces on its points, see `fenics_ehd.reduction.mesh_error`. At the nodes of `SAMPLED`
@@ -207,14 +208,14 @@ class ReducedBody:
     residual
         Flexibility that M4 adds without coordinates, None for the other methods.
     inventory
-        Every mode kept and dropped.
+        Records of all modes, kept and dropped.
     accuracy
-        Figures of the reduction: rank, dropped columns, residuals.
+        Figures of the reduction by name: rank, dropped columns, residuals.
     provenance
-        Model and settings from which the body was made, text by name.
+        Model and settings of the reduction, texts by name.
     columns
-        The part-size basis T, rows owned by this rank, when it was asked for; not in the
-        body's file (see `save_basis`).
+        Part-size basis T, rows owned by this rank, if requested; not stored in the body's file (see
+        `save_basis`).
     """
 
     method: str
@@ -250,27 +251,27 @@ class ReducedBody:
 
     @property
     def bore(self) -> BoreSurface:
-        """The bore of a body that has one.
+        """The bore of a body with exactly one bore.
 
         Raises
         ------
         SettingsError
-            The body has several.
+            The body has several bores.
         """
         return only(self.bores, "reduced body")
 
     @property
     def bore_nodes(self) -> np.ndarray:
-        """Positions of the nodes of the one bore, shape (m, 3) [m]."""
+        """Positions of the nodes of the only bore, shape (m, 3) [m]."""
         return self.bore.coordinates
 
     @property
     def pressure_nodes(self) -> np.ndarray:
-        """Positions of the pressure nodes of the one bore, shape (k, 3) [m]."""
+        """Positions of the pressure nodes of the only bore, shape (k, 3) [m]."""
         return self.bore.pressure_coordinates
 
     def each_bore(self) -> Iterator[BoreRows]:
-        """Every bore in turn."""
+        """Every bore with its ranges of nodes and pressure nodes, in turn."""
         nodes = pressures = 0
         for name, bore in self.bores.items():
             last = nodes + len(bore.coordinates)
@@ -280,7 +281,7 @@ class ReducedBody:
             pressures = end
 
     def rows_of(self, name: str) -> BoreRows:
-        """One of the bores.
+        """One bore with its ranges of nodes and pressure nodes.
 
         Raises
         ------
@@ -298,12 +299,12 @@ class ReducedBody:
         return np.vstack([bore.centre + getattr(bore, name) for bore in self.bores.values()])
 
     def at_bore(self, name: str) -> ReducedBody:
-        """The body with one of its bores alone: what a film there sees of it.
+        """The body with only one of its bores, as a film in this bore needs it.
 
         Raises
         ------
         SettingsError
-            It has no such bore.
+            The body has no such bore.
         """
         _, surface, nodes, pressures = self.rows_of(name)
         if len(self.bores) == 1:
@@ -477,8 +478,9 @@ def load_body(path: str | Path) -> ReducedBody:
         return body
 
 
-#: Largest difference of a stored matrix from its transpose, and the smallest eigenvalue that
-#: round-off leaves, both of the matrix scaled by its diagonal; stored matrices have 0 and above 0.
+#: Largest difference of a stored matrix from its transpose, and largest size of a negative
+#: eigenvalue due to round-off, both of the matrix scaled by its diagonal; stored matrices have 0
+#: and none.
 ROUND_OFF = 1e-9
 
 
@@ -594,12 +596,12 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
     ``stiffness``, ``mass``
         ``T^T K T`` [N/m] and ``T^T M T`` [kg], shape (n, n).
     ``frequencies``
-        Of each coordinate taken alone, shape (n,) [Hz].
+        Natural frequency of each coordinate taken alone, shape (n,) [Hz].
     ``bore_names``, ``bore_radius``, ``bore_width``, ``bore_centre``, ``bore_sizes``
-        Of every bore: text, [m], [m], from the origin (3,) [m], and how many of the m nodes and k
-        pressure nodes are its own, one bore after the other.
+        Data of every bore: name, radius [m], width [m], centre relative to the origin, shape (3,)
+        [m], and numbers of its nodes and pressure nodes among the m and k of all.
     ``bore_nodes``, ``pressure_nodes``
-        Positions, the bores' axes along z, shapes (m, 3) and (k, 3) [m].
+        Positions relative to the origin, with the bores' axes along z, shapes (m, 3), (k, 3) [m].
     ``bore_basis``
         Displacement of the bore nodes for unit coordinates, shape (m, 3, n).
     ``bore_cells``, ``bore_family``, ``pressure_cells``, ``pressure_family``
@@ -625,9 +627,9 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
     Parameters
     ----------
     body
-        Any body.
+        Reduced body to be exported.
     path
-        File; ``.npz`` is added when it has another ending. An existing one is replaced.
+        Path of the file; ``.npz`` is appended to another extension. An existing file is replaced.
 
     Returns
     -------

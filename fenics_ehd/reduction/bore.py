@@ -1,7 +1,8 @@
 """Lubricated bores of a part: cylinders along z with their surface meshes, and rigid motion.
 
-Load matrix (15) and mean motion of a foreign part are computed from the faces of its surface. The
-faces may have holes, an oil passage for instance, whose rims, positions and sizes are computed.
+The load matrix (15) and the mean motion of a part from another program are computed from the faces
+of its surface. Faces may have holes, such as oil passages, whose rims, positions and sizes are
+found.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from fenics_ehd.reduction.elements import (
     surface_element,
 )
 
-if TYPE_CHECKING:  # it would start MPI
+if TYPE_CHECKING:  # the import would start MPI
     from petsc4py import PETSc
 
 
@@ -54,12 +55,12 @@ def turned(columns: np.ndarray, axis: int) -> np.ndarray:
 
 B = TypeVar("B", bound="BoreSurface")
 
-#: Name of the bore of a part that has one.
+#: Name of the bore of a part with exactly one bore.
 BORE = "bore"
 
 
 def make_row_major(record: Any) -> None:
-    """Store the arrays of a dataclass in row-major order, as files have it; not part-size columns.
+    """Store arrays of a dataclass in row-major order, as in files; part-size columns excepted.
 
     Products of arrays in another order round differently, and a body from a file must give the
     same run to the last bit.
@@ -69,7 +70,7 @@ def make_row_major(record: Any) -> None:
             object.__setattr__(record, name, np.ascontiguousarray(value))
 
 
-#: Most waves around a bore in the smooth pressures.
+#: Largest number of waves around a bore in the smooth pressures.
 WAVES = 9
 
 #: Legendre polynomials along the bore, whose products with the waves are the smooth pressures.
@@ -84,7 +85,7 @@ SAMPLED_NODES = 2 * SAMPLED[0] * (2 * SAMPLED[1] + 1)
 
 
 def no_cells() -> np.ndarray:
-    """Cells of a bore whose surface mesh is unknown."""
+    """Empty array of cells, for a bore whose surface mesh is unknown."""
     return np.zeros((0, 0), dtype=np.int64)
 
 
@@ -106,7 +107,7 @@ class BoreSurface:
         order, and ``"serendipity"``, ``"lagrange"`` or ``"triangle"``. Empty when
         unknown; a film that does not match the bore needs it.
     pressure_cells, pressure_family
-        The same of the pressure nodes.
+        Surface mesh of the pressure nodes, with the same conventions.
     centre
         Centre of the bore relative to the origin of the part, shape (3,) [m]. The origin is the
         centre of the part's first bore.
@@ -181,12 +182,12 @@ def surface_layout(number: str, *, attribute: bool) -> dict[str, Value]:
 
 
 def only(bores: Mapping[str, B], of: str) -> B:
-    """The bore of a part that has exactly one.
+    """The bore of a part with exactly one bore.
 
     Raises
     ------
     SettingsError
-        It has none, or several: say which.
+        The part has no bore, or several; the message lists their names.
     """
     if len(bores) == 1:
         return next(iter(bores.values()))
@@ -226,7 +227,8 @@ def mean_motion(coordinates: np.ndarray, weights: Any) -> np.ndarray:
     -------
     numpy.ndarray
         shape (m, 3, 6): weights of u_i for the components of a, and those of b about the
-        origin. A rigid motion of all nodes gives itself. As nodal forces, column k has a
+        Shape (m, 3, 6): weights of u_i for the components of a, and for those of b about the
+        origin. For a rigid motion the result is this motion. As nodal forces, column k has the
         resultant of a unit force or moment along its axis at the origin, and no other.
 
     Raises
@@ -249,10 +251,10 @@ def mean_motion(coordinates: np.ndarray, weights: Any) -> np.ndarray:
 # Faces
 
 
-#: Fewest edges of a rim: fewer are those of one or two faces that a mesh lacks.
+#: Smallest number of edges of a rim: a rim with fewer edges surrounds one or two missing faces.
 FEWEST_EDGES = 6
 
-#: Slack in deciding whether an edge lies at an end of the bore, over its width.
+#: Tolerance, relative to the width, for an edge to lie at an end of the bore.
 END_TOLERANCE = 1e-6
 
 
@@ -315,12 +317,12 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
     coordinates
         Positions of the nodes about the bore's centre, shape (m, 3) [m].
     cells, family
-        As in `BoreSurface`.
+        Surface mesh, see `BoreSurface`.
 
     Raises
     ------
     StructureError
-        A rim does not close around a hole, or is one of `FEWEST_EDGES` or fewer edges.
+        A rim does not close around a hole, or has fewer than `FEWEST_EDGES` edges.
     """
     radius = float(np.linalg.norm(coordinates[:, :2], axis=1).mean())
     holes = []
@@ -390,9 +392,9 @@ def _edges(
     first
         Row in `ends` of each distinct edge, shape (edges,).
     uses
-        Number of its cells, shape (edges,).
+        Number of cells of each distinct edge, shape (edges,).
     at_end
-        Whether it is at an end of the bore, shape (edges,).
+        Whether each distinct edge is at an end of the bore, shape (edges,).
     """
     ends = cells[:, ELEMENTS[element].edges].reshape(-1, 2)
     _, first, uses = np.unique(np.sort(ends, axis=1), axis=0, return_index=True, return_counts=True)
@@ -457,7 +459,7 @@ def bore_from_faces(
     Parameters
     ----------
     nodes, faces, element
-        As in `bore_load_matrix`. Pressures have the nodes and shape functions of the faces.
+        See `bore_load_matrix`. Pressures have the nodes and shape functions of the faces.
     centre
         Centre of the bore [m].
 
@@ -615,7 +617,7 @@ def require_cylinder(
     Parameters
     ----------
     x, cells, element
-        Nodes (m, 3) [m], and the surface mesh of them.
+        Nodes, shape (m, 3) [m], and their surface mesh.
     numbers, name
         Numbers of the nodes and name of the bore, for messages.
 

@@ -23,7 +23,7 @@ from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine,
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
 
-with in_neutral_folder():  # slepc4py looks for petsc.cfg, as petsc4py does
+with in_neutral_folder():  # slepc4py searches the current folder for petsc.cfg
     from slepc4py import SLEPc
 
 #: Tolerance of SLEPc's residual, relative to the eigenvalue.
@@ -32,11 +32,12 @@ EIGEN_TOLERANCE = 1e-10
 #: Largest residual of a mode in the check of the result, relative to the eigenvalue.
 RESIDUAL_TOLERANCE = 1e-6
 
-#: Tolerance of the eigenvalue that is compared with the highest one, to detect missed modes. Loose:
-#: a missed mode is well below the highest one, and the modes above that are close to each other.
+#: Tolerance of the eigenvalue that is compared with the highest one, to detect missed modes. It is
+#: loose because a missed mode is well below the highest one, and modes above are close to each
+#: other.
 COUNT_TOLERANCE = 1e-2
 
-#: Most attempts to add missed modes.
+#: Largest number of attempts to add missed modes.
 ROUNDS = 4
 
 
@@ -55,13 +56,13 @@ def lowest_modes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lowest elastic modes of a supported part, mass-normalised.
 
-    Shift-invert at zero on the space deflated by the exact rigid-body modes, so
-    none is lost and the factorisation of the static responses serves again.
+    Shift-invert at zero on the space deflated by the exact rigid-body modes, so that no mode is
+    missed and the factorisation of the static responses is used again.
 
     Parameters
     ----------
     flexibility
-        The part with its support.
+        Flexibility of the part on its support.
     count
         Number of modes.
     options_prefix
@@ -77,9 +78,9 @@ def lowest_modes(
     Raises
     ------
     SettingsError
-        More modes than a quarter of the degrees of freedom.
+        The number exceeds a quarter of the degrees of freedom.
     SolverError
-        SLEPc converged fewer modes than asked for.
+        SLEPc converged fewer modes than requested.
     VerificationError
         A residual exceeds `RESIDUAL_TOLERANCE`, or a lower mode was missed.
     """
@@ -96,7 +97,7 @@ def lowest_modes(
         flexibility, count, start, flexibility.rigid_modes, EIGEN_TOLERANCE, options_prefix
     )
     eigenvalues, modes = _with_missed(flexibility, eigenvalues, modes, options_prefix)
-    # Round-off of the Krylov vectors brings back a little of what the support forbids.
+    # Round-off of the Krylov vectors reintroduces small motions that the support forbids.
     modes = flexibility.admissible(modes)
     norms = structure.comm.allreduce(np.sum(modes * flexibility.mass.multiply(modes), axis=0))
     modes /= np.sqrt(norms)
@@ -105,7 +106,7 @@ def lowest_modes(
 
 
 class LowestModes:
-    """Lowest modes for any count; those of a smaller count are taken from a former larger one."""
+    """Lowest modes for any number; a smaller number is read from an earlier, larger result."""
 
     def __init__(self, flexibility: Flexibility, options_prefix: str):
         self._flexibility = flexibility
@@ -113,7 +114,7 @@ class LowestModes:
         self._angular, self._modes = lowest_modes(flexibility, 0)
 
     def __call__(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies and modes as of `lowest_modes`."""
+        """Frequencies and modes, see `lowest_modes`."""
         if not 0 <= count <= len(self._angular):
             self._angular, self._modes = lowest_modes(
                 self._flexibility, count, options_prefix=self._prefix
@@ -202,8 +203,8 @@ def _with_missed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest modes with missed ones added: one start vector finds one mode of a pair.
 
-    The lowest mode orthogonal to the known ones, from another start vector, must not be below
-    them. While it is, as many further modes are computed and the lowest of all are kept.
+    The lowest mode orthogonal to the known ones, computed from another start vector, must not be
+    below them. As long as it is, more modes are computed and the lowest of all are kept.
     """
     structure = flexibility.structure
     count = len(eigenvalues)

@@ -11,8 +11,8 @@ each group as dolfinx numbers it. In the reference coordinates (s, t),
                    edges   (.5,.5) (0,.5) (.5,0)        4   3
                                                         0 - 5 - 1
 
-Most programs number corners and edges *around* the cell instead; `package_order` finds
-the order in the geometry.
+Most programs number corners and edges *around* the cell; `package_order` determines the order from
+the geometry.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ _TRIANGLE = [(0, 0), (1, 0), (0, 1)]
 _TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 _CUBE = [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
 
-#: Orders of four corners that differ in which are opposite, the first and the last here: ours,
-#: that around the cell, the third.
+#: Orders of four corners that differ in the pairs of opposite ones (first and last here): this
+#: package's order, the order around the cell, and the third possible one.
 _OPPOSITE = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1))
 
-#: Relative difference below which the order given is kept.
+#: Relative difference below which the given order is kept.
 _TIE = 1e-6
 
 
-#: Monomials of degree 2 that a cell may leave out of those of degree 2 in each variable.
+#: Conditions for the monomials of each family, among those of degree 2 in each variable.
 _SPANNED = {
     "lagrange": lambda e, degree: True,
-    # Superlinear degree: of the variables that enter at least squared.
+    # Superlinear degree: total degree of the variables whose power is at least 2.
     "serendipity": lambda e, degree: sum(k for k in e if k > 1) <= degree,
     "simplex": lambda e, degree: sum(e) <= degree,
 }
@@ -63,7 +63,7 @@ _SPANNED = {
 
 @dataclass(frozen=True, eq=False)
 class NodalElement:
-    """Nodal element on a cell of d dimensions, the unit square or cube or a corner of it.
+    """Nodal element on a cell of d dimensions: unit square, unit cube, or a corner of one.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class NodalElement:
 
     @classmethod
     def of(cls, nodes: Any, family: str, degree: int) -> NodalElement:
-        """With the monomials of a family: ``"lagrange"``, ``"serendipity"`` or ``"simplex"``."""
+        """Element with the monomials of ``"lagrange"``, ``"serendipity"`` or ``"simplex"``."""
         nodes = np.asarray(nodes, dtype=float)
         dimension = nodes.shape[1]
         every = itertools.product(range(degree + 1), repeat=dimension)
@@ -101,8 +101,8 @@ class NodalElement:
     def rule(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Points, shape (q, d), and weights, shape (q,), of a rule on the reference cell.
 
-        `count` Gauss points a direction: exact to degree ``2 count - 1`` in each variable on
-        square and cube, ``2 count - d`` in all together on triangle and tetrahedron.
+        The rule has `count` Gauss points in each direction. It is exact to degree ``2 count - 1``
+        in each variable on square and cube, and to total degree ``2 count - d`` on simplices.
         """
         dimension = self.nodes.shape[1]
         x, w = np.polynomial.legendre.leggauss(count)
@@ -111,7 +111,7 @@ class NodalElement:
         )
         weights = weights.prod(axis=1)
         if self.corners == dimension + 1:
-            # The cube with sides collapsed to edges and a point.
+            # A cube is collapsed to the simplex.
             for axis in range(1, dimension):
                 shrinkage = 1 - points[:, axis]
                 points[:, :axis] *= shrinkage[:, None]
@@ -149,7 +149,7 @@ class NodalElement:
         return np.linalg.inv(self._monomials(self.nodes))
 
     def _monomials(self, points: np.ndarray, less: np.ndarray | int = 0) -> np.ndarray:
-        """Monomials of exponents less some, about the middle of the cube, shape (q, k)."""
+        """Monomials with exponents reduced by `less`, about the cube's middle, shape (q, k)."""
         powers = np.maximum(self.exponents - less, 0)
         return np.prod((2 * np.asarray(points)[:, None, :] - 1) ** powers, axis=2)
 
@@ -180,7 +180,7 @@ SOLIDS = {
 def summed(
     blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
 ) -> sparse.csr_matrix:
-    """Sparse matrix of cells' blocks, whose row and column numbers are broadcast to them."""
+    """Sparse matrix assembled from blocks of cells; row and column numbers are broadcast."""
     indices = tuple(np.broadcast_to(a, blocks.shape).ravel() for a in (rows, columns))
     return sparse.coo_matrix((blocks.ravel(), indices), shape=shape).tocsr()
 
@@ -202,18 +202,18 @@ def surface_element(name: str, cells: np.ndarray, label: str = "faces") -> Nodal
 
 
 def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.ndarray:
-    """Faces numbered in any order, in that of this package.
+    """Faces with nodes in any order, converted to the node order of this package.
 
-    The order is found in the geometry, face by face. Opposite corners: of the three ways to pair
-    four corners, that of the diagonals is the longest, as in a convex quadrilateral the diagonals
-    together are longer than two opposite sides. The other nodes: those pairings with middles of
-    edges and the centre whose squared distances have the smallest sum. Corners come first, or
-    every other one (corner, middle, corner, ...), whichever puts middles where they belong.
+    The order is found from the geometry, face by face. Opposite corners: of the three ways to pair
+    four corners, the pairs of diagonals have the largest total length in a convex quadrilateral.
+    Other nodes: the assignment to middles of edges and centre with the smallest sum of squared
+    distances is chosen. Corners are expected first or in alternation (corner, middle, corner, ...);
+    the better of both assumptions is used.
 
     Parameters
     ----------
     positions
-        Of the nodes of each face, where it is nearly flat, shape (c, k, d).
+        Positions of the nodes of each face, in coordinates in which it is nearly flat, (c, k, d).
     faces
         Node numbers, shape (c, k).
     element
@@ -222,7 +222,7 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
     Returns
     -------
     numpy.ndarray
-        The same numbers, shape (c, k); faces in order already are what they were.
+        The same numbers, shape (c, k); faces in this package's order are unchanged.
     """
     corners = surface_element(element, faces).corners
     size = faces.shape[1]
@@ -236,7 +236,7 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
 
 
 def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order of nodes (c, k) whose corners come first, and the squared distances that remain."""
+    """Order of nodes (c, k) whose corners come first, and the remaining squared distances."""
     first = _corner_order(x[:, :corners])
     targets = np.take_along_axis(x, first[:, :, None], axis=1)
     middles = targets[:, np.array(_EDGES[2, corners])].mean(axis=2)

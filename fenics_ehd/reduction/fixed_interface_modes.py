@@ -1,12 +1,12 @@
-"""M1: Craig-Bampton with the boundary points held, the bore treated as interior, (18)-(20).
+"""M1 and M2: Craig-Bampton reductions (component mode synthesis) with fixed boundary points.
 
-M2: Craig-Bampton with every bore dof kept, and a second one on the result, (21)-(25).
+M1 treats the bore as interior, (18)-(20). M2 keeps every bore dof in a first Craig-Bampton step,
+and reduces the result by a second one, (21)-(25).
 
-Of the first step only the reduced matrices are wanted. Its static modes of the
-bore, as tall as the part and as many as the bore has dofs, are never together:
-with X the interior flexibility and ``Psi = e - X K e`` the static mode of a bore
-dof, ``Psi^T K Psi`` and ``Psi^T M Psi`` are bore rows of ``K Psi`` and of
-``y - K X y``, ``y = M Psi``.
+Only the reduced matrices of the first step are needed. Its static modes of the bore, as tall as the
+part and as many as the bore has dofs, are never stored together: with X the interior flexibility
+and ``Psi = e - X K e`` the static mode of a bore dof, ``Psi^T K Psi`` and ``Psi^T M Psi`` are bore
+rows of ``K Psi`` and of ``y - K X y``, ``y = M Psi``.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def craig_bampton(
     n_modes
         Fixed-boundary modes kept of (20).
     estimate_error, keep_basis
-        As in `load_dependent`; the boundary dofs ``x_b`` are the `attachment_directions` of
+        See `load_dependent`; the boundary dofs ``x_b`` are the `attachment_directions` of
         every boundary point.
 
     Returns
@@ -76,9 +76,9 @@ def craig_bampton(
     Raises
     ------
     SettingsError
-        No mode asked for, or more than a quarter of the degrees of freedom.
+        No mode is requested, or more than a quarter of the degrees of freedom.
     SolverError, VerificationError
-        From the solvers and the checks of the result.
+        A solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     if n_modes < 1:
@@ -103,7 +103,7 @@ def centre_weights(structure: Structure) -> np.ndarray:
     Raises
     ------
     SettingsError
-        The bore has none.
+        The part has no bore with reference weights.
     """
     reference = structure.every_bore()[0].reference
     if reference is None:
@@ -120,12 +120,12 @@ def centre_constraints(structure: Structure) -> np.ndarray:
 def hold(
     support: Flexibility, centre: np.ndarray | None, points: np.ndarray
 ) -> tuple[Flexibility, np.ndarray]:
-    """Hold C2 and the boundary dofs.
+    """Fix C2 and the boundary dofs.
 
     Returns
     -------
     support : Flexibility
-        Flexibility with ``C^T x = 0``; the argument itself if there is nothing to hold.
+        Flexibility with ``C^T x = 0``; the argument itself if nothing is to be fixed.
     constraint_modes : numpy.ndarray
         Static modes of unit boundary dofs with C2 held, shape (owned dofs, n_b).
     """
@@ -213,19 +213,19 @@ def two_step_craig_bampton(
     n_interior_modes
         Fixed-interface modes of the first step, bore and boundary held.
     estimate_error, keep_basis
-        As in `craig_bampton`; the interior has the prefix ``interior_``.
+        See `craig_bampton`; options of the interior have the prefix ``interior_``.
 
     Returns
     -------
     ReducedBody
-        As of `craig_bampton`.
+        See `craig_bampton`.
 
     Raises
     ------
     SettingsError
-        No mode asked for, or more than the first step has.
+        No mode is requested, or more than the first step has.
     SolverError, VerificationError
-        From the solvers and the checks of the result.
+        A solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     structure = reductor.structure
@@ -266,7 +266,7 @@ class FirstStep:
         Fixed-interface modes, then static modes of the other boundary dofs with the bores held,
         owned rows (owned dofs, v + b).
     stiffness, mass
-        shape (v + b + 3 m, same).
+        Reduced matrices, shape (v + b + 3 m, v + b + 3 m).
     """
 
     support: Flexibility
@@ -329,12 +329,12 @@ def _on_bore(reductor: Reductor) -> np.ndarray:
 
 
 def _held_weights(reductor: Reductor) -> np.ndarray:
-    """Weights at the bores of the motions held in the second step: C2 of a free part, then means.
+    """Weights at the bores of the motions fixed in the second step: C2 of a free part, then means.
 
     Returns
     -------
     numpy.ndarray
-        shape (3 m, w).
+        Weights, shape (3 m, w).
     """
     structure = reductor.structure
     points = reductor.points[:, _on_bore(reductor)]
@@ -352,18 +352,19 @@ def _second_step(
     Returns
     -------
     angular, modes, constraint_modes
-        shape (n,), (v + b + 3 m, n), (v + b + 3 m, all boundary dofs).
+        Frequencies, shape (n,), fixed-boundary modes, shape (v + b + 3 m, n), and static modes,
+        shape (v + b + 3 m, all boundary dofs).
     """
     v = first.modes
     o = first.columns.shape[1]
     size = len(first.stiffness)
     b = o - v
-    # Bore displacements without held motion: those orthogonal to the weights.
+    # Bore displacements orthogonal to the weights have no fixed motion.
     free = np.linalg.qr(held, mode="complete")[0][:, held.shape[1] :]
     admissible = np.zeros((size, v + free.shape[1]))
     admissible[:v, :v] = np.eye(v)
     admissible[o:, v:] = free
-    # Unit boundary dofs: those on a bore by the smallest displacement of it.
+    # Unit boundary dofs on a bore are imposed by the smallest displacement of the bore.
     count = int(first.on_bore.sum())
     unit = np.zeros((size, b + count))
     unit[o:, first.on_bore] = np.linalg.pinv(held.T)[:, held.shape[1] - count :]

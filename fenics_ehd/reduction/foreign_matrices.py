@@ -29,12 +29,12 @@ from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import reorder
 
-#: A diagonal entry so much larger than the smallest holds its degree of freedom: what its
-#: neighbours add to it is lost in rounding.
+#: Ratio of a diagonal entry to the smallest one above which its degree of freedom counts as held by
+#: a penalty: contributions of neighbours are then lost in rounding.
 _PENALTY = 1e15
 
-#: Largest entry that may lack its mirror image in a file of both triangles, relative to the
-#: largest: round-off that one of the two programs has dropped.
+#: Largest entry without its mirror image in a file of both triangles, relative to the largest
+#: entry: round-off that one of the two programs has dropped.
 _ONE_SIDED = 1e-10
 
 
@@ -45,7 +45,7 @@ Entries = tuple[np.ndarray, np.ndarray]
 @renamed_attributes(places="indices")
 @dataclass(frozen=True, eq=False)
 class ForeignMatrices:
-    """K and M of a part, degree of freedom ``3 * place + component``.
+    """K and M of a part, with degrees of freedom ``3 * index + component``.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ def read_abaqus(
 
 
 def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) -> np.ndarray:
-    """Numbers of a text file, of which all lines have as many."""
+    """Numbers of a text file whose lines all have the same number of columns."""
     with named(StructureError, str(file)):
         require_file(file)
         with open(file, encoding="ascii") as lines:
@@ -176,7 +176,7 @@ def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) ->
 
 
 def _whole(file: Path, table: np.ndarray) -> np.ndarray:
-    """Numbers of nodes, directions or rows: whole numbers from 1 on."""
+    """Column of whole numbers from 1 on: nodes, directions or rows."""
     numbers = table.astype(np.int64)
     wrong = np.flatnonzero((numbers != table).any(axis=1))
     if len(wrong):
@@ -193,12 +193,12 @@ def _whole(file: Path, table: np.ndarray) -> np.ndarray:
 
 
 def _entries(file: Path, table: np.ndarray) -> Entries:
-    """Rows and columns, and values, of a table of three columns."""
+    """Rows, columns and values of a table with three columns."""
     return _whole(file, table[:, :2]) - 1, table[:, 2]
 
 
 def _labels(file: Path, table: np.ndarray) -> np.ndarray:
-    """Nodes, and components from 0, of a table of nodes and degrees of freedom."""
+    """Nodes and components (from 0) of a table of nodes and degrees of freedom."""
     labels = _whole(file, table)
     wrong = np.flatnonzero(labels[:, 1] > 3)
     if len(wrong):
@@ -246,7 +246,7 @@ def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.
 def _in_order(
     files: list[Path], entries: list[Entries], labels: np.ndarray, numbers: ArrayLike | None
 ) -> ForeignMatrices:
-    """K and M, whose rows have labels (node, component), in the order of this package."""
+    """K and M in this package's order, from rows with labels (node, component)."""
     stiffness, mass = (
         _square(file, indices, values, len(labels))
         for file, (indices, values) in zip(files, entries, strict=True)
@@ -313,7 +313,7 @@ def tetrahedron_mass(nodes: np.ndarray, cells: np.ndarray, density: float) -> sp
     values, slopes = SOLIDS["tet"].tabulate(points)
     jacobians = np.einsum("dqi,cix->cqdx", slopes, nodes[cells])
     volumes = np.linalg.det(jacobians)
-    # The sign is that of the numbering; within a cell it must not change.
+    # The sign depends on the numbering; it must not change within a cell.
     signs = np.sign(volumes[:, :1])
     folded = np.flatnonzero((volumes * signs <= 0).any(axis=1))
     if len(folded):

@@ -1,11 +1,11 @@
-"""M3: load-dependent dual basis, (26)-(35); with every pressure kept, the full interface.
+"""M3: load-dependent dual basis, (26)-(35); with all unit pressures, the full interface.
 
-Its static modes are orthonormal in mass and uncoupled in stiffness.
+The static modes are mass-orthonormal and uncoupled in stiffness.
 
 Residual modes are selected, (31) and (32), from the responses to pressure distributions: those of
 (34) and (35), or any others, trained on snapshots of a former run for instance.
 
-Imports inside functions: scipy.linalg is needed for pressure sets by name alone.
+Imports inside functions: scipy.linalg is needed only for pressure sets given by name.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from fenics_ehd.reduction.reductor import (
 )
 from fenics_ehd.reduction.structure import Structure
 
-#: Directions whose energy is below this fraction of the largest are linearly dependent.
+#: Energy, relative to the largest, below which directions count as linearly dependent.
 RANK_TOLERANCE = 1e-11
 
-#: Share of the largest singular value below which a combination of pressures is redundant.
+#: Singular value, relative to the largest, below which a combination of pressures is redundant.
 REDUNDANT = 1e-8
 
-#: Energy of a combination, relative to its size times the trace of ``K_cc``, that is round-off.
+#: Energy of a combination, over its size times the trace of ``K_cc``, that counts as round-off.
 ROUND_OFF = 1e-14
 
-#: A column with less than this fraction of the largest energy is round-off.
+#: Energy of a column, relative to the largest, that counts as round-off.
 NULL_COLUMN = 1e-22
 
 
@@ -46,11 +46,12 @@ SELECTIONS = ("smallest-eigenvalue", "largest-eigenvalue", "lowest-frequency", "
 
 
 def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
-    """Combinations of the candidates with reduced matrices ``K_cc``, ``M_cc``, the best first.
+    """Combinations of the candidates with reduced matrices ``K_cc``, ``M_cc``, sorted by rank.
 
-    ``"smallest-eigenvalue"`` follows (31), (32) literally, ``"largest-eigenvalue"`` has the most
-    flexible pressure patterns first; both use ``K_cc`` alone. ``"lowest-frequency"`` uses both
-    matrices, within the range of ``K_cc``. ``"every-column"`` is the candidates in their order.
+    ``"smallest-eigenvalue"`` follows (31), (32) literally. ``"largest-eigenvalue"`` has the most
+    flexible pressure patterns first. Both depend on ``K_cc`` only. ``"lowest-frequency"`` depends
+    on both matrices, within the range of ``K_cc``. ``"every-column"`` keeps the order of
+    candidates.
     """
     if selection == "every-column":
         return np.eye(len(stiffness))
@@ -70,12 +71,12 @@ def without_redundancy(patterns: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     patterns
-        shape (k, p) [Pa].
+        Pressure patterns, shape (k, p) [Pa].
 
     Returns
     -------
     numpy.ndarray
-        shape (k, rank); the argument itself if its columns are independent.
+        Patterns, shape (k, rank); the argument itself if its columns are independent.
     """
     vectors, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
     kept = sizes > REDUNDANT * sizes.max(initial=0.0)
@@ -105,8 +106,8 @@ def lowest_first(stiffness: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, n
 def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:
     """Combinations ``Z`` with ``Z^T K Z = I``, dependent directions dropped.
 
-    Columns are scaled to unit energy first, so that the rank does not depend on
-    how the load columns were scaled.
+    Columns are first scaled to unit energy, so that the rank does not depend on the scaling of
+    the load columns.
 
     Parameters
     ----------
@@ -116,7 +117,7 @@ def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        shape (n, rank).
+        Combinations, shape (n, rank).
     """
     diagonal = np.diag(stiffness)
     alive = diagonal > NULL_COLUMN * diagonal.max(initial=0.0)
@@ -132,7 +133,7 @@ LONG_BEARING_PRESSURE = 1.0
 #: Peak pressure of the short-bearing solution, section 4.2.
 SHORT_BEARING_PRESSURE = 1.5
 
-#: Scatter of the angles of nodes at one position [rad].
+#: Scatter of the angles of nodes at one circumferential position [rad].
 ANGLE_TOLERANCE = 1e-5
 
 #: Eccentricities and powers of the axial parabola of `journal_shapes`.
@@ -165,8 +166,8 @@ def bearing_shapes(bore: Bore) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        shape (k, 2 m_sy): first the long (constant in z), then the short
-        (parabolic in z) bearing solutions, by ascending angle.
+        Patterns, shape (k, 2 m_sy): first the long (constant in z), then the short bearing
+        solutions (parabolic in z), each by ascending angle.
     """
     return np.hstack([long_bearing_shapes(bore), short_bearing_shapes(bore)])
 
@@ -174,13 +175,13 @@ def bearing_shapes(bore: Bore) -> np.ndarray:
 def _positions(bore: Bore) -> np.ndarray:
     """One pattern for each circumferential position, by ascending angle, shape (k, m_sy)."""
     x, y, _ = bore.pressure_coordinates.T
-    # A mesh scatters about angle zero.
+    # Angles of one position scatter on both sides of zero.
     angle = np.mod(np.arctan2(y, x) + ANGLE_TOLERANCE, 2 * np.pi)
     return _hats(angle - ANGLE_TOLERANCE) if bore.pressure_family == "triangle" else _columns(angle)
 
 
 def _columns(angle: np.ndarray) -> np.ndarray:
-    """One at the nodes of each circumferential position of a structured bore."""
+    """Patterns equal to one at the nodes of one circumferential position of a structured bore."""
     order = np.argsort(angle)
     steps = np.diff(angle[order], prepend=angle[order[0]]) > 2 * ANGLE_TOLERANCE
     position = np.empty(len(angle), dtype=int)
@@ -209,7 +210,7 @@ def journal_shapes(bore: Bore) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        shape (k, 16 `HAT_POSITIONS`), of much lower rank.
+        Patterns, shape (k, 16 `HAT_POSITIONS`), of much lower rank.
     """
     x, y, z = bore.pressure_coordinates.T
     parabola = np.maximum(1.0 - (2.0 * z / bore.width) ** 2, 0.0)
@@ -240,7 +241,7 @@ def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> n
     Returns
     -------
     numpy.ndarray
-        shape (k, p) [Pa]; of several bores, a pattern of one of them is zero on the others.
+        Patterns, shape (k, p) [Pa]; a pattern of one bore is zero on the others.
 
     Raises
     ------
@@ -287,12 +288,12 @@ def proper_orthogonal(snapshots: np.ndarray, count: int) -> np.ndarray:
     snapshots
         Nodal pressures, shape (k, p) [Pa].
     count
-        Patterns wanted.
+        Requested number of patterns.
 
     Returns
     -------
     numpy.ndarray
-        Orthonormal patterns, shape (k, r): `count` or more, or fewer if the rank is.
+        Orthonormal patterns, shape (k, r): at least `count`, unless the rank is smaller.
     """
     vectors, sizes, _ = np.linalg.svd(snapshots, full_matrices=False)
     rank = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
@@ -326,12 +327,12 @@ def load_dependent(
         Name of one of `PRESSURE_SETS`, or columns of nodal pressures, shape (k, p) [Pa]: patterns
         trained on snapshots, for instance, see `proper_orthogonal`.
     selection
-        Which residual modes: one of `SELECTIONS`.
+        Selection of residual modes, one of `SELECTIONS`.
     estimate_error
-        Also compute the bore flexibility that the basis misses, one static
-        solve per pressure node.
+        Also compute the bore flexibility that the basis does not contain, by one static solve per
+        pressure node.
     keep_basis
-        Leave the part-size basis in the body.
+        Store the part-size basis in the body.
 
     Returns
     -------
@@ -342,10 +343,10 @@ def load_dependent(
     Raises
     ------
     SettingsError
-        An unknown set or selection, more residual modes than the set has columns,
-        or no mode at all.
+        An unknown set or selection, more residual modes than the set has columns, or no mode at
+        all.
     SolverError, VerificationError
-        From the solvers and the checks of the result.
+        A solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     if selection not in SELECTIONS:
@@ -390,7 +391,7 @@ def _basis(
         modes = reductor.vibration(n_vibration)
         return StaticResponses(reductor.static, reductor.points, patterns, *modes)
 
-    # The checksum of one rank, so that all ranks solve or none.
+    # The checksum of the first rank is used, so that either all ranks solve or none.
     digest = reductor.structure.comm.bcast(sha256(patterns.tobytes()).digest())
     responses = reductor.once("responses", (n_vibration, digest), respond)
     a = reductor.points.shape[1]
@@ -441,7 +442,7 @@ def dual_basis(
     # smallest direction kept.
     for _ in range(2):
         columns, static = _diagonalise(responses, columns)
-    # Largest part of the responses' energy that the static modes lack.
+    # Largest share of the responses' energy that the static modes do not contain.
     work = responses.work(columns).T @ weights
     missing = np.diag(exact) - np.sum((work / static[:, None]) ** 2, axis=0)
     exactness = np.abs(missing).max(initial=0.0) / max(np.diag(exact).max(initial=0.0), 1e-300)

@@ -1,10 +1,10 @@
 """Matrices of any finite-element program as distributed PETSc matrices, and products with them.
 
 Degrees of freedom are ``3 * node + component``; each rank owns all three of its nodes. An error on
-one rank is raised on all. Products are of tall arrays, whose rows are distributed over the ranks;
-those with a mass matrix use a third of it if it is the same for x, y and z.
+one rank is raised on all. Products are with tall arrays, whose rows are distributed over the ranks.
+Products with a mass matrix use a third of it if the matrix is the same for x, y and z.
 
-Imports inside functions: scipy.io and gzip are needed for files of their formats alone.
+Imports inside functions: scipy.io and gzip are needed only for files in their formats.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Opened = tuple[tuple[int, int], Callable[[int, int], Any]]
 
 
 def agree(comm: MPI.Comm, problem: str | None, cause: Exception | None = None) -> None:
-    """Raise the problem of any rank on every rank; on the rank itself with its `cause`.
+    """Raise the problem of any rank on every rank; on that rank with its `cause`.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def agree(comm: MPI.Comm, problem: str | None, cause: Exception | None = None) -
 
 
 def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
-    """Result of a function; an error on some ranks, a missing file for instance, is raised on all.
+    """Call a function on every rank; an error on some ranks is raised on all.
 
     Raises
     ------
@@ -215,7 +215,7 @@ def _in_memory(matrix: sparse.csr_matrix) -> Opened:
 
 
 def _open(path: str) -> Opened:
-    """Matrix in a file, by the ending of its name."""
+    """Open the matrix in a file, whose format follows from its extension."""
     inside = re.fullmatch(r"(.*\.(?:h5|hdf5))(?::(.*))?", path, re.IGNORECASE)
     require_file(inside[1] if inside else path)
     if inside:
@@ -391,7 +391,7 @@ BLOCK_COLUMNS = 128
 def blocks(count: int, rows: int, comm: MPI.Comm) -> list[slice]:
     """Slices of `count` columns, so narrow that a block of the owned rows stays small.
 
-    The same on every rank.
+    The result is the same on every rank.
     """
     largest = max(comm.allreduce(rows, op=MPI.MAX), 1)
     width = int(np.clip(BLOCK_BYTES / (8 * largest), 8, BLOCK_COLUMNS))
@@ -399,16 +399,16 @@ def blocks(count: int, rows: int, comm: MPI.Comm) -> list[slice]:
 
 
 def dense_matrix(columns: np.ndarray, comm: PETSc.Comm) -> PETSc.Mat:
-    """PETSc dense matrix of the rows this rank owns, shape (owned, k).
+    """PETSc dense matrix of the rows that this rank owns, shape (owned, k).
 
-    Shares the memory of a column-major array; the others are copied.
+    The memory of a column-major array is shared; other arrays are copied.
     """
     shape = (len(columns), None), (None, columns.shape[1])
     return PETSc.Mat().createDense(shape, array=np.asfortranarray(columns), comm=comm)
 
 
 def column_vectors(matrix: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
-    """Vectors with the rows of a matrix, of columns of the rows this rank owns."""
+    """Vectors of a matrix' row distribution, from columns of the rows that this rank owns."""
     vectors = [matrix.createVecLeft() for _ in columns.T]
     for vector, column in zip(vectors, columns.T, strict=True):
         vector.array = column
@@ -470,7 +470,7 @@ def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
 
 
 def some_columns(matrix: PETSc.Mat, numbers: np.ndarray) -> PETSc.Mat:
-    """All rows and some columns of a matrix, as their numbers go; the ranks share them."""
+    """All rows and some columns of a matrix; the columns are distributed evenly over the ranks."""
     comm = matrix.comm
     (first, last) = matrix.getOwnershipRange()
     mine = np.array_split(numbers, comm.size)[comm.rank].astype(PETSc.IntType)

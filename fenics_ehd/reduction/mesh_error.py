@@ -1,4 +1,4 @@
-"""Discretisation error of the bores' flexibility, by another mesh of the same part.
+"""Discretisation error of the bores' flexibility, estimated with another mesh of the same part.
 
 Both meshes are loaded with the same smooth pressures, waves around times Legendre polynomials
 along every bore, and with unit forces on the boundary points, which balance pressures that inertia
@@ -15,7 +15,7 @@ have errors of order 1.09 (Williams' exponent is 0.5445 at a right angle), smoot
 quadratic cells of order 4. With cells two thirds as large the estimate is within a factor of 1.6 of
 either; with larger cells it would be within 3, hence the other mesh is a finer one if affordable.
 
-Imports inside functions: runs read stored errors and solve nothing, so that they need no PETSc.
+Imports inside functions: runs only read stored errors, and need no PETSc for this purpose.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 #: Order of the error of the compliance.
 ORDER = 2.0
 
-#: Size of cells over that of the finer mesh.
+#: Ratio of the cell sizes of a mesh and of the finer one.
 FINER = 1.5
 
 #: Largest mesh that is compared with a finer one [degrees of freedom]. The finer one has three

@@ -1,7 +1,7 @@
 """Parts and their bases in HDF5 files, written and read by row ranges.
 
-A basis holds displacements and stresses of modal coordinates. A structure is a whole part, to
-travel between programs; no rank ever holds a whole matrix of it. Its keys:
+A basis holds displacements and stresses of modal coordinates. A structure is a complete part, for
+exchange between programs; no rank ever holds a complete matrix. The keys of its file are:
 
     /                       attributes format = "fenics_ehd structure", format_version = 2
     /stiffness, /mass       K [N/m] and M [kg] in CSR form: datasets data, indices and
@@ -20,8 +20,8 @@ travel between programs; no rank ever holds a whole matrix of it. Its keys:
     /bores/NAME/cells, /bores/NAME/pressure_cells, /bores/NAME/reference
                             optional, as in `Bore`
 
-What `save_structure` writes is sealed (`fenics_ehd.base.sealed_file`), and refused once it changed;
-other programs' files need no seal.
+Files of `save_structure` are sealed (`fenics_ehd.base.sealed_file`), and refused after a change;
+files of other programs need no seal.
 
 Degrees of freedom are ``3 * node + component``, nodes in the order of the rows, which is
 that of the ranks when several wrote the file.
@@ -64,7 +64,7 @@ from fenics_ehd.reduction.structure import PointWeights, Structure
 FORMAT = "fenics_ehd structure"
 FORMAT_VERSION = 2
 
-#: Layout of a `Bore` in a file, its load matrix apart.
+#: Layout of a `Bore` in a file, without its load matrix.
 BORE_VALUES = Group(
     {
         **surface_layout("real", attribute=True),
@@ -129,18 +129,18 @@ def save_by_ranks(
     Parameters
     ----------
     path
-        The same on every rank; a former file stays until the new one is complete.
+        Path, the same on every rank; a former file stays until the new one is complete.
     comm
-        Ranks that write to it.
+        Ranks that write to the file.
     begin
         Function that is called on the first rank with the empty file.
     tables
-        Datasets by name, this rank's rows; in blocks of float64, or as an array.
+        Datasets by name, with this rank's rows, as blocks of float64 or as an array.
 
     Raises
     ------
     StructureError
-        A rank could not write, raised on every rank; a former file stays.
+        A rank could not write; the error is raised on every rank, and a former file stays.
     """
     rows = {n: a if isinstance(a, Rows) else Rows(a.shape, [a]) for n, a in tables.items()}
     counts = comm.allgather({name: owned.shape[0] for name, owned in rows.items()})
@@ -206,7 +206,7 @@ def save_structure(structure: Structure, path: str | Path) -> None:
 
     def begin(file: h5py.File) -> None:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
-        # Their order is that of the columns of a basis.
+        # The order of points is that of the columns of a basis.
         file.create_group("attachments", track_order=True)
         file.create_group("bores").attrs["names"] = list(structure.bores)
         for name, shape in shapes.items():
@@ -230,7 +230,7 @@ def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structu
     Parameters
     ----------
     path
-        The file, keys as above.
+        Path of the file, with the keys above.
     comm
         Ranks that share the nodes evenly.
 
@@ -273,7 +273,7 @@ def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
 
 
 def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
-    """The opened file; the first rank checks its digest."""
+    """Open a file; the first rank checks its digest."""
     if comm.rank:
         return open_hdf5(path)
     return open_sealed(path, FORMAT, FORMAT_VERSION, remedy="write it again", foreign=True)
@@ -287,7 +287,7 @@ def _bore(path: str | Path, name: str, group: h5py.Group) -> Bore:
 BASIS_FORMAT = "fenics_ehd part basis"
 BASIS_VERSION = 2
 
-#: Kind of output file.
+#: Kind of file that may be replaced by a basis.
 BASIS_KIND = stored_as("a basis of a part", BASIS_FORMAT)
 
 #: Layout of a basis: n coordinates, p sampling points of stresses.
@@ -301,13 +301,13 @@ BASIS_LAYOUT = Group(
     }
 )
 
-#: Nodes of a cell; none where elements are unknown.
+#: Numbers of nodes of a cell; 0 if elements are unknown.
 _VERTICES = (0, 10, 20)
 
 #: Order of the stress components.
 VOIGT = ("xx", "yy", "zz", "yz", "xz", "xy")
 
-#: Rows read or written at a time; computing stresses takes some five times as much.
+#: Size of the rows read or written at once [bytes]; computing stresses takes five times as much.
 _BLOCK_BYTES = 1 << 22
 
 _ROOT3 = np.sqrt(3.0)
@@ -324,7 +324,7 @@ def deviatoric(stress: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        Linear in the stress, shape (..., 5) [Pa].
+        Vector, linear in the stress, shape (..., 5) [Pa].
     """
     xx, yy, zz = (stress[..., i] for i in range(3))
     plane = [xx - 0.5 * (yy + zz), 0.5 * _ROOT3 * (yy - zz)]
@@ -332,7 +332,7 @@ def deviatoric(stress: np.ndarray) -> np.ndarray:
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:
-    """Equivalent stress of Voigt stresses, shape (..., 6) to (...) [Pa]."""
+    """Von Mises stress of Voigt stresses, shape (..., 6) to (...) [Pa]."""
     return np.linalg.norm(deviatoric(np.asarray(stress)), axis=-1)
 
 
@@ -346,7 +346,7 @@ def save_basis(
     Parameters
     ----------
     path
-        The same on every rank.
+        Path, the same on every rank.
     structure
         Nodes and cells of the part.
     columns
@@ -359,7 +359,7 @@ def save_basis(
     SettingsError
         The columns do not fit the structure.
     BodyFileError
-        The file cannot be written. Every rank raises it.
+        The file cannot be written. The error is raised on every rank.
     """
     comm = structure.comm
     nodes = len(structure.coordinates)
@@ -406,12 +406,12 @@ def _stresses(field: Any) -> dict[str, Rows]:
 class BasisFile(AbstractContextManager["BasisFile"]):
     """Displacements and stresses of a part from its modal coordinates.
 
-    The basis stays in the file, read a few MB at a time. A context manager.
+    The basis stays in the file and is read a few MB at a time. The object is a context manager.
 
     Parameters
     ----------
     path
-        A file of `save_basis`.
+        Path of a file of `save_basis`.
 
     Raises
     ------
@@ -432,7 +432,7 @@ class BasisFile(AbstractContextManager["BasisFile"]):
                 raise
 
     def _require_layout(self) -> None:
-        """Refuse other shapes, and cells with unknown nodes.
+        """Refuse a file with inconsistent shapes, or with cells of unknown nodes.
 
         Raises
         ------
@@ -444,7 +444,7 @@ class BasisFile(AbstractContextManager["BasisFile"]):
             raise ValueError("/stress or /stress_points is missing")
         cells = self._file["cells"]
         nodes = len(self._file["nodes"])
-        # Those of 27 nodes are stored with 20.
+        # Cells of 27 nodes are stored with 20.
         if cells.shape[1] not in _VERTICES or values(cells).max(initial=-1) >= nodes:
             raise ValueError(f"/cells of shape {cells.shape} are no cells of {nodes} nodes")
 
@@ -481,12 +481,12 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         Parameters
         ----------
         coordinates
-            shape (n,), or (t, n) for t instants: the file is read once.
+            Modal coordinates, shape (n,), or (t, n) for t instants: the file is read once.
 
         Returns
         -------
         numpy.ndarray
-            shape (nodes, 3) or (t, nodes, 3) [m].
+            Displacements, shape (nodes, 3) or (t, nodes, 3) [m].
 
         Raises
         ------
@@ -498,12 +498,12 @@ class BasisFile(AbstractContextManager["BasisFile"]):
     def stress(self, coordinates: np.ndarray) -> np.ndarray:
         """Stresses in the order of `VOIGT`, shape (points, 6) or (t, points, 6) [Pa].
 
-        Everything else as in `displacement`; a file without stresses raises BodyFileError.
+        For parameters and errors see `displacement`; a file without stresses raises BodyFileError.
         """
         return self._combine("stress", coordinates)
 
     def _array(self, name: str) -> np.ndarray:
-        """All of a table."""
+        """Complete content of a dataset."""
         table = self._table(name)
         with named(BodyFileError, f"basis file {self.path}"):
             array = np.asarray(values(table))
@@ -516,7 +516,7 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         return self._file[name]
 
     def _combine(self, name: str, coordinates: np.ndarray) -> np.ndarray:
-        """A table times coordinates, read block by block."""
+        """A dataset times coordinates, read block by block."""
         table = self._table(name)
         size, components, modes = table.shape
         q = np.asarray(coordinates, dtype=float)

@@ -1,8 +1,8 @@
-"""Quantities that the reductions of one part share, each of them computed once.
+"""Quantities shared by the reductions of one part, each of them computed once.
 
-These are static responses to loads, their small products, and the projection of the part onto a
-basis, with which every method ends. The smallest reduction is here too: a rigid part with inertia
-and bores, without elastic coordinates.
+Shared quantities are static responses to loads, their small products, and the projection of the
+part onto a basis, with which every method ends. The module also has the smallest reduction: a rigid
+part with inertia and bores, without elastic coordinates.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from fenics_ehd.reduction.matrices import (
 from fenics_ehd.reduction.static import StaticSolver, room_for_columns
 from fenics_ehd.reduction.structure import Structure, check_structure, rigid_motions
 
-#: Largest defect of the reduced matrices from the form they must have, relative.
+#: Largest relative defect of the reduced matrices from their required form.
 FORM_TOLERANCE = 1e-6
 
 
@@ -50,15 +50,15 @@ class Basis:
     Attributes
     ----------
     columns
-        Owned rows, shape (owned dofs, n).
+        Basis T, owned rows, shape (owned dofs, n).
     stiffness, mass
         Reduced matrices, shape (n, n).
     kinds
         Kind of each column.
     dropped
-        Modes left out.
+        Records of the modes that were left out.
     accuracy
-        Figures of the method's own checks.
+        Figures of the method's own checks, by name.
     """
 
     columns: np.ndarray
@@ -154,7 +154,7 @@ def inertia_integrals(
 def _inventory(
     body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
 ) -> tuple[ModeRecord, ...]:
-    """Kept and dropped modes with their shares in `total`, or in the sum of all if it is None."""
+    """Records of kept and dropped modes; shares relative to `total`, or to the sum."""
     load = body.load_projection[ELASTIC]
     if body.frame != "clamped" and body.modes:
         load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
@@ -235,7 +235,7 @@ class StaticResponses:
         self.nodal_work = np.hstack(works)
 
     def work(self, columns: np.ndarray, nodal: np.ndarray | None = None) -> np.ndarray:
-        """``L^T @ columns`` on every rank, shape (count, width); ``J^T @ columns`` if known."""
+        """``L^T @ columns`` on every rank, shape (count, width); `nodal` is ``J^T @ columns``."""
         structure = self.solver.structure
         if nodal is None:
             nodal = transpose_multiply(structure.load, columns)
@@ -261,11 +261,11 @@ class Reductor:
         part = Reductor(structure)
         bodies = [craig_bampton(part, 37), load_dependent(part, 6, 31), full_interface(part)]
 
-    Every result is computed when it is first needed, and once: factors of the stiffness matrix, and
-    of its interior for M2; the flexibility of the bore; modes, of which a smaller number is taken
-    from a larger one (compute the largest first); the first step of M2; the basis of M4. Of static
-    responses to pressure sets, as tall as the part, the last ones are kept: consecutive reductions
-    with the same set share them.
+    Every result is computed at its first use, and only once: factors of the stiffness matrix, and
+    of its interior for M2; the flexibility of the bore; modes, of which a smaller number is read
+    from a larger one (compute the largest first); the first step of M2; the basis of M4. Static
+    responses to pressure sets are as tall as the part, so that only the last ones are kept:
+    consecutive reductions with the same set share them.
 
     Parameters
     ----------
@@ -358,7 +358,7 @@ class Reductor:
         return np.concatenate(rows, axis=2), np.hstack(work)
 
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
-        """Result of `make` for a key; the last one of each name is kept."""
+        """Result of `make` for a key; the last result of each name is kept."""
         if name not in self._kept or self._kept[name][0] != key:
             self._kept.pop(name, None)
             self._kept[name] = key, make()
@@ -376,7 +376,7 @@ class Reductor:
     ) -> ReducedBody:
         """Reduced body of a basis, with the columns of the basis if `keep_basis`.
 
-        Parameters as in `ReducedBody` and `load_dependent`; `frame` is used for a free part.
+        For parameters see `ReducedBody` and `load_dependent`; `frame` is used for a free part only.
         """
         structure = self.structure
         mass = self.mass
@@ -433,7 +433,7 @@ def rigid(
     estimate_error: bool = False,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """Body without elastic coordinates; a factorisation is made for the error estimate alone.
+    """Body without elastic coordinates; only the error estimate needs a factorisation.
 
     Parameters
     ----------

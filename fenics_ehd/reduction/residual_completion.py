@@ -1,8 +1,8 @@
 """M4: a few dynamic modes, and the remaining bore flexibility as a quasi-static response.
 
-A residual mode of M3 has a frequency of up to 700 kHz and is without dynamics. M4 uses the complete
-flexibility ``G_c = G J`` of the bore: the coordinates q have a part of it, the residual S_res the
-rest,
+A residual mode of M3 has a frequency of up to 700 kHz, and its dynamics are negligible. M4 uses the
+complete flexibility ``G_c = G J`` of the bore: the coordinates q contain a part of it, the residual
+S_res the rest,
 
     u_bore = Psi q + S_res w,   S_res = G_c - T K_r^-1 T^T J,   w + zeta dw/dt = P.
 
@@ -61,7 +61,7 @@ def missing_response(
     ----------
     static
         Static responses of the part.
-    body
+    Reduced body of the part.
         Reduction of the part.
     columns
         The part-size basis T, owned rows, shape (owned dofs, n).
@@ -102,7 +102,7 @@ def missing_fields(
     Parameters
     ----------
     structure, body, columns
-        As in `missing_response`.
+        See `missing_response`.
     forces
         Forces on the nodes of all bores, shape (c, m, 3) [N].
     speeds
@@ -144,7 +144,7 @@ def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.nd
     Raises
     ------
     VerificationError
-        They are not reductions of the same part by the same method.
+        The bodies are not reductions of the same part by the same method.
     """
     old = _displacements(body)
     new = _displacements(made)
@@ -199,26 +199,26 @@ def residual_flexibility(
         Vibration modes.
     truncation
         Largest bore displacement of dropped residual pressure patterns, relative to that of the
-        first pattern; 0 drops round-off alone.
+        first pattern; 0 drops only round-off.
     centrifugal
         Also keep the static response to the centrifugal load ``M x`` (x and y components) of
         a part that rotates about z.
     estimate_error
         Also compute the inertia of the residual patterns, which the method neglects.
     keep_basis
-        As in `load_dependent`.
+        See `load_dependent`.
 
     Returns
     -------
     ReducedBody
-        With `residual`; its missing flexibility is that of the dropped patterns.
+        Body with `residual`; its missing flexibility is that of the dropped patterns.
 
     Raises
     ------
     SettingsError
-        A negative number of modes, no mode at all, or `truncation` outside [0, 1).
+        A number of modes is negative, no mode is requested, or `truncation` is outside [0, 1).
     SolverError, VerificationError
-        From the solvers and the checks of the result.
+        A solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     if not 0.0 <= truncation < 1.0:
@@ -301,8 +301,9 @@ def pattern_fields(
 
         (G_c - T K_r^-1 T^T J) V
 
-    A body stores their bore rows only, `ResidualFlexibility.displacement`. All rows are solved for
-    again, one solve per pattern or combination of patterns. Collective.
+    A body stores only the bore rows of these fields, `ResidualFlexibility.displacement`. The
+    complete fields are solved for again, by one solve per pattern or combination of patterns.
+    Collective.
 
     Parameters
     ----------

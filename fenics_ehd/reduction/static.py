@@ -4,7 +4,7 @@ Rigid-body modes are computed from the geometry. Static responses to many loads 
 factorisation of the stiffness matrix, or algebraic multigrid. Large factors and many part-size
 columns are stored in temporary files.
 
-Imports inside functions: scipy.linalg is needed for free parts alone.
+Imports inside functions: scipy.linalg is needed only for free parts.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ SOLVERS = ("auto", "direct", "iterative")
 #: matrices exceed 16 GB there (measured: 1.1 GB at 134 000, 15.6 GB at 1 081 000).
 IN_CORE_LIMIT = 700_000
 
-#: Degrees of freedom above which ``"auto"`` iterates: factors of 40 GB and more.
+#: Degrees of freedom above which ``"auto"`` is iterative: the factors would need 40 GB and more.
 DIRECT_LIMIT = 2_000_000
 
 DIRECT_OPTIONS: dict[str, object] = {
@@ -134,7 +134,7 @@ class LinearSolver:
     ----------
     matrix
         Symmetric positive definite matrix; with `kernel` and an iterative solver, semidefinite.
-    direct
+    Whether the matrix is factorised; otherwise the solver is iterative.
         Factorise, or iterate.
     near_kernel
         Fields of nearly no energy for the multigrid hierarchy, owned rows (rows, p).
@@ -247,7 +247,7 @@ def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None
 
 # Room for columns
 
-#: Most columns that are stored in memory.
+#: Largest number of columns that are stored in memory.
 KEPT_COLUMNS = 128
 
 
@@ -346,7 +346,7 @@ class StaticSolver:
     rigid_modes
         Mass-orthonormal U of (26), owned rows, shape (owned dofs, 6 or 0).
     mass
-        Products with M.
+        Operator of products with M.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The part as input of a reduction: K, M, bores and points, from any program.
+"""A part as input of a reduction: K, M, bores and points, from any program.
 
 Boundary points are load vectors, made from nodes, weights or matrices. The matrices of a part are
 checked before any reduction. The checks are cheap: 15 to 35 products with a matrix on one rank,
@@ -71,18 +71,18 @@ def load_vectors(
     Parameters
     ----------
     source
-        Three vectors, returned as they are; node numbers, shape (k,), of equal weight;
-        nodes with weights as `PointWeights` or a plain pair; or the three vectors as the
-        columns of a matrix of shape (dofs, 3) that `as_matrix` takes.
+        Three vectors, returned unchanged; node numbers, shape (k,), of equal weight; nodes with
+        weights as `PointWeights` or a plain pair; or the three vectors as columns of a matrix of
+        shape (dofs, 3) in a form that `as_matrix` accepts.
     stiffness
-        K of the part, whose rows the vectors have, whole nodes on each rank.
+        K of the part, whose row distribution the vectors get, with whole nodes on each rank.
     name
         Name of the point, for the messages.
 
     Raises
     ------
     StructureError
-        Nodes or weights that the part cannot have.
+        Nodes or weights do not fit the part.
     """
     label = f"attachment {name!r}"
     if isinstance(source, tuple | list) and any(isinstance(v, PETSc.Vec) for v in source):
@@ -274,7 +274,7 @@ class Structure:
 
     @property
     def node_range(self) -> tuple[int, int]:
-        """Global numbers of the first node this rank owns and of the one behind its last."""
+        """Global numbers of this rank's first node, and of the node after its last one."""
         first, last = self.stiffness.getOwnershipRange()
         return first // 3, last // 3
 
@@ -291,7 +291,7 @@ def _converted(name: str, bore: Bore, comm: MPI.Comm, rows: int) -> Bore:
 
 
 def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
-    """Positions of the nodes this rank owns, from those or from all."""
+    """Positions of the nodes that this rank owns, given for those nodes or for all nodes."""
     positions = np.asarray(coordinates, dtype=float)
     first, last = (row // 3 for row in stiffness.getOwnershipRange())
     count = stiffness.size[0] // 3
@@ -394,8 +394,8 @@ WEIGHT_TOLERANCE = 1e-8
 #: Smallest eigenvalue of the Gram matrix of two boundary points' unit vectors.
 INDEPENDENT = 1e-10
 
-#: Largest distance of a bore's node from that of the part, relative to the radius: in files whose
-#: numbers are rounded the one is on the cylinder, the other where K has it. Others are far away.
+#: Largest distance of a bore's node from the same node of the part, relative to the radius: in
+#: files with rounded numbers, the bore's node is on the cylinder and the part's node is rounded.
 PLACE_TOLERANCE = 1e-4
 
 #: Largest difference of the volume that a uniform pressure sweeps from that of a cylinder,

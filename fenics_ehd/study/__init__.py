@@ -1,1 +1,1 @@
-"""Many runs of one scene: sweeps over values, studies of the methods, one pool for both."""
+"""Many runs of one scene: sweeps over values, studies of reduction methods, and their workers."""

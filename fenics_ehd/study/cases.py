@@ -1,7 +1,7 @@
-"""Cases of a sweep or a study: a scene with some of its keys replaced, and the bodies it needs.
+"""Cases of a sweep or a study: a scene with some keys replaced, and the bodies that it needs.
 
-Keys are dotted names of a scene's settings, values are written as on the command line; a case's
-identity is a checksum of all that its results depend on.
+Keys are dotted names of a scene's settings; values are written as on the command line. The identity
+of a case is a checksum of all data on which its results depend.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
 
 
 def resolve_key(scene: Scene, name: str) -> str:
-    """Full key of one that may be given by its end, where that is the end of one key only.
+    """Full key of an abbreviated one, which must be the end of exactly one key.
 
     Raises
     ------
     SettingsError
-        No key or more than one ends so, or it is a table with free names and the name in it is
-        missing.
+        No key or several keys end with the name, or the key is a table with free names and the name
+        of an entry is missing.
     """
     values, free = scene_values(scene)
     name = today(name)
@@ -69,31 +69,31 @@ def resolve_key(scene: Scene, name: str) -> str:
 
 
 def _ending(keys: Any, name: str) -> list[str]:
-    """The key of that name, or all that end with it."""
+    """The key of that name, or all keys that end with the name."""
     return [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
 
 
 def with_values(scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()) -> Scene:
-    """A scene with full keys replaced, checked and as its file would keep it.
+    """A scene with values of full keys replaced, checked, and in the form of its file.
 
     Parameters
     ----------
     scene
-        As stored.
+        Scene as stored.
     values
-        By key; files are relative to the working directory.
+        Values by full key; file names are relative to the working directory.
     optional
-        As of `changed`.
+        Keys that may have no effect, see `changed`.
 
     Raises
     ------
     SettingsError
-        Naming the key that cannot be used.
+        The message names the key that cannot be used.
     """
     return stored(changed(scene, values, optional))
 
 
-#: Cases of one sweep, and so values of one key.
+#: Largest number of cases of a sweep, and so of values of a key.
 MOST_CASES = 10_000
 
 
@@ -103,19 +103,19 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
     Parameters
     ----------
     key
-        Named in errors.
+        Key, for messages.
     text
         ``a:b:n``, `n` numbers from `a` to `b` with equal distances, ``a:b:n:log`` with
         equal ratios; numbers and ranges, or words, with commas between; lists with
         semicolons between.
     like
-        A value of the kind that the key takes. What does not fit stays text, which the
-        settings then refuse with their own words.
+        A value of the type of the key. A text of another type is returned unchanged, so that the
+        check of the setting refuses it.
 
     Raises
     ------
     SettingsError
-        A range or list is malformed, a value is missing or given twice.
+        A range or list is malformed, or a value is missing or repeated.
     """
     items = [item.strip() for item in text.split(";" if isinstance(like, tuple) else ",")]
     if not all(items):
@@ -140,12 +140,12 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
 
 
 def as_text(value: object) -> str:
-    """A value in a table: words as they are, all else as JSON, floats with every digit."""
+    """A value as text in a table: words unchanged, others as JSON, floats with all digits."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> None:
-    """Write a table, whole or not at all; what is not known is empty."""
+    """Write a table; the file is complete or absent. Missing values give empty cells."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
@@ -159,7 +159,7 @@ def read_table(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     Raises
     ------
     ValueError
-        It has other columns.
+        The table has other columns.
     """
     reader = csv.DictReader(io.StringIO(read_text(path)))
     if tuple(reader.fieldnames or ()) != tuple(columns):
@@ -168,7 +168,7 @@ def read_table(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
 
 
 def finite(value: Any) -> Any:
-    """The value, None for a number that is not finite."""
+    """The value itself; None for a number that is not finite."""
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
@@ -183,19 +183,19 @@ def _list(key: str, item: str) -> list[Any]:
 
 
 def _number(item: str) -> float | None:
-    """Number of a text, None where it holds none."""
+    """Number of a text; None if the text is no number."""
     with suppress(ValueError):
         return parse_number(item)
     return None
 
 
 def _plain(number: float, like: object) -> float | int:
-    """The number, as an int where the key takes whole numbers and this is one."""
+    """The number, as an int if it is whole and the key has whole numbers."""
     return int(number) if isinstance(like, int) and number.is_integer() else number
 
 
 def _range(key: str, item: str) -> list[float]:
-    """Numbers of ``a:b:n`` or ``a:b:n:log``; both ends are among them exactly."""
+    """Numbers of ``a:b:n`` or ``a:b:n:log``; both ends are included exactly."""
     first_text, last_text, *counted = [part.strip() for part in item.split(":")]
     logarithmic = counted[1:] == ["log"]
     if len(counted) != 1 and not logarithmic:
@@ -213,24 +213,24 @@ def _range(key: str, item: str) -> list[float]:
     if logarithmic and not (first > 0 and last > 0):
         raise SettingsError(f"{key} = {item!r}: first and last must be above 0 for log")
     numbers = (np.geomspace if logarithmic else np.linspace)(first, last, count)
-    # With the digits that a scene file keeps: 2e-05 and not a neighbour of it.
+    # Numbers are rounded to the digits that a scene file stores: 2e-05, not its neighbour.
     return [first, *(float(f"{number:.12g}") for number in numbers[1:-1]), last]
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A case.
+    """A case of a sweep or study.
 
     Attributes
     ----------
     name
-        In its sweep or study.
+        Name in the sweep or study.
     scene
-        What is run.
+        Scene to be run.
     bodies
         Bodies to be reduced, by their names in the scene.
     values
-        Of the swept keys.
+        Values of the swept keys.
     """
 
     name: str
@@ -240,7 +240,7 @@ class Case:
 
     @functools.cached_property
     def identity(self) -> str:
-        """Checksum of all that its results depend on."""
+        """Checksum of all data on which the results depend."""
         bodies = {name: body.name for name, body in self.bodies.items()}
         return checksum(identity(self.scene) | bodies)
 
@@ -253,7 +253,7 @@ def make_case(
     Raises
     ------
     SettingsError, MeshError
-        A value that cannot be used, or there is no such model.
+        A value cannot be used, or the model does not exist.
     """
     varied = with_values(scene, values, optional)
     if varied.output.accuracy:
@@ -265,7 +265,7 @@ def make_case(
 
 
 def identity(scene: Scene) -> dict[str, str]:
-    """Everything that results depend on, as text by dotted key."""
+    """All data on which results depend, as text by dotted key."""
     values = {
         key: described(value) if _names_file(key, value) else as_text(value)
         for key, value in by_key(scene.tables)
@@ -274,11 +274,11 @@ def identity(scene: Scene) -> dict[str, str]:
 
 
 def _names_file(key: str, value: object) -> bool:
-    """True of a file or a run's folder; a file called ``hex`` is no word's."""
+    """True if a value names a file or a run's folder; a word such as ``hex`` is no file name."""
     return key.endswith(".snapshots") or Path(str(value)).suffix in FILES
 
 
 def described(value: object) -> str:
-    """A value as text; of a file, or the history of a run's folder, name and checksum."""
+    """A value as text; for a file, or the history in a run's folder, name and checksum."""
     content = content_of(value) if isinstance(value, str) else None
     return content or as_text(value)

@@ -1,11 +1,11 @@
-"""A study run, and its runs compared: differences of curves, their files and tables.
+"""Runs of a study and their comparison: differences of curves, files and tables.
 
-A run is compared at its own steps: its curves of extremes have kinks between them, where the
-extreme moves from one place to the next, that no interpolation meets. The other run, with many
-more steps, is interpolated point by point before its extremes are taken. Of periodic runs the
-last cycles are compared as functions of the time in the cycle.
+A run is compared at its own steps, and the run with far more steps is interpolated. The fields are
+interpolated point by point before extremes are computed, because curves of extremes have kinks
+where the extreme moves from one point to another. Periodic runs are compared over their last
+cycles, as functions of the time within the cycle.
 
-Bodies come first, then the runs, the reference before the others. ``study.json`` has the settings,
+Bodies are reduced first. Then the reference is run, then all others. ``study.json`` has settings,
 versions and machine of the study; ``errors-AGAINST.npz`` in the folder of a run its errors over
 time; ``reference.json`` the errors of the reference itself; ``table.csv`` a row for every run,
 joint and group.
@@ -44,8 +44,9 @@ from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
 from fenics_ehd.study.pool import RunsFolder, run_cases
 
-#: Differences of the curves of peak pressure and minimum film thickness of two runs: the largest,
-#: over the largest peak, or relative; and the root mean square over time, over that of the curve.
+#: Differences of the curves of peak pressure and minimum film thickness of two runs. Largest ones:
+#: relative to the largest peak, and to the film. Root mean square over time: relative to that of
+#: the curve.
 ERRORS = ("pressure_max", "pressure_l2", "film_max", "film_l2")
 
 #: Largest difference of the gap anywhere in the bearing [m].
@@ -61,14 +62,14 @@ class StoredRun:
     Parameters
     ----------
     directory, scene
-        Folder of its results, and what was run.
+        Folder of the results, and scene of the run.
     start
-        Time from which on errors count [s].
+        Time from which errors are evaluated [s].
 
     Raises
     ------
     InputError
-        A file is missing or damaged, or there is hardly a step after the start.
+        A file is missing or damaged, or fewer than two steps follow the start.
     """
 
     def __init__(self, directory: Path, scene: Scene, start: float):
@@ -83,11 +84,11 @@ class StoredRun:
 
     @cached_property
     def filmed(self) -> History:
-        """The same with pressures at all nodes: of a run that others are compared with."""
+        """The same run with pressures at all nodes, for comparisons with other runs."""
         return load_history(self.directory)
 
     def estimates(self) -> dict[str, float]:
-        """Largest error of the gap that the run itself estimates, while errors count [m]."""
+        """Largest error of the gap that the run estimated itself, after the start, by joint [m]."""
         joints = self.result.joints
         return {
             joint: float(joints[joint].basis_error_estimate[self.counted].max(initial=0.0))
@@ -96,7 +97,7 @@ class StoredRun:
         }
 
     def gaps(self, motion: History, films: Scene) -> dict[str, np.ndarray]:
-        """Gap by joint [m], shape (steps, points), in a motion, where films of a scene are."""
+        """Gap by joint [m], shape (steps, points), from a motion, at nodes of a scene's films."""
         meshes: dict[str, Any] = {}
         for name in self.joints:
             joint = films.joints[name]
@@ -110,19 +111,19 @@ class StoredRun:
     def differences(
         self, run: StoredRun
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
-        """Differences of a run at its own steps, while errors count, from this one.
+        """Differences of another run from this one, at that run's steps after the start.
 
         Returns
         -------
         curves
-            What `read_errors` reads.
+            Arrays for `read_errors`.
         errors
             See `Errors`.
         """
         known = (run.times >= self.times[0]) & (run.times <= self.times[-1])
         inside = known & run.counted
         times = run.times[inside]
-        # Times of a cycle that repeats itself are those since its start.
+        # Times of a periodic cycle are measured from its start.
         exact = between_steps(self.filmed, times + (self.result.run.time[0] - self.times[0]))
         right = self.gaps(exact, self.scene)
         ours = run.gaps(run.result.each(lambda values: values[inside]), self.scene)
@@ -160,7 +161,7 @@ def errors_path(directory: Path, against: str) -> Path:
 
 
 def write_errors(path: Path, curves: Mapping[str, np.ndarray]) -> None:
-    """Write errors at the run's own steps, whole or not at all; the same ones, the same file."""
+    """Write errors at the run's steps; the file is complete or absent, and reproducible."""
     content = io.BytesIO()
     np.savez(content, **curves)
     claim(path.parent, [path.name])
@@ -168,17 +169,17 @@ def write_errors(path: Path, curves: Mapping[str, np.ndarray]) -> None:
 
 
 def read_errors(path: Path) -> dict[str, np.ndarray]:
-    """Times [s], and relative errors of peak pressure and minimum film thickness then, signed.
+    """Times [s], and signed relative errors of peak pressure and minimum film thickness.
 
     Raises
     ------
     InputError
-        There is no such file, or it cannot be read.
+        The file does not exist or cannot be read.
     """
     try:
         with np.load(path) as file:
             return {name: file[name] for name in file.files}
-    except Exception as error:  # a damaged archive raises what its parts happen to meet
+    except Exception as error:  # a damaged archive may raise any exception
         raise InputError(f"{path}: not the errors of a run ({error})") from None
 
 
@@ -186,37 +187,37 @@ def read_errors(path: Path) -> dict[str, np.ndarray]:
 STUDY = "study.json"
 MADE = (STUDY, "table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/")
 
-#: Share of the simulated time that the last step of a complete run may lack.
+#: Share of the simulated time by which the history of a complete run may be short: rounding.
 ROUND_OFF = 1e-9
 
 
-#: The reference's own errors that limit a comparison with runs on its own film mesh.
+#: Errors of the reference that limit a comparison with runs on the same film mesh.
 LIMITING = ("step", "basis")
 
 
 class StudyFolder(RunsFolder):
-    """Folder of one study, its runs compared, what was found kept.
+    """Folder of one study: compares its runs and stores their errors.
 
     Parameters
     ----------
     directory
-        Created when missing.
+        Path of the folder, which is created if it is missing.
     study
-        What it is for.
+        Study of the folder.
     overwrite
-        Forget all runs, tables and the report; reduced bodies are named by what they are and stay.
+        Remove all runs, tables and the report; reduced bodies, named by checksum, are kept.
 
     Attributes
     ----------
     runs
-        Those that are complete, by name.
+        Complete runs by name.
 
     Raises
     ------
     InputError
-        It cannot be written to, or holds the study of another scene.
+        The folder cannot be written to, or holds the study of another scene.
     InUseError
-        Another process works in it.
+        Another process uses the folder.
     """
 
     command = "study"
@@ -229,7 +230,7 @@ class StudyFolder(RunsFolder):
         super().__init__(directory, study.cases.values(), MADE, about, overwrite=overwrite)
 
     def take_stock(self) -> list[Case]:
-        """Account for what is there, and remove what is kept of its errors; the other cases."""
+        """Read complete runs and remove their stored errors; the cases that are not complete."""
         self.runs.clear()
         self._errors.clear()
         for name in self.cases:
@@ -238,7 +239,7 @@ class StudyFolder(RunsFolder):
         return super().take_stock()
 
     def read(self, name: str) -> None:
-        """Read a complete run, whose files must be there, all its steps in them."""
+        """Read a complete run; its files must exist and have all steps."""
         scene = self.cases[name].scene
         stored_bodies(scene, self.run(name))
         run = StoredRun(self.run(name), scene, self.study.start)
@@ -247,13 +248,13 @@ class StudyFolder(RunsFolder):
         self.runs[name] = run
 
     def status(self, name: str) -> str:
-        """Status of a run, or that it has not run."""
+        """Status of a run; a text if it has not run yet."""
         return self.outcomes[name].status if name in self.outcomes else "not run"
 
     def errors(self, run: str, against: str) -> Errors | None:
-        """Errors of a run relative to another; None: one is incomplete or missing, or they are one.
+        """Errors of a run relative to another; None if one is incomplete, or both are the same run.
 
-        They are kept in a file as well.
+        The errors are stored in a file as well.
         """
         if run == against or not {run, against} <= self.runs.keys():
             return None
@@ -264,12 +265,12 @@ class StudyFolder(RunsFolder):
         return self._errors[run, against]
 
     def why_not(self, run: str, against: str) -> str:
-        """Why two runs cannot be compared."""
+        """Reason why two runs cannot be compared."""
         missing = (name for name in (run, against) if name not in self.runs)
         return next((f"{name}: {self.status(name)}" for name in missing), "")
 
     def own_error(self, kind: str) -> Errors | None:
-        """One of the reference's own errors."""
+        """Error of the reference of one kind: step, film or basis."""
         return self.errors(self.study.checks[kind][0], REFERENCE)
 
     def rows(self) -> list[dict[str, Any]]:
@@ -277,15 +278,15 @@ class StudyFolder(RunsFolder):
         return [table_row(row, j, self) for row in self.study.rows for j in self.study.joints]
 
     def write_tables(self) -> None:
-        """Write tables of all runs, as far as they ended."""
+        """Write tables of all runs that have ended."""
         write_table(self.path / "table.csv", COLUMNS, self.rows())
         self.write("reference.json", describe_reference(self))
 
     def floor(self, row: Row, joint: str) -> tuple[float | None, float | None]:
-        """Errors of pressure and film below which this row's mean nothing; None: unknown.
+        """Errors of pressure and film below which those of a row have no meaning; None: unknown.
 
-        On the film mesh of the reference the larger known one of its step and basis error; on
-        other meshes the error of the last mesh but the finest one.
+        On the film mesh of the reference, the larger known one of its step error and basis error.
+        On other meshes, the error of the finest mesh but one.
         """
         if row.against == REFERENCE:
             candidates = [self.own_error(kind) for kind in LIMITING]
@@ -298,17 +299,17 @@ class StudyFolder(RunsFolder):
         return max(e["pressure_max"] for e in known), max(e["film_max"] for e in known)
 
 
-#: Why static columns are left out.
+#: Reason for which static columns are dropped.
 DROPPED = f"they depend on the others to {RANK_TOLERANCE:g} of the largest strain energy"
 
 
 def describe_reference(folder: StudyFolder) -> dict[str, Any]:
-    """Method, basis, steps and own errors of the reference; these are the largest of all joints.
+    """Method, basis, steps and errors of the reference; errors are the largest of all joints.
 
     Parameters
     ----------
     folder
-        The study and its errors so far.
+        Folder of the study.
     """
     case = folder.study.cases[REFERENCE]
     outcome = folder.outcomes.get(REFERENCE)
@@ -339,7 +340,7 @@ def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     return largest | about | {"joints": joints}
 
 
-#: Columns of errors, and of figures of the run.
+#: Columns of errors, and columns of the run's figures.
 ERROR_COLUMNS = ("pressure_error_max", "pressure_error_l2", "film_error_max", "film_error_l2")
 FLOORS = ("pressure_floor", "film_floor")
 STEPS = ("steps", "rejected_steps", "newton_iterations")
@@ -380,7 +381,7 @@ COLUMNS = (
 
 
 def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
-    """One row; what is not known is None, of a run that has not ended all but its settings."""
+    """A row of the table; unknown values are None. A run in progress has only its settings."""
     outcome = folder.outcomes.get(row.run)
     values: dict[str, Any] = dict.fromkeys(COLUMNS)
     values |= {"run": row.run, "group": row.group, "joint": joint, "against": row.against or None}
@@ -408,7 +409,7 @@ def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
 
 
 def _settings(case: Case, joint: str) -> dict[str, Any]:
-    """Columns that the settings alone fill; of a reduction what the method reads."""
+    """Columns that depend on settings only; of a reduction those that its method reads."""
     reduction = next(iter(case.bodies.values())).settings.reduction
     time = case.scene.time
     cells = case.scene.joints[joint].cells
@@ -421,12 +422,12 @@ def _settings(case: Case, joint: str) -> dict[str, Any]:
     return values | {"body": " ".join(body.name for body in case.bodies.values())}
 
 
-#: What the times of the table are.
+#: Kind of the times in the table.
 CLOCK = "processor time of one core with one thread, compilation left out"
 
 
 def describe_study(study: Study) -> dict[str, object]:
-    """Scene, settings, versions and machine."""
+    """Scene, settings, versions and machine of a study."""
     with interrupt_kept():  # Gmsh may be imported for its version
         program_versions = versions(installed=True)
     return {
@@ -460,14 +461,13 @@ def run_study(
 ) -> list[dict[str, Any]]:
     """Run what is missing and write ``study.json``, ``reference.json`` and ``table.csv``.
 
-    A run that fails is a row with its reason and ends nothing; so does one whose files cannot be
-    compared. The table has a row for every run from the beginning, and is written again whenever
-    one ends.
+    A run that fails, or whose files cannot be compared, has a row with the reason; the others are
+    run. The table has a row for every run from the beginning, and is rewritten after each run.
 
     Parameters
     ----------
     folder
-        Of the study.
+        Folder of the study.
     pool, executor
         Workers, see `run_cases`.
 
@@ -481,16 +481,16 @@ def run_study(
     calls = read_json(path)["calls"] if path.exists() else []
     if missing:
         date = datetime.now(UTC).strftime("%Y-%m-%d")
-        own = {
+        call = {
             "date": date,
             "version": __version__,
             "workers": getattr(executor or pool, "width", None),
             "runs": len(missing),
         }
-        calls.append(own)
+        calls.append(call)
     folder.write(STUDY, describe_study(folder.study) | {"calls": calls})
     folder.write_tables()
-    # Those with the shortest steps take longest.
+    # Runs with the shortest steps take longest and begin first.
     missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))
     run_cases(folder, missing, pool, executor=executor)
     return folder.rows()

@@ -1,10 +1,10 @@
-"""Plan of a study: variants, scope, and what each run is compared with.
+"""Plan of a study: variants of a scene, the scope, and the run that each is compared with.
 
-A variant is a name, and the settings in which it differs from the scene. The scope has methods and
-numbers of modes, tolerances, film meshes, the reference.
+A variant has a name, and the settings in which it differs from the scene. The scope has methods and
+numbers of modes, tolerances, film meshes and the reference.
 
-Numbers of modes are about those of Krinner and Rixen, sections 4.2 and 5.2, for their machines, and
-some more: M1 and M2 get as many modes as M3 has vibration and residual modes together.
+Numbers of modes are close to those of Krinner and Rixen, sections 4.2 and 5.2, with some added: M1
+and M2 have as many modes as M3 has vibration and residual modes together.
 """
 
 from __future__ import annotations
@@ -20,38 +20,38 @@ from fenics_ehd.scenes.scene import Scene, as_stored, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS
 from fenics_ehd.study.cases import Case, make_case, with_values
 
-#: Key of the cells of every film: a factor on the scene's cells in both directions.
+#: Key of the film mesh in a variant: a factor on the scene's numbers of cells in both directions.
 FILM = "film"
 
 
 @dataclass(frozen=True)
 class Variant:
-    """Settings under a name that is a file name as well.
+    """Settings under a name that is also a file name.
 
-    `values` are by full key, by ``reduction.KEY`` for all parts that are reduced alike, and by
-    `FILM` for all films.
+    `values` are given by full key, by ``reduction.KEY`` for all parts with the same reduction, and
+    by `FILM` for all films.
     """
 
     name: str
     values: Mapping[str, Any]
 
     def but(self, suffix: str, values: Mapping[str, Any]) -> Variant:
-        """With more settings, and the suffix behind its name."""
+        """The variant with more settings, and a suffix to its name."""
         return Variant(f"{self.name}-{suffix}", {**self.values, **values})
 
 
 def m1(modes: int) -> Variant:
-    """Craig-Bampton with so many fixed-boundary modes."""
+    """Craig-Bampton with a number of fixed-boundary modes."""
     return _reduction(f"m1-{modes}", method="m1", modes=modes)
 
 
 def m2(modes: int) -> Variant:
-    """Two Craig-Bampton steps with so many modes in the end."""
+    """Two Craig-Bampton steps with a final number of modes."""
     return _reduction(f"m2-{modes}", method="m2", modes=modes)
 
 
 def m3(pressure_set: str, selection: str, modes: int) -> Variant:
-    """Load-dependent reduction with so many residual modes."""
+    """Load-dependent reduction with a number of residual modes."""
     return _reduction(
         f"m3-{pressure_set}-{selection}-{modes}",
         method="m3",
@@ -63,7 +63,7 @@ def m3(pressure_set: str, selection: str, modes: int) -> Variant:
 
 
 def m4(vibration_modes: int, truncation: float = 1e-4) -> Variant:
-    """Residual-flexibility completion, its patterns cut off at a relative displacement."""
+    """Residual-flexibility completion; patterns are truncated at a relative displacement."""
     return _reduction(
         f"m4-{vibration_modes}-{truncation:.0e}",
         method="m4",
@@ -92,7 +92,7 @@ def steps(tolerance: float) -> dict[str, Any]:
 
 
 def film(factor: float) -> dict[str, Any]:
-    """Settings of the film meshes: so many times the cells in both directions."""
+    """Settings of the film meshes: numbers of cells multiplied in both directions."""
     return {FILM: factor}
 
 
@@ -111,7 +111,7 @@ def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _times(scene: Scene, joint: str, factor: float) -> list[int]:
-    """Cells of a film multiplied; those of the scene itself stay as they are written."""
+    """Numbers of cells of a film, multiplied; unchanged for a factor of 1."""
     if factor == 1.0:
         return list(scene.joints[joint].cells)
     scene_cells = planned_cells(scene, joint)
@@ -121,10 +121,10 @@ def _times(scene: Scene, joint: str, factor: float) -> list[int]:
     ]
 
 
-#: Of residual modes, in the sense of (31)-(32): the most flexible, the slowest, to the letter.
+#: Selections of residual modes, see (31)-(32): most flexible, slowest, and literally as printed.
 SELECTIONS = ("largest-eigenvalue", "lowest-frequency", "smallest-eigenvalue")
 
-#: Numbers of residual modes, as many times the scene's own.
+#: Numbers of residual modes, as multiples of the scene's number.
 SIZES = (0.5, 1, 2, 4)
 
 
@@ -135,25 +135,25 @@ class Scope:
     Attributes
     ----------
     methods
-        Judged as the scene integrates them.
+        Variants of the reduction, integrated with the scene's settings.
     tolerances, stepped
-        Step tolerances, and what is run with each of them.
+        Step tolerances, and the variants that are run with each of them.
     films, meshed
-        Factors on the cells of every film, finest last, and what is run with each of them.
+        Factors on the cells of every film, finest last, and the variants run with each of them.
     finest_steps
-        Against which runs at the tolerances are measured: the same bodies, their steps very fine.
+        Very fine steps: the same bodies with these steps are the reference of step errors.
     reference, reference_steps
-        What all are measured against, the full interface, and its steps.
+        Reference of all variants, the full interface, and its steps.
     step_check, film_check
         Settings that replace those of the reference for its own step and film error.
         Without a `step_check` the other steps of `basis_check` show the sum of both errors.
     basis_check
-        The reference's parts with another basis, and its settings.
+        Variant with another basis for the reference's parts, and its settings.
     loose
-        What else is run with the first of the tolerances: errors as large as those of these methods
-        need no finer steps.
+        Further variants run with the first of the tolerances: their errors are too large to need
+        finer steps.
     settings
-        Replace those of the scene.
+        Settings that replace those of the scene.
     """
 
     methods: tuple[Variant, ...]
@@ -172,9 +172,9 @@ class Scope:
 
 
 def usual_scope(scene: Scene, *, quick: bool) -> Scope:
-    """The scope of any scene: its own number of vibration modes, its own M3, its tolerance.
+    """The scope of any scene: its number of vibration modes, its M3, its tolerance.
 
-    With several parts these are those of the first one.
+    If the scene has several parts, these values are those of the first one.
     """
     reduction = scene.bodies[meshed(scene)[0]].reduction
     n = reduction.vibration_modes
@@ -216,7 +216,8 @@ def usual_scope(scene: Scene, *, quick: bool) -> Scope:
     return Scope(
         methods=(
             *(m1(n + size(factor)) for factor in SIZES),
-            # Some more than four times as many as M3 needs for one per cent.
+            # The largest number is more than four times that with which M3 has an error of one per
+            # cent.
             *(m2(n + size(factor)) for factor in (*SIZES, 5, 8)),
             *(m3("pc1", way, size(factor)) for way in SELECTIONS for factor in SIZES),
             *(m3("pc2", way, size(factor)) for way in SELECTIONS for factor in SIZES[:-1]),
@@ -240,17 +241,17 @@ def usual_scope(scene: Scene, *, quick: bool) -> Scope:
     )
 
 
-#: Name of the run that all methods are measured against.
+#: Name of the run that all variants are compared with.
 REFERENCE = "reference"
 
-#: Share of the simulated time from which on errors count: before, the film builds up from no
-#: pressure at all. A cycle that repeats counts from its beginning.
+#: Share of the simulated time after which errors are evaluated: before, the film builds up from
+#: zero pressure. Errors of a periodic cycle are evaluated from its beginning.
 START = 0.02
 
-#: By how much more cells, in both directions, a film mesh shows the error of another one.
+#: Smallest factor on the cells, in both directions, that shows the error of a film mesh.
 FINER = 1.2
 
-#: Largest steps that must fit between the start of errors and the end: three steps at least.
+#: Number of largest steps between the start of errors and the end: at least three steps.
 LEAST_STEPS = 2
 
 #: Groups of rows, in the order of the table.
@@ -262,16 +263,16 @@ OWN = "reference"
 
 @dataclass(frozen=True)
 class Row:
-    """A run in the table.
+    """Row of the table for one run.
 
     Attributes
     ----------
     run, group
-        Its name; ``"methods"``, ``"tolerance"``, ``"film"`` or ``"reference"``.
+        Name of the run; ``"methods"``, ``"tolerance"``, ``"film"`` or ``"reference"``.
     against
-        The run that its errors are relative to; empty: none, it is the finest.
+        Run that errors are relative to; empty for the finest run.
     own
-        The same bodies with very fine steps, which shows the error of the steps alone; empty: none.
+        Run of the same bodies with very fine steps, which shows the step error; empty: none.
     """
 
     run: str
@@ -282,21 +283,21 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study.
+    """Cases of a study and the rows of its table.
 
     Attributes
     ----------
     scene, quick
-        What all runs have in common, and whether the scope is the short one.
+        Scene common to all runs, and whether the scope is the short one.
     start
-        Time from which on errors count [s].
+        Time from which errors are evaluated [s].
     cases
-        By name; the reference is `REFERENCE`.
+        Cases by name; the reference has the name `REFERENCE`.
     rows
-        Of the table.
+        Rows of the table.
     checks
-        Of the reference's own errors, ``"step"``, ``"film"``, ``"basis"``: the run that shows
-        each, and what is different there.
+        Runs that show the reference's errors of ``"step"``, ``"film"``, ``"basis"``: name of the
+        run, and the settings in which it differs.
     """
 
     scene: Scene
@@ -312,8 +313,8 @@ class Study:
         return tuple(self.scene.films)
 
 
-#: Adds the case of a variant to those of a study, unless there is one of these settings, and
-#: returns its name.
+#: Function that adds the case of a variant to a study, unless a case with the same settings exists,
+#: and returns its name.
 Add = Callable[[Variant], str]
 
 
@@ -329,19 +330,19 @@ def make_study(
     Parameters
     ----------
     source
-        Shipped scene, or a scene file, whose settings hold for all that is not varied.
+        Name of a shipped scene, or path of a scene file, with the settings that are not varied.
     quick
-        The small selection for people who try it out.
+        Use the small scope, for a first try.
     scope
-        What to run instead.
+        Scope that replaces the usual one.
     start
-        Time from which on errors count [s]; None: after 2 % of the simulated time, from the
-        beginning of a cycle that repeats.
+        Time from which errors are evaluated [s]; None: after 2 % of the simulated time, or from the
+        beginning of a periodic cycle.
 
     Raises
     ------
     SettingsError
-        The scene has no film or no part to reduce, or settings that cannot be used.
+        The scene has no film or no part to reduce, or settings cannot be used.
     """
     scene = as_stored(source)
     if not (meshed(scene) and scene.films):

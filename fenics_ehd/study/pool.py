@@ -1,7 +1,7 @@
-"""Many runs: their folder, workers, bodies made once, then the runs.
+"""Many runs: their folder, their workers, and the order of reductions and runs.
 
-Cases go to any `concurrent.futures.Executor`; processes of this machine are the default, and
-reductions always take those. A process that dies costs its own task only.
+Cases are run by any `concurrent.futures.Executor`. Processes of this machine are the default, and
+do all reductions. If a process dies, only its task is lost.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class FailedCasesError(EhdError):
 
 
 def open_pool(workers: int | None) -> ProcessPool:
-    """Processes of this machine, one for each core if no number is given; a context.
+    """Context with worker processes of this machine; one for each core if no number is given.
 
     Raises
     ------
@@ -101,9 +101,9 @@ def outcomes(
     Parameters
     ----------
     executor
-        Carries the tasks.
+        Executor that runs the tasks.
     function
-        Called with every task; a function of a module, which can be pickled.
+        Function called with every task; a function of a module, so that it can be pickled.
     tasks
         Arguments of the function.
     check
@@ -114,7 +114,7 @@ def outcomes(
         for task in tasks:
             try:
                 waiting[executor.submit(function, task)] = task
-            except Exception as error:  # an executor that is broken or was shut down
+            except Exception as error:  # the executor is broken or was shut down
                 yield task, failed(error)
         while waiting:
             ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
@@ -128,17 +128,17 @@ def outcomes(
 
 
 def _result(future: Future[R]) -> R | Outcome:
-    """Result of a task that ended, or its error as an outcome."""
+    """Result of a task that ended, or its error as an `Outcome`."""
     try:
         return future.result()
     except BrokenExecutor:
-        return failed(WorkerDiedError("its process ended, for want of memory perhaps"))
+        return failed(WorkerDiedError("its process ended: the machine may lack memory"))
     except Exception as error:
         return failed(error)
 
 
 class ProcessPool(Executor):
-    """Processes of this machine: each has a thread that waits for it and an executor of its own.
+    """Processes of this machine: each has an executor of its own, and a thread that waits for it.
 
     An executor loses all of its processes when one dies, so each has one only. Processes are
     spawned: MPI and PETSc do not survive a fork. They end with this process, even if it is killed.
@@ -157,7 +157,7 @@ class ProcessPool(Executor):
         self._others = set(multiprocessing.active_children())
 
     def submit(self, function: Callable[..., R], /, *arguments: Any, **keywords: Any) -> Future[R]:
-        """Have a function called in the next process that is free."""
+        """Call a function in the next process that is free."""
         future = self._threads.submit(partial(self._call, function, *arguments, **keywords))
         self._futures.append(future)
         return future
@@ -178,7 +178,7 @@ class ProcessPool(Executor):
         """End the processes, after their tasks or, if these are cancelled, at once."""
         self._threads.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
         while cancel_futures and not all(future.done() for future in self._futures):
-            # PETSc prints a page of advice when it is merely terminated.
+            # PETSc prints a page of advice when it is only terminated: the process is killed.
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
             sleep(POLL)
@@ -190,9 +190,9 @@ class ProcessPool(Executor):
 
 
 def _block_interrupts() -> None:
-    """Processes that this thread starts do not see Ctrl-C, nor the end of the terminal.
+    """Hide Ctrl-C and the end of the terminal from processes that this thread starts.
 
-    It tells all of them, and it is for the first one to end the others.
+    The terminal signals all processes; the parent process ends its workers.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
 
@@ -236,22 +236,22 @@ def _is_usable(path: Path) -> bool:
 
 
 class OtherFolderError(InputError):
-    """A folder holds another study or sweep, or what this program did not write."""
+    """A folder holds another study or sweep, or files that this program did not write."""
 
     def __init__(self, path: Path, reason: str):
         super().__init__(
-            f"{path}: of another study or sweep ({reason}): choose another folder or --overwrite"
+            f"{path} is of another study or sweep ({reason}): choose another folder or --overwrite"
         )
 
 
-#: What damaged files lead to: the last two where something is missing, or numbers do not fit.
+#: Errors raised by damaged files: the last two if a key is missing or numbers do not fit.
 DAMAGE = (EhdError, KeyError, ValueError)
 
 
 class RunsFolder(ExitStack):
-    """Folder of many runs, ``runs/NAME`` each, and their bodies, held by one process at a time.
+    """Folder of many runs, ``runs/NAME`` each, and their bodies, locked by one process at a time.
 
-    A run that is complete, of the same settings and version, is not made again.
+    A complete run with the same settings and version is not repeated.
 
     Parameters
     ----------
@@ -263,9 +263,9 @@ class RunsFolder(ExitStack):
         Names of files and folders there, without reduced bodies, whose names are checksums and
         which are kept. The first is a JSON file that describes the study or sweep.
     about
-        Entries that this JSON file must have if it exists.
+        Entries that an existing JSON file must have.
     overwrite
-        Remove what a former study or sweep made there.
+        Remove the files of a former study or sweep.
 
     Attributes
     ----------
@@ -362,7 +362,7 @@ class RunsFolder(ExitStack):
         return [case for name, case in self.cases.items() if name not in complete]
 
     def tasks(self, cases: Iterable[Case], keep: bool, *, travel: bool) -> Iterator[CaseTask]:
-        """Tasks of cases; bodies as bytes, each read once, if cases travel to other machines."""
+        """Tasks of cases; bodies are read once and sent as bytes if cases run on other machines."""
         contents: dict[Path, bytes] = {}
         for case in cases:
             bodies = {}
@@ -419,13 +419,13 @@ def run_cases(
     Parameters
     ----------
     folder
-        Of all cases; it accounts for each that ended.
+        Folder of all cases, which records each case that ends.
     cases
-        In the order in which they begin.
+        Cases in the order in which they begin.
     pool
         Processes of this machine, for reductions, and for cases without an executor.
     executor
-        Carries the cases; bodies travel as bytes.
+        Executor that runs the cases; bodies are sent as bytes.
     keep
         Whether the files of each run are kept in its folder.
     """
@@ -455,11 +455,11 @@ def run_cases(
 
 
 def _share(file: Path, copy: Path) -> None:
-    """Put a link to a body's file into a run's folder: many runs have a body in common."""
+    """Link a body's file into a run's folder: many runs share a body."""
     link = new_part(copy)
     link.unlink()
     try:
         os.link(file, link)
-    except OSError:  # a file system without links
+    except OSError:  # the file system has no links
         shutil.copyfile(file, link)
     link.replace(copy)

@@ -1,4 +1,4 @@
-"""Derivatives of extremes and means of a scene along its parameters."""
+"""Derivatives of extremes and means of a scene's results with respect to its parameters."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.scene import Scene, changed
 from fenics_ehd.study.cases import resolve_key, scene_values
 
-#: Keys of an elastic body that no mesh and no reduction reads.
+#: Keys of an elastic body that affect neither its mesh nor its reduction.
 MOVING = ("damping_time", "position", "angle", "velocity", "speed")
 
 #: Components of a pair.
@@ -42,22 +42,22 @@ COMPONENTS = ("x", "y")
 
 @dataclass(frozen=True)
 class ParameterPath:
-    """A number of a scene, by its key.
+    """A parameter: one number of a scene, identified by its key.
 
     Attributes
     ----------
     key
-        Full key; of a component of a pair it ends with ``.x`` or ``.y``.
+        Full key; the key of a pair's component ends with ``.x`` or ``.y``.
     value
-        In the scene.
+        Value in the scene.
     scale
-        Changes are shares of this number, in the unit of the value.
+        Reference for relative changes, in the unit of the value.
     setting
         Key of the setting, without a component.
     component
         Index of the component of a pair; None: the setting is one number.
     unit
-        Empty of a ratio.
+        Unit of the value; empty for a ratio.
     """
 
     key: str
@@ -69,11 +69,11 @@ class ParameterPath:
 
     @property
     def relative(self) -> bool:
-        """True if a share of the value has a meaning: the zero of its unit is no convention (C)."""
+        """True if relative changes of the value have a meaning: not those of temperatures in C."""
         return self.unit not in SCALES
 
     def change(self, scene: Scene, share: float) -> Scene:
-        """The scene with the number changed by a share of its scale."""
+        """The scene with the number changed by `share` times its scale."""
         value = self.value + share * self.scale
         if self.component is None:
             return changed(scene, {self.setting: value})
@@ -89,21 +89,21 @@ class SceneSensitivity:
     Attributes
     ----------
     objectives
-        Extremes and means that were differentiated.
+        Extremes and means that are differentiated.
     values
-        Of the objectives in the run.
+        Values of the objectives in the run.
     parameters
-        Numbers of the scene to differentiate along.
+        Numbers of the scene with respect to which the objectives are differentiated.
     derivatives
-        By objective and key, on the films as they are.
+        Derivatives by objective and key, on the scene's film meshes.
     finer
-        The same on finer films; those that do not exist are missing.
+        Derivatives on finer film meshes; values that do not exist are missing.
     reduced
-        Keys along which a body was reduced anew.
+        Keys for which a body was reduced again.
     seconds
         Processor time of the run and of the derivatives [s].
     trajectory
-        Of the scene's run, or its last cycle.
+        Trajectory of the scene's run, or of its last cycle.
     """
 
     objectives: Sequence[Objective]
@@ -116,7 +116,7 @@ class SceneSensitivity:
     trajectory: Trajectory
 
     def elasticity(self, objective: Objective, parameter: ParameterPath) -> float | None:
-        """``d ln q / d ln p``; None if one of them is 0, or the parameter a temperature."""
+        """``d ln q / d ln p``; None if a value is 0, or the parameter is a temperature."""
         value = self.values[objective]
         if not value or not parameter.value or not parameter.relative:
             return None
@@ -124,14 +124,14 @@ class SceneSensitivity:
 
 
 def parameter_path(scene: Scene, name: str) -> ParameterPath:
-    """Number of a scene by its key, or the end of its key.
+    """Parameter of a scene, by its key or by the end of its key.
 
     Raises
     ------
     SettingsError
-        There is no such key, or more than one.
+        No key, or several, end with the name.
     SensitivityError
-        It has no derivative: a word, a whole number, a switch, a setting of the run, or 0.
+        No derivative exists: the value is a word, a whole number, a switch, a run setting, or 0.
     """
     stem, _, last = name.rpartition(".")
     try:
@@ -169,13 +169,13 @@ def parameter_path(scene: Scene, name: str) -> ParameterPath:
 
 
 def _unit(scene: Scene, key: str) -> str:
-    """Unit of a setting, or of all in its table; empty of a ratio."""
+    """Unit of a setting, or of all values in its table; empty for a ratio."""
     helps = {name: field.metadata.get("help", "") for name, field, _ in walk(scene)}
     return unit_of(helps.get(key) or helps.get(key.rpartition(".")[0], ""))
 
 
 def reduced_anew(scene: Scene, parameter: ParameterPath) -> str:
-    """Elastic body whose reduction depends on a parameter; empty: there is none."""
+    """Name of the elastic body whose reduction depends on a parameter; empty: none."""
     table, _, rest = parameter.setting.partition(".")
     name, _, setting = rest.partition(".")
     if table != "bodies" or setting in MOVING:
@@ -192,27 +192,27 @@ def scene_sensitivity(
     bodies: Mapping[str, ReducedBody] | None = None,
     finer: bool = False,
 ) -> SceneSensitivity:
-    """Run a scene, and compute derivatives of its objectives; serial.
+    """Run a scene, and compute derivatives of its objectives; on one rank only.
 
     Parameters
     ----------
     scene
-        As read.
+        Scene as read.
     of
-        Objectives: ``big_end.min_film_thickness``.
+        Names of objectives, ``big_end.min_film_thickness``.
     to
-        Keys of parameters.
+        Keys of the parameters.
     bodies
         Reduced bodies of the scene that exist already.
     finer
-        Whether derivatives are computed on finer films, too.
+        Whether derivatives are also computed on finer film meshes.
 
     Raises
     ------
     SettingsError, SensitivityError
-        Of keys, before anything is reduced; of objectives, after the first step.
+        A key is invalid, before any reduction; or an objective, after the first step.
     SolverError
-        From runs and derivatives.
+        A run or a derivative fails.
     """
     paths = [parameter_path(scene, name) for name in dict.fromkeys(to)]
     clock = process_time()
@@ -238,7 +238,7 @@ def scene_sensitivity(
         computed = derivatives(trajectory, parameter, objectives)
         slopes |= {(objective, name): slope for objective, slope in computed.items()}
         if finer:
-            with suppress(EhdError):  # there is no finer film, or no cycle on it
+            with suppress(EhdError):  # no finer film exists, or its run has no cycle
                 computed = derivatives(trajectory, parameter, objectives, finer=True)
                 fine |= {(objective, name): slope for objective, slope in computed.items()}
     seconds["derivatives"] = process_time() - clock

@@ -1,7 +1,7 @@
 """Parameter sweeps: one scene over the product of given values.
 
-``sweep.csv`` has a row for every case that ended, in the order of the product, and is written again
-whenever one ends. ``sweep.json`` has the scene and the values of the sweep. Complete cases are not
+``sweep.csv`` has a row for every case that ended, in the order of the product, and is rewritten
+after each case. ``sweep.json`` has the scene and the values of the sweep. Complete cases are not
 run again.
 """
 
@@ -35,10 +35,10 @@ from fenics_ehd.study.pool import RunsFolder, run_cases
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A sweep: its scene, swept keys, lubricated joints, cases in the order of the product.
+    """A sweep: its scene, swept keys, lubricated joints, and cases in the order of the product.
 
-    `identity` is everything the rows depend on, as text by name; two sweeps are the same
-    when it is.
+    `identity` has all data on which the rows depend, as text by name. Two sweeps are the same if
+    their identities are equal.
     """
 
     scene: str
@@ -49,12 +49,12 @@ class Sweep:
 
 
 def make_sweep(source: str, assignments: Sequence[str]) -> Sweep:
-    """Sweep of a scene and of assignments ``key=values``; the last key changes fastest.
+    """Make a sweep of a scene from assignments ``key=values``; the last key changes fastest.
 
     Raises
     ------
     SettingsError
-        A key or value that cannot be used: all of them are named.
+        Keys or values cannot be used: the message names all of them.
     """
     scene = as_stored(source)
     axes = _axes(scene, assignments)
@@ -73,7 +73,7 @@ def make_sweep(source: str, assignments: Sequence[str]) -> Sweep:
 
 
 def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]]:
-    """Values by full key."""
+    """Values of the sweep by full key."""
     axes: dict[str, tuple[Any, ...]] = {}
     like, _ = scene_values(scene)
     for assignment in assignments:
@@ -88,12 +88,12 @@ def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]
 
 
 def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
-    """Cases of all combinations; a value with an effect in some of them may have none in others.
+    """Cases of all combinations; a value may have no effect in some of them.
 
     Raises
     ------
     SettingsError
-        Naming the values that cannot be used.
+        The message names the values that cannot be used.
     """
     combinations = [
         dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())
@@ -109,7 +109,8 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
             made[n] = _made(f"{n + 1:04d}", scene, values, optional)
     complaints = [case for case in made if isinstance(case, str)]
     if complaints:
-        # A section stops at its first bad value: each value on its own names the others as well.
+        # A section reports only its first invalid value: each value is checked alone for the
+        # others.
         alone = [_made("", scene, {key: v}) for key, values in axes.items() for v in values]
         every = dict.fromkeys([*complaints, *(case for case in alone if isinstance(case, str))])
         raise SettingsError(
@@ -121,14 +122,14 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
 def _made(
     name: str, scene: Scene, values: Mapping[str, Any], optional: Sequence[str] = ()
 ) -> Case | str:
-    """A case, or why it cannot run."""
+    """A case, or the reason why it cannot run."""
     try:
         return make_case(name, scene, values, optional)
     except InputError as error:
         return str(error)
 
 
-#: Figures of every lubricated joint, and of the run, named as in ``summary.json``.
+#: Figures of every lubricated joint, and of the run, with their names in ``summary.json``.
 JOINT_FIGURES = (
     "max_pressure_Pa",
     "min_film_thickness_m",
@@ -146,35 +147,35 @@ FIGURES = (
 )
 
 
-#: Files of a sweep besides reduced bodies, which are named by their content and stay.
+#: Files of a sweep; reduced bodies, which are named by checksum, are kept.
 OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
-    """Columns of figures; those of a lubricated joint bear its name."""
+    """Columns of figures; columns of a lubricated joint begin with its name."""
     return (*(f"{joint}.{name}" for joint in joints for name in JOINT_FIGURES), *FIGURES)
 
 
 class SweepFolder(RunsFolder):
-    """Folder of one sweep, its rows on disk as soon as a case ends.
+    """Folder of one sweep; its table is written after each case.
 
     Parameters
     ----------
     directory
-        Created when missing.
+        Path of the folder, which is created if it is missing.
     sweep
-        What is run.
+        Sweep to be run.
     resume
-        Insist on rows of a former attempt.
+        Require rows of a former attempt.
     overwrite
-        Begin anew, and replace the files of a former sweep.
+        Replace the files of a former sweep.
 
     Raises
     ------
     OtherFolderError
         The folder holds the rows of another sweep.
     InUseError
-        Another process is adding rows.
+        Another process uses the folder.
     InputError
         The folder cannot be written to, or has nothing to resume.
     """
@@ -191,7 +192,7 @@ class SweepFolder(RunsFolder):
         super().__init__(directory, sweep.cases, OWN, sweep.identity, overwrite=overwrite)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Rows of the cases that ended, by number; None for what is empty."""
+        """Rows of the cases that ended, by number; None for empty cells."""
         return [self._row(case) for case in self.sweep.cases if case.name in self.outcomes]
 
     def _row(self, case: Case) -> dict[str, Any]:

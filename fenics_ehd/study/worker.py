@@ -1,16 +1,16 @@
-"""What a worker does for a study or sweep: reduce the bodies of one part, or run one case.
+"""Tasks of the workers of a study or sweep: reduce the bodies of one part, or run one case.
 
 A case is a function of values that returns values, so that any `concurrent.futures.Executor` can
-carry it. Bodies come as files of this machine or as their bytes; files of the run return as bytes,
-and the caller writes them. A case runs on this process alone (``MPI.COMM_SELF``), on one thread of
-the BLAS, and no two cases run at a time in a process. Files that a scene names, tables for example,
-are read where the case runs.
+run it. Bodies are files of this machine, or bytes of files; files of the run are returned as bytes,
+which the caller writes. A case runs on one process (``MPI.COMM_SELF``) with one BLAS thread, and a
+process runs one case at a time. Files that a scene names, tables for example, are read on the
+machine that runs the case.
 
 Errors return as text in one line: exceptions may not survive pickling, and the error of a film
 carries its arrays.
 
-The time of a reduction is in the body's provenance. The first body of a part includes mesh and
-matrices; a later one takes little if factors, modes and responses of former ones serve it.
+The time of a reduction is in the body's provenance. The time of a part's first body includes mesh
+and matrices; later bodies of the part reuse factors, modes and responses.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Outcome:
 
     @property
     def complete(self) -> bool:
-        """True if the figures can be trusted."""
+        """True if the run is complete and its figures can be trusted."""
         return self.status == COMPLETE
 
 
@@ -76,7 +76,7 @@ def failed(error: BaseException) -> Outcome:
 
 
 def body_path(directory: Path, body: NeededBody) -> Path:
-    """File of a reduced body in the folder of all of them."""
+    """Path of a reduced body's file in the folder of all bodies."""
     return directory / f"{body.name}.h5"
 
 
@@ -129,7 +129,7 @@ class StoredBody:
     Attributes
     ----------
     path
-        File on the caller's machine.
+        Path of the file on the caller's machine.
     content
         Bytes of that file; None if the worker reads the same disk.
     """
@@ -154,16 +154,16 @@ class StoredBody:
 
 @dataclass(frozen=True)
 class CaseTask:
-    """A case with all that its run needs.
+    """A case with all data that its run needs.
 
     Attributes
     ----------
     case
         The case.
     bodies
-        Its reduced bodies, by their names in the scene.
+        Reduced bodies of the case, by their names in the scene.
     command
-        Command that makes the run's folder.
+        Name of the command that makes the run's folder.
     keep
         Whether the files of the run are returned.
     """
@@ -181,21 +181,21 @@ class CaseResult:
     Attributes
     ----------
     outcome
-        Its figures are those of the summary, of the bodies, and ``film_cells`` by joint.
+        Outcome with figures of the summary, of the bodies, and ``film_cells`` by joint.
     files
-        Files of the run by name, all but its bodies, the summary last; empty if none are kept.
+        Files of the run by name, without its bodies, the summary last; empty if none are kept.
     """
 
     outcome: Outcome
     files: Mapping[str, bytes] = field(default_factory=dict)
 
 
-#: One case at a time in a process: PETSc, the form cache and the working folder are its own.
+#: Lock for one case at a time in a process: PETSc, form cache and working folder are shared.
 _ALONE = threading.Lock()
 
 
 def run_case(task: CaseTask) -> CaseResult:
-    """Run a case as ``fenics-ehd run`` does; an error that ends it is its status."""
+    """Run a case as ``fenics-ehd run`` does; the status of the outcome has an error, if any."""
     with (
         _ALONE,
         one_blas_thread(),

@@ -1,7 +1,7 @@
 """Figures of a study's report: errors against cost, tolerance, film mesh, over time; the bores.
 
 Every method has a colour and a marker. Black and the yellow, red and blue of Paul Tol's
-high-contrast scheme are distinct for colour-blind readers and printed in grey; markers and lines
+high-contrast scheme are distinct for colour-blind readers and in grey print; markers and lines
 distinguish the rest. Errors below that of the reference, a grey band, are not drawn.
 """
 
@@ -41,26 +41,26 @@ from fenics_ehd.study.report.study_data import (
 COLOURS = {"m1": YELLOW, "m2": RED, "m3": BLUE, "m4": BLACK}
 MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
 
-#: Of M3, by pressure set; how a marker is filled tells the selection.
+#: Markers of M3 by pressure set; the fill of a marker shows the selection of modes.
 PRESSURE_MARKERS = {"pc1": "p", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
 
-#: Marker of an error of which only a bound is known.
+#: Marker of an error for which only a bound is known.
 BOUND = "v"
 
 #: Label of such an error in the legend.
 BOUND_LABEL = "at most this, where the reference cannot tell"
 FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
 
-#: Truncation of M4 that goes without saying.
+#: Default truncation of M4, which labels do not mention.
 TRUNCATION = ReductionSettings().residual_truncation
 
-#: Truncation from which on its marker is empty, not half full.
+#: Truncation from which the marker is empty, not half full.
 COARSE = 1e-2
 
-#: The reference is a broad band of this grey, behind everything else.
+#: Colour of the reference's curve, a broad band behind all others.
 GREY = "#BBBBBB"
 
-#: Errors of the reference itself.
+#: Colour of the band of the reference's errors.
 FLOOR = "#DDDDDD"
 FLOOR_LABEL = "reference's own error"
 
@@ -71,13 +71,13 @@ SELECTIONS = {
     "every-column": ("every column", "-."),
 }
 
-#: Width of a figure [inches], columns of its legend.
+#: Width of a figure [inches], and number of columns of its legend.
 WIDTH = 10.5
 LEGEND_COLUMNS = 3
 
 
 def family(row: StudyRow) -> str:
-    """Method with what distinguishes its variants, not the number of modes."""
+    """Method and all settings that distinguish a run, except the number of modes."""
     name = {"full": "full interface", "rigid": "rigid"}.get(row["method"], row["method"].upper())
     if row["method"] == "m3":
         return f"{name} {row['pressure_set']}, {selection(row)[0]}"
@@ -85,7 +85,7 @@ def family(row: StudyRow) -> str:
 
 
 def sized(row: StudyRow) -> str:
-    """The same with the number of coordinates."""
+    """Family of a run with its number of coordinates."""
     return f"{family(row)}, {row['coordinates']:.0f} coordinates"
 
 
@@ -95,7 +95,7 @@ def selection(row: StudyRow) -> tuple[str, Any]:
 
 
 def truncated(row: StudyRow) -> bool:
-    """True of an M4 that keeps less of the flexibility than it does by default."""
+    """True of an M4 that retains less of the flexibility than by default."""
     return row["method"] == "m4" and row["residual_truncation"] > TRUNCATION
 
 
@@ -117,7 +117,7 @@ def line_style(row: StudyRow) -> dict[str, Any]:
 def families(
     rows: Iterable[StudyRow], name: Callable[[StudyRow], str] = family
 ) -> dict[str, list[StudyRow]]:
-    """Runs that have a name in common, few coordinates, tight tolerances and few cells first."""
+    """Runs of each family: sorted by coordinates, then tolerance, then number of cells."""
 
     def order(row: StudyRow) -> tuple[str, float, float, int]:
         return name(row), row["coordinates"], row["tolerance"], cells(row)
@@ -134,20 +134,20 @@ def colour(row: StudyRow) -> str:
 
 
 def percent_axes(axes: Axes, xlabel: str, ylabel: str) -> None:
-    """Logarithmic axes, errors in percent along y."""
+    """Set logarithmic axes, with errors in percent along y."""
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
     plain_figures(axes.yaxis)
 
 
 def plain_figures(axis: Axis, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
-    """Figures in full at these places of every decade."""
+    """Label ticks with plain numbers at the given multiples of every power of ten."""
     axis.set_major_locator(LogLocator(subs=at))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
 
 
 def draw_floor(axes: Axes, floor: float, label: str = FLOOR_LABEL) -> None:
-    """Band of errors [%] that mean nothing, the reference's own, and an axis that ends in it."""
+    """Draw the band of errors [%] below the reference's error, in which the axis ends."""
     if floor > 0:
         axes.axhspan(floor / 10, floor, color=FLOOR, zorder=0, linewidth=0, label=label)
         axes.set_ylim(bottom=floor / 1.6)
@@ -159,20 +159,20 @@ def joint_figure(
     draw: Callable[[Axes, Any, JointData, Curve], None],
     curves: Sequence[Curve] = CURVES,
 ) -> Figure | None:
-    """Figure with a row of panels for each joint: its peak pressure, its minimum film.
+    """Figure with a row of panels for each joint: peak pressure and minimum film thickness.
 
-    None where there is nothing to show of a joint, or no joint.
+    None if a joint has nothing to show, or there is no joint.
 
     Parameters
     ----------
     shown
-        By joint.
+        Data of a panel row, by joint.
     height
-        Of a row [inches].
+        Height of a row [inches].
     draw
-        Draws one panel of what is shown.
+        Function that draws one panel.
     curves
-        One for each panel of a row.
+        Curves, one for each panel of a row.
     """
     if not shown or not all(shown.values()):
         return None
@@ -180,16 +180,16 @@ def joint_figure(
     figure, panels = plt.subplots(
         len(shown), len(curves), figsize=size, layout="constrained", squeeze=False
     )
-    for row, (joint, own) in zip(panels, shown.items(), strict=True):
+    for row, (joint, content) in zip(panels, shown.items(), strict=True):
         row[0].set_title(joint.name, loc="left", fontweight="bold")
         for axes, curve in zip(row, curves, strict=True):
-            draw(axes, own, joint, curve)
+            draw(axes, content, joint, curve)
     legend_below(figure)
     return figure
 
 
 def legend_below(figure: Figure) -> None:
-    """One legend for all panels, in room added under them; every label once."""
+    """Place one legend below all panels, in added space; every label appears once."""
     handles = {
         label: handle
         for axes in figure.axes
@@ -210,7 +210,7 @@ def legend_below(figure: Figure) -> None:
     )
 
 
-#: What is paid: columns of the table, and their names on an axis.
+#: Columns of costs, and their names on an axis.
 ONLINE = "online_s"
 COORDINATES = "coordinates"
 LABELS = {
@@ -218,20 +218,20 @@ LABELS = {
     COORDINATES: "elastic coordinates",
 }
 
-#: Runs at other step tolerances than the study's.
+#: Style of runs whose step tolerance differs from the study's.
 SMALL = {"linestyle": "", "alpha": 0.55, "markersize": 4, "zorder": 1.5}
 
-#: Closest points of the hull with a label each: the larger of the ratios of cost and error.
+#: Smallest distance of labelled hull points: the larger of the ratios of cost and of error.
 LABEL_DISTANCE = 1.6
 
-#: Cost, error [%], and the run that has them.
+#: Cost, error [%] and row of a run.
 Point = tuple[float, float, StudyRow]
 
 
 def lower_left(points: Sequence[Point]) -> list[Point]:
-    """Points that no other point reaches with less of one coordinate and no more of the other.
+    """Pareto front: points for which no other point has less cost and no more error, or vice versa.
 
-    By ascending cost, so by descending error.
+    The points are sorted by ascending cost, and so by descending error.
     """
     hull: list[Point] = []
     for point in sorted(points, key=lambda p: (p[0], p[1])):
@@ -241,9 +241,9 @@ def lower_left(points: Sequence[Point]) -> list[Point]:
 
 
 def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
-    """Error of both curves against a cost, log-log, the hull where it is a time.
+    """Error of both curves against a cost, in logarithmic axes; with a hull if the cost is a time.
 
-    None where there is nothing to draw.
+    None if there are no points.
     """
     groups = ("methods", "tolerance") if cost == ONLINE else ("methods",)
 
@@ -260,9 +260,10 @@ def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
 
 
 def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) -> None:
-    """Runs of a method joined from few modes to many, small signs at other step tolerances.
+    """Draw runs of a method joined from few modes to many, small markers at other tolerances.
 
-    Runs of which only a bound is known stand on the edge of the grey band with a sign of it.
+    Runs for which only a bound is known are at the edge of the grey band, with a marker of their
+    own.
     """
     for label, members in families([r for r in rows if r["group"] == "methods"]).items():
         errors = [100 * row.visible_error(curve) for row in members]
@@ -280,7 +281,7 @@ def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) 
 
 
 def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
-    """Runs that no other one beats in both error and cost, with coordinates and tolerance."""
+    """Draw the runs of the Pareto front, labelled with coordinates and tolerance."""
     hull = lower_left(points)
     costs, errors, _ = zip(*hull, strict=True)
     axes.plot(
@@ -296,16 +297,16 @@ def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
     )
     for x, y, row in _apart(hull):
         words = f"{row['method'].upper()}, {row['coordinates']:.0f}, {row['tolerance']:.0e}"
-        # Below and to the left of the hull there is nothing by definition.
+        # Labels are below and to the left of the hull, where no points are.
         label = axes.annotate(words.replace("e-0", "e-"), (x, y), xytext=(-4, -4), fontsize=7.5,
                               textcoords="offset points", ha="right", va="top")  # fmt: skip
         label.set_in_layout(False)
-    # Room for the labels on the left.
+    # The axis is extended for the labels on the left.
     axes.set_xlim(costs[0] / 2.5, 1.3 * max(x for x, _, _ in points))
 
 
 def _apart(hull: Sequence[Point]) -> list[Point]:
-    """Points far enough from each other for a label, the more accurate ones first."""
+    """Points that are far enough apart for labels, the more accurate ones first."""
     kept = [hull[-1]]
     for x, y, row in reversed(hull[:-1]):
         last_x, last_y, _ = kept[-1]
@@ -314,20 +315,21 @@ def _apart(hull: Sequence[Point]) -> list[Point]:
     return kept
 
 
-#: Range of a short axis from which on only powers of ten have room.
+#: Ratio of a short axis' ends above which only powers of ten are labelled.
 CROWDED = 100
 
 Points = list[tuple[float, float]]
 
 
 def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow, Points]]:
-    """Error of the steps over the tolerance asked for, from tight to loose, by model.
+    """Step error over tolerance, from tight to loose, by model.
 
-    Against the same model with very fine steps, and none below the reference's own step error.
+    Errors are relative to the same model with very fine steps. None is below the reference's step
+    error.
     """
     column = f"own_{curve.key}_error_max"
     floor = joint.own_error("step", curve)
-    # The very fine steps themselves have no such error.
+    # Runs with the very fine steps have no such error.
     rows = [row for row in joint.measured("tolerance") if math.isfinite(row[column])]
     return {
         name: (
@@ -340,10 +342,10 @@ def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow
 
 
 def slope(points: Points, floor: float) -> float:
-    """Exponent of error over tolerance.
+    """Exponent of the error as a function of the tolerance.
 
-    A least-squares line through the logarithms of the points well above the floor, twice it;
-    nan with fewer than two.
+    A least-squares line is fitted to the logarithms of all points above twice the floor; the result
+    is nan if fewer than two points remain.
     """
     above = [point for point in points if not point[1] <= 2 * floor]
     if len(above) < 2:
@@ -353,7 +355,7 @@ def slope(points: Points, floor: float) -> float:
 
 
 def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
-    """Error of the steps against the tolerance with the slope of each series, if any."""
+    """Step error against tolerance with the slope of each series; None without points."""
 
     def draw(axes: Axes, _: object, joint: JointData, curve: Curve) -> None:
         floor = joint.own_error("step", curve)
@@ -372,10 +374,11 @@ def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
 
 
 def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
-    """A line under the points with the slope that a formula of their order gives.
+    """Draw a line below the points with the theoretical slope of a formula of order p.
 
-    The local error of order p + 1 in the step follows the tolerance, so that steps go with
-    tolerance^(1/(p+1)), and the error of the curve, of order p, with tolerance^(p/(p+1)).
+    The local error, of order p + 1 in the step, is proportional to the tolerance. Steps are
+    therefore proportional to tolerance^(1/(p+1)), and the error of the curve to
+    tolerance^(p/(p+1)).
     """
     if not math.isfinite(row["order"]):
         return
@@ -388,7 +391,7 @@ def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
 
 
 def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
-    """Error against the number of cells of the film, None without two meshes."""
+    """Error against the number of cells of the film; None if there are fewer than two meshes."""
 
     def draw(axes: Axes, rows: list[StudyRow], joint: JointData, curve: Curve) -> None:
         finest = max((row for row in joint.planned("film") if row.complete), key=cells)
@@ -404,20 +407,20 @@ def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
         draw_floor(axes, 100 * floor, "error of the last mesh but one")
 
     rows = {joint: joint.measured("film") for joint in joints}
-    several = [len(set(map(cells, own))) > 1 for own in rows.values()]
+    several = [len(set(map(cells, members))) > 1 for members in rows.values()]
     return joint_figure(rows, 3.9, draw) if all(several) else None
 
 
 def cells(row: StudyRow) -> int:
-    """Number of film cells, of ``20x5`` say; 0 where the table does not tell."""
+    """Number of film cells, from ``20x5`` for instance; 0 if the table has none."""
     return math.prod(map(int, row["film_cells"].split("x"))) if row["film_cells"] else 0
 
 
 def gap_floor(joint: JointData) -> float:
-    """Largest error of the reference's own gap, anywhere and at any time [m].
+    """Largest error of the reference's gap, over all points and times [m].
 
-    As its other runs show it, except that on another film mesh, whose error all runs share; 0
-    without them.
+    The other runs of the reference show it, except the run on another film mesh, whose error is
+    common to all runs. 0 if they are missing.
     """
     film = (joint.study.reference.get("film") or {}).get("run")
     rows = [row for row in joint.measured("reference") if row["run"] != film]
@@ -425,16 +428,16 @@ def gap_floor(joint: JointData) -> float:
 
 
 def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
-    """Every run's own estimate of its gap error against the true one, if there is any."""
+    """Estimated against true gap error of every run; None if no run has an estimate."""
 
     def draw(axes: Axes, rows: list[StudyRow], joint: JointData, _: Curve) -> None:
         values = []
         floor = gap_floor(joint)
         for label, members in families(rows).items():
             true = [1e6 * max(row["true_gap_error_m"], floor) for row in members]
-            own = [1e6 * row["estimated_gap_error_m"] for row in members]
-            values += true + own
-            axes.plot(true, own, label=label, **(line_style(members[0]) | {"linestyle": ""}))
+            estimates = [1e6 * row["estimated_gap_error_m"] for row in members]
+            values += true + estimates
+            axes.plot(true, estimates, label=label, **(line_style(members[0]) | {"linestyle": ""}))
         line = np.array([0.5 * min(values), 2 * max(values)])
         axes.plot(line, line, color="0.4", linewidth=1)
         axes.fill_between(line, line / 2, 2 * line, color="#33AA55", alpha=0.15, linewidth=0,
@@ -456,26 +459,26 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
         ]
         for joint in joints
     }
-    # A rigid bore's joint has no estimate.
+    # Joints with a rigid bore have no estimate.
     estimated = {joint: members for joint, members in rows.items() if members}
     return joint_figure(estimated, 4.9, draw, (FILM,))
 
 
-#: Curves of one method from few modes to many.
+#: Line styles of the curves of one method, from few modes to many.
 LINES = (":", "--", "-.", "-")
 
-#: Share of the time at whose start the film builds up, which would hide the rest.
+#: Share of the time in which the film builds up; it is not shown, for its large errors.
 BUILD_UP = 0.1
 
 
 def best(study: StudyData, method: str) -> list[StudyRow]:
-    """The most accurate run of a method, all joints considered; none without any."""
+    """The most accurate run of a method over all joints, as a list; empty if there is none."""
     rows = study.joints[0].measured("methods", method=method)
     return sorted(rows, key=lambda row: study.worst_error(row["run"]))[:1]
 
 
 def alike(study: StudyData) -> list[StudyRow]:
-    """A run of each method with about as many coordinates, the best of M4, which needs few."""
+    """A run of each method with a similar number of coordinates; the best run of M4."""
     methods = sorted(COLOURS.keys() - {"m4"})
     runs = [study.joints[0].measured("methods", method=method) for method in methods]
     size = float(np.median([row["coordinates"] for members in runs for row in members] or [0.0]))
@@ -487,7 +490,7 @@ def alike(study: StudyData) -> list[StudyRow]:
 
 
 def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
-    """Curves of some runs on the reference's, None before there is one."""
+    """Curves of some runs and of the reference; None if there is no reference."""
     runs = [study.history(row["run"]) for row in rows]
 
     def draw(axes: Axes, reference: History, joint: JointData, curve: Curve) -> None:
@@ -499,9 +502,9 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             if history is None:
                 continue
             dashes = LINES[(i - len(rows)) % len(LINES)]
-            own = factor_of(curve.label) * history.joints[joint.name][curve.quantity]
+            values = factor_of(curve.label) * history.joints[joint.name][curve.quantity]
             axes.plot(
-                1e3 * history.time, own, color=colour(row), linestyle=dashes, label=sized(row)
+                1e3 * history.time, values, color=colour(row), linestyle=dashes, label=sized(row)
             )
         axes.set(xlabel="time [ms]", ylabel=curve.label)
         axes.margins(x=0)
@@ -514,14 +517,14 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
 
 
 def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
-    """Relative errors of some runs over time, none inside the reference's own error, if any."""
+    """Relative errors of some runs over time, outside the reference's error; None without runs."""
 
     def draw(
         axes: Axes, errors: list[tuple[StudyRow, Columns]], joint: JointData, curve: Curve
     ) -> None:
         floor = max((row.floor(curve) for row in joint.measured("methods")), default=0.0)
         if floor > 0:
-            # Linear up to the first power of ten outside of the band, where ticks begin.
+            # The scale is linear up to the first power of ten outside the band, where ticks begin.
             linear = 10.0 ** np.ceil(np.log10(100 * floor))
             axes.set_yscale("symlog", linthresh=linear, linscale=0.4)
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -551,18 +554,18 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
 #: Height of a row [inches].
 ROW_HEIGHT = 1.75
 
-#: Modes of a row, and largest deflection in the picture, bore radius 1.
+#: Number of modes in a row, and largest deflection in the picture for bore radius 1.
 COLUMNS = 6
 DEFLECTION = 0.32
 
-#: Circles of the bore that are drawn, by their place along z, and their lines.
+#: Circles of the bore that are drawn, by their relative height, and their lines.
 RINGS: dict[str, dict[str, Any]] = {
     "lower edge": {"linewidth": 0.9, "linestyle": ":"},
     "upper edge": {"linewidth": 0.9, "linestyle": "--"},
     "middle": {"linewidth": 1.8},
 }
 
-#: What is shown of each method.
+#: Kind of modes shown for each method.
 SHOWN = {
     "m1": ("fixed-boundary",),
     "m2": ("fixed-boundary",),
@@ -572,9 +575,9 @@ SHOWN = {
 
 
 def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
-    """Reduced bodies of the best run of each method at each of their bores, by name and method.
+    """Reduced bodies of the best run of each method, by bore and by method.
 
-    The name is the body's, of one with several bores with the bore's.
+    The name of a bore is the name of its body, or its own name if the body has several bores.
     """
     by_joint: dict[str, dict[str, ReducedBody]] = {}
     for row in (row for method in SHOWN for row in best(study, method)):
@@ -588,9 +591,9 @@ def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
 
 
 def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
-    """Displacement of the bore, shape (m, 3, c), in its first modes of a kind, a note on each.
+    """Displacement of the bore, shape (m, 3, c), in the first modes of a kind, and a note on each.
 
-    Modes by frequency; quasi-static patterns, which have none, the most flexible first.
+    Modes are sorted by frequency; quasi-static patterns, which have no frequency, by flexibility.
     """
     if kind == "quasi-static":
         patterns = body.residual.displacement if body.residual else np.empty((0, 3, 0))
@@ -603,7 +606,7 @@ def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
 
 
 def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
-    """First mode shapes of the bore of one part, reduced by several methods; None without any."""
+    """First mode shapes of a part's bore, reduced by several methods; None without bodies."""
     shown = [
         (method, kind, body, *first_shapes(body, kind))
         for method, body in bodies.items()
@@ -630,9 +633,9 @@ def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
 
 
 def _circles(body: ReducedBody, shapes: np.ndarray) -> np.ndarray:
-    """Radial displacement of the circles of `RINGS` in shapes (m, 3, c) of the bore, (3, a, c).
+    """Radial displacement of the circles of `RINGS` from shapes (m, 3, c) of the bore, (3, a, c).
 
-    At `ANGLES`, less the rigid motion of the bore, which would hide how it is bent.
+    Displacements are given at `ANGLES`. The rigid motion of the bore is subtracted.
     """
     bore = body.bore
     rigid = rigid_fields(bore.coordinates)
@@ -647,7 +650,7 @@ def _circles(body: ReducedBody, shapes: np.ndarray) -> np.ndarray:
 
 
 def _draw_shape(axes: Axes, circles: np.ndarray, colour: str) -> None:
-    """Bore in one mode, from the deflection of its circles, shape (3, a)."""
+    """Draw the bore in one mode, from the radial deflection of its circles, shape (3, a)."""
     axes.plot(*NORMALS, color="0.75", linewidth=0.8)
     radii = 1 + DEFLECTION * circles / np.abs(circles).max()
     for radius, (label, style) in zip(radii, RINGS.items(), strict=True):
@@ -656,7 +659,7 @@ def _draw_shape(axes: Axes, circles: np.ndarray, colour: str) -> None:
 
 
 def draw_pressure(joint: JointData) -> Figure | None:
-    """The reference's pressure at its highest peak and at the thinnest film, None without it."""
+    """Pressure of the reference at its peak and at the thinnest film; None if there is none."""
     history = joint.study.history(REFERENCE, films=True)
     if history is None:
         return None

@@ -1,4 +1,4 @@
-"""Data of a study as its report reads them, as far as the study got: rows, histories, errors."""
+"""Data of a study for its report, complete or in progress: rows, histories, errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fenics_ehd.study.cases import read_table
 from fenics_ehd.study.compare import COLUMNS, errors_path, read_errors
 from fenics_ehd.study.plan import REFERENCE
 
-#: Norms of the error of a curve: largest over time, root mean square over time.
+#: Norms of the error of a curve: largest value, and root mean square, over time.
 NORMS = {"max": "largest", "l2": "L2"}
 
 Columns = Mapping[str, np.ndarray]
@@ -27,7 +27,7 @@ Columns = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Curve:
-    """One of the two curves that a lubricated joint is judged by."""
+    """Curve of peak pressure or of minimum film thickness, by which a joint is assessed."""
 
     key: str
     title: str
@@ -41,61 +41,61 @@ CURVES = (PRESSURE, FILM)
 
 
 class StudyRow(dict[str, Any]):
-    """A run in ``table.csv``, as one lubricated joint has it.
+    """Row of ``table.csv``: one lubricated joint in one run.
 
-    By column text or numbers in SI units, nan where a cell is empty. Errors are relative: of the
-    pressure to the reference's peak, of the film to the film. Those called own are relative to the
-    same model with very fine steps.
+    Values by column are text or numbers in SI units, nan for an empty cell. Errors are relative:
+    pressure errors to the reference's peak, film errors to the film thickness. Errors in columns
+    ``own_...`` are relative to the same model with very fine steps.
     """
 
     @property
     def complete(self) -> bool:
-        """True where its figures count."""
+        """True if the run is complete, so that its figures are valid."""
         return bool(self["status"] == "complete")
 
     def error(self, curve: Curve) -> float:
-        """Largest relative error of a curve against the reference, as measured."""
+        """Largest measured error of a curve relative to the reference."""
         return float(self[f"{curve.key}_error_max"])
 
     def floor(self, curve: Curve) -> float:
-        """Error of the reference itself, as far as it is known, else 0."""
+        """Error of the reference itself; 0 if it is unknown."""
         value = float(self[f"{curve.key}_floor"])
         return value if math.isfinite(value) else 0.0
 
     def visible_error(self, curve: Curve) -> float:
-        """Error that may be shown: none below the reference's own."""
+        """Error to be shown: at least that of the reference."""
         return max(self.error(curve), self.floor(curve))
 
     def bounded(self, curve: Curve) -> bool:
-        """True where only a bound of the error is known, the reference's own."""
+        """True if the measured error is below that of the reference, which is then a bound."""
         return self.error(curve) < self.floor(curve)
 
     @property
     def worst_error(self) -> float:
-        """The larger one of both curves' largest errors, none below the reference's own."""
+        """Larger one of the errors to be shown of both curves."""
         return max(self.visible_error(curve) for curve in CURVES)
 
     @property
     def measured(self) -> bool:
-        """True where it came to its end and was compared with a reference."""
+        """True if the run is complete and was compared with a reference."""
         return self.complete and all(math.isfinite(self.error(q)) for q in CURVES)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyData:
-    """A study's folder.
+    """Contents of a study's folder.
 
     Attributes
     ----------
     directory
-        Where it is.
+        Path of the folder.
     info
         ``study.json``; its ``start`` is the time from which on errors count, of a periodic study
         in its cycle [s].
     reference
-        ``reference.json``, empty before there is one.
+        Contents of ``reference.json``, empty if there is none.
     rows
-        Of ``table.csv`` in their order, for all lubricated joints.
+        Rows of ``table.csv`` in their order, for all lubricated joints.
     """
 
     directory: Path
@@ -105,20 +105,20 @@ class StudyData:
 
     @cached_property
     def joints(self) -> tuple[JointData, ...]:
-        """The same for each lubricated joint."""
+        """Data of each lubricated joint."""
         return tuple(JointData(self, name) for name in self.info["joints"])
 
     def worst_error(self, run: str) -> float:
-        """The largest error of both curves in any joint, nan where it was not compared."""
+        """Largest error of both curves in all joints; nan if the run was not compared."""
         rows = (row for joint in self.joints for row in joint.measured("methods", run=run))
         return max((row.worst_error for row in rows), default=math.nan)
 
     def folder(self, run: str) -> Path:
-        """Results of a run."""
+        """Folder of a run's results."""
         return self.directory / "runs" / run
 
     def history(self, run: str, *, films: bool = False) -> History | None:
-        """History of a run, with its films if so wanted; None when it left none."""
+        """History of a run, with films if requested; None if the run stored none."""
         try:
             return load_history(self.folder(run), films=films)
         except InputError:
@@ -132,16 +132,16 @@ class JointData:
     Attributes
     ----------
     study
-        All of it.
+        Study of the joint.
     name
-        Of the joint.
+        Name of the joint.
     """
 
     study: StudyData
     name: str
 
     def planned(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Runs of some groups with these values, complete or not."""
+        """Rows of some groups with given values in their columns, complete or not."""
         return [
             row
             for row in self.study.rows
@@ -151,23 +151,23 @@ class JointData:
         ]
 
     def measured(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Those of them that were compared with a reference, few coordinates first."""
+        """Planned rows that were compared with a reference, sorted by coordinates."""
         chosen = [row for row in self.planned(*groups, **wanted) if row.measured]
         return sorted(chosen, key=lambda row: row["coordinates"])
 
     def own_error(self, kind: str, curve: Curve, norm: str = "max") -> float:
-        """One of the reference's own errors, nan where it is not known."""
+        """Error of the reference of one kind; nan if it is unknown."""
         entry = self.study.reference.get(kind) or {}
         value = entry.get("joints", {}).get(self.name, entry).get(f"{curve.key}_{norm}")
         return math.nan if value is None else float(value)
 
     def errors_over_time(self, run: str) -> Columns | None:
-        """``time_s`` and signed ``pressure_error``, ``film_error`` of a run, None without any."""
+        """``time_s``, signed ``pressure_error`` and ``film_error`` of a run; None if missing."""
         try:
             stored = read_errors(errors_path(self.study.folder(run), REFERENCE))
         except InputError:
             return None
-        # Of one joint, versions before 0.4 stored bare names.
+        # Versions before 0.4 stored bare names for studies of one joint.
         return {column.removeprefix(f"{self.name}."): v for column, v in stored.items()}
 
 

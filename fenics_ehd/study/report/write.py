@@ -1,6 +1,6 @@
-"""Pages of a report, HTML and Markdown, with its tables and figures, written.
+"""Writes the pages of a study's report, with tables and figures.
 
-One self-contained HTML page and the same in Markdown, in the folder of the study.
+The report is one self-contained HTML page, and a Markdown page, in the folder of the study.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ from fenics_ehd.study.report.study_data import (
     read_study,
 )
 
-#: Errors that the table of costs asks for.
+#: Error limits of the rows in the table of costs.
 LIMITS = (0.1, 0.05, 0.02, 0.01, 0.005)
 
-#: What can be wrong with a reference, and how it is named.
+#: Kinds of the reference's errors, and their names in the report.
 REFERENCE_ERRORS = {"step": "step size", "film": "film mesh", "basis": "basis"}
 
-#: Figures in the table of all runs: column, head, format.
+#: Columns of figures in the table of all runs: key, heading, format.
 RUN_FIGURES = (
     ("offline_s", "reduction [s]", ".1f"),
     ("online_s", "integration [s]", ".2f"),
@@ -68,14 +68,14 @@ RUN_FIGURES = (
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
+    """A table of texts.
 
     Attributes
     ----------
     heads, rows
-        Cells are text.
+        Texts of the headings and of all cells.
     words
-        Number of leading columns that hold words; the others hold figures and are set right.
+        Number of leading columns with words; the other columns have numbers and are right-aligned.
     """
 
     heads: tuple[str, ...]
@@ -84,19 +84,19 @@ class Table:
 
 
 def percent(value: float) -> str:
-    """A share with two digits that mean something."""
+    """A ratio in per cent with two significant digits."""
     if not math.isfinite(value):
         return "?"
     return f"{100 * value:.0f} %" if abs(value) >= 0.995 else f"{100 * value:.2g} %"
 
 
 def bounded(row: StudyRow, curve: Curve) -> str:
-    """The largest error; where the reference's own is larger, that one as an upper limit."""
+    """Largest error as text; the reference's error as an upper limit if that is larger."""
     return "≤ " * row.bounded(curve) + percent(row.visible_error(curve))
 
 
 def cost_table(joint: JointData) -> Table:
-    """Fastest run of each method within given errors of both curves."""
+    """Fastest run of each method with both errors below each limit."""
     runs = {method: joint.measured("methods", "tolerance", method=method) for method in COLOURS}
     runs = {method: rows for method, rows in runs.items() if rows}
     table = [
@@ -118,7 +118,7 @@ def _fastest(rows: list[StudyRow], limit: float) -> str:
 
 
 def run_table(study: StudyData) -> Table:
-    """Every run of the study with its figures; the failed ones with their reason."""
+    """Every run of the study with its figures; a failed run with the reason."""
     errors = (f"{curve.key} error" for curve in CURVES)
     heads = ("run", "joint", "method", "tolerance", "coordinates", *errors,
              *(head for _, head, _ in RUN_FIGURES))  # fmt: skip
@@ -139,7 +139,7 @@ def _figure(value: float, form: str = "g") -> str:
 
 
 def unknown_floors(study: StudyData) -> list[str]:
-    """Which of the reference's own errors that limit a comparison were not taken, in words."""
+    """Kinds of limiting errors of the reference that were not computed, in words."""
     return [
         REFERENCE_ERRORS[kind]
         for kind in LIMITING
@@ -148,13 +148,13 @@ def unknown_floors(study: StudyData) -> list[str]:
 
 
 def film_mesh_errors(joint: JointData) -> list[str]:
-    """The error of the film mesh in both curves, none where it was not taken."""
+    """Error of the film mesh in both curves as text; empty if it was not computed."""
     shared = [joint.own_error("film", curve) for curve in CURVES]
     return [] if any(map(math.isnan, shared)) else [*map(percent, shared)]
 
 
 def reference_table(study: StudyData) -> Table:
-    """The reference's own errors."""
+    """Table of the reference's errors."""
     norms = [(curve, norm) for curve in CURVES for norm in NORMS]
     rows = []
     for kind, words in REFERENCE_ERRORS.items():
@@ -169,7 +169,7 @@ def reference_table(study: StudyData) -> Table:
     return Table(("error of the reference", "joint", "measured by", *heads), tuple(rows), words=3)
 
 
-#: What the template takes from here, by name.
+#: Functions that the template calls, by name.
 TABLES: dict[str, Any] = {
     "cost_table": cost_table,
     "run_table": run_table,
@@ -181,16 +181,16 @@ TABLES: dict[str, Any] = {
 
 
 def render(form: str, figures: Path, **content: Any) -> str:
-    """The page, which ``templates/report.jinja`` words.
+    """The text of a page, from the template ``templates/report.jinja``.
 
     Parameters
     ----------
     form
-        ``"html"``, a page without any other file, or ``"md"``, with links to PNG files.
+        ``"html"``, a self-contained page, or ``"md"``, with links to PNG files.
     figures
         Folder of the figures.
     content
-        What the template speaks of.
+        Variables of the template.
     """
     environment = Environment(
         loader=PackageLoader("fenics_ehd.study.report", "templates"),
@@ -214,13 +214,13 @@ def render(form: str, figures: Path, **content: Any) -> str:
 
 
 def _of_markdown(value: Any) -> Any:
-    """Text of a name or a message without what Markdown takes for HTML or a link."""
+    """Text with characters escaped that Markdown would read as HTML or a link."""
     if isinstance(value, Markup):
         return value
     return Markup(str(value).replace("&", "&amp;").replace("<", "&lt;").replace("](", "]\\("))
 
 
-#: Pages, the first one without need of another file, and the folder of the figures.
+#: Pages, of which the first is self-contained, and the folder of the figures.
 PAGES = ("report.html", "report.md")
 FIGURES = "figures"
 
@@ -234,12 +234,12 @@ def write_report(directory: str | Path) -> Path:
     Parameters
     ----------
     directory
-        Of the study.
+        Folder of the study.
 
     Returns
     -------
     Path
-        The HTML page, which needs no other file.
+        Path of the HTML page, which is self-contained.
 
     Raises
     ------
@@ -263,7 +263,7 @@ def write_report(directory: str | Path) -> Path:
 
 
 def _figures(study: StudyData) -> Iterator[tuple[str, Figure | None]]:
-    """Figures by the stem of their files, None in the place of one without anything to show."""
+    """Figures by the stem of their file names; None for a figure without data."""
     yield "error_against_time", draw_cost(study.joints, ONLINE)
     yield "error_against_modes", draw_cost(study.joints, COORDINATES)
     yield "curves", draw_methods(study, alike(study))
