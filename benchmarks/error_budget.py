@@ -303,7 +303,7 @@ class Done:
 
     Attributes
     ----------
-    said
+    reported
         Peak pressure and thinnest film of every joint, as its summary has them.
     smooth
         The same of its curve between nodes and steps.
@@ -444,12 +444,12 @@ def judge(name: str, references: References) -> list[dict[str, Any]]:
             "scene": name,
             "joint": joint,
             "quantity": quantity,
-            "true": {part: abs(errors[joint][k]) / said[k] for part, errors in true.items()},
+            "true": {part: abs(errors[joint][k]) / reported[k] for part, errors in true.items()},
             "reference": reference[joint][k],
             "estimate": dict(budget.joints[joint][quantity]),
             "cost": budget.seconds / found.seconds,
         }
-        for joint, said in found.extremes.items()
+        for joint, reported in found.extremes.items()
         for k, quantity in enumerate(QUANTITIES)
     ]
 

@@ -258,7 +258,7 @@ RULES = (
 )  # fmt: skip
 
 #: Rules whose breaches are counted and do not fail.
-NOT_YET = {comprehensions, late_imports, empty_names, words}
+NOT_YET: set = set()
 
 
 def main():

@@ -43,7 +43,7 @@ class Prism:
         turn = np.cumsum(np.append(0.0, 2 * np.arcsin(self.sides / (2 * radius))))
         self.polygon = radius * np.column_stack([np.cos(turn), np.sin(turn)])
         around, along = grid.cells
-        corners = self.binding(
+        corners = self.positions(
             np.repeat(grid.angles[:-1], along + 1), np.tile(grid.heights, around)
         )
         i, j = (x.ravel() for x in np.meshgrid(range(around), range(along), indexing="ij"))
@@ -56,7 +56,7 @@ class Prism:
         #: Film cell of every dolfinx cell.
         self.order = cKDTree(centres).query(own)[1]
 
-    def place(self, angle, height):
+    def positions(self, angle, height):
         """Where on the prism a point of the film lies."""
         flat = [np.interp(angle, self.grid.angles, x) for x in self.polygon.T]
         return np.column_stack([*flat, height / R])
@@ -87,8 +87,8 @@ def test_residual_and_matrix_are_those_of_a_closed_surface(family):
     height, rate, speed = (prism.coefficient(x) for x in values)
     flow = height**3 * around(pressure) - height * speed
     residual = (flow * around(v) + height**3 * along(pressure) * along(v) + rate * v) * DX
-    places = prism.place(*grid.node_positions.T)
-    distance, order = cKDTree(space.tabulate_dof_coordinates()).query(places)
+    positions = prism.positions(*grid.node_positions.T)
+    distance, order = cKDTree(space.tabulate_dof_coordinates()).query(positions)
     assert distance.max() < 1e-12
     film = make_film(grid=grid)
     p = np.random.default_rng(6).uniform(0, 1, len(film.free))

@@ -77,7 +77,7 @@ def test_nothing_is_judged_by_itself(scene, quick):
     assert study.start == (0.0 if study.scene.time.periodic else 0.02 * study.scene.span)
     for row in study.rows:
         assert row.run in study.cases
-        for other in filter(None, (row.against, row.own)):
+        for other in filter(None, (row.against, row.fine_run)):
             assert study.cases[other].identity != study.cases[row.run].identity
     reductions = {
         name: {body.settings.reduction for body in case.bodies.values()}
@@ -369,7 +369,7 @@ def test_errors_over_time_are_kept_beside_the_runs(studied, again):
     paths = {
         errors_path(Path("runs", row["run"]), against)
         for row in compared
-        for against in filter(None, (row["against"], study.rows[rows.index(row)].own))
+        for against in filter(None, (row["against"], study.rows[rows.index(row)].fine_run))
         if against != row["run"]
     }
     assert {path.relative_to(directory) for path in directory.glob("runs/*/errors-*")} == paths

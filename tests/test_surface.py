@@ -143,7 +143,7 @@ def test_a_journal_that_turns_bends_as_a_bore_at_rest(figure):
     # After a quarter of a turn the nodes of one film lie at nodes of the other.
     at_rest, turning = ends((12, 2), 0.25, 1e-4)
     error = np.abs(turning / at_rest - 1.0).max()
-    figure("surface", "elastic journal that turns against bore at rest", error, most=1e-3)
+    figure("shapes", "elastic journal that turns against bore at rest", error, most=1e-3)
 
 
 @pytest.mark.slow
@@ -153,7 +153,7 @@ def test_both_agree_to_the_second_order_of_the_mesh(figure):
         at_rest, turning = ends(cells, 0.27, 1e-5)
         errors.append(np.abs(turning / at_rest - 1.0))
     coarse, fine = np.array(errors)
-    figure("surface", "elastic journal that turns, film and peak", fine.max(), most=3e-3)
+    figure("shapes", "elastic journal that turns, film and peak", fine.max(), most=3e-3)
     assert np.all(np.log2(coarse / fine) > 1.8)
 
 

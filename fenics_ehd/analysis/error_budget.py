@@ -55,8 +55,9 @@ from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.elastic_bore import bore_surface, sampling_grid
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System
+from fenics_ehd.multibody.mechanism import Instant, Motion, System
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run

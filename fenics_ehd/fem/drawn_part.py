@@ -14,6 +14,7 @@ import meshio
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError, SettingsError
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.units import in_unit
 from fenics_ehd.fem.drawing import CellSizes, Drawing, read_drawing
 from fenics_ehd.fem.drawing_unit import IGES, STEP
@@ -425,6 +426,7 @@ def bore_sizes(
     return CellSizes(sized, COARSE * float(drawing.extent.max()), coarser)
 
 
+@renamed_attributes(place="placement")
 @dataclass(frozen=True, eq=False)
 class PlacedPart:
     """A part in its own frame.
@@ -439,7 +441,7 @@ class PlacedPart:
         Faces that make up each surface.
     moved
         Largest displacement of the nodes of each bore onto its cylinder [m].
-    place
+    placement
         Rigid motion from the file to the part's frame; matrices of the nodes are rotated likewise.
     cylinders
         Cylinders of the faces by number, before nodes were moved.
@@ -454,7 +456,7 @@ class PlacedPart:
     numbers: np.ndarray
     named: NamedFaces
     moved: Mapping[str, float]
-    place: Placement
+    placement: Placement
     cylinders: Mapping[int, Cylinder]
     straight: bool
     size: float = 1.0
@@ -495,8 +497,8 @@ class PlacedPart:
             facets = self.facets[self.numbers == number]
             corners = facet_corners(facets)
             # Cylinders are in the file's frame.
-            middles = rounded_middles(frame(self.place.back(self.solid.points[corners])))
-            points[facets[:, corners.shape[1] :]] = self.place(frame.back(middles))
+            middles = rounded_middles(frame(self.placement.back(self.solid.points[corners])))
+            points[facets[:, corners.shape[1] :]] = self.placement(frame.back(middles))
         return points
 
     def refined(self) -> PlacedPart:

@@ -33,6 +33,8 @@ All terms with ``e_t`` are kept; ``R_1 - s = e_t^2 / (R_1 + s)`` is formed witho
 cancellation. Left out, each smaller than what is kept by a factor c / R: the
 product of tangential bore velocity and bore slope, and the axial velocity of
 a tilted shaft (w in (6), which the paper drops too).
+
+Imports inside functions: SciPy's splines take a tenth of a second, and most surfaces are round.
 """
 
 from __future__ import annotations

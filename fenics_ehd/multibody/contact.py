@@ -31,9 +31,10 @@ from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.rough_surfaces import AsperityContact
 from fenics_ehd.multibody.border import FilmBlock
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.film_point import FilmPoint
-from fenics_ehd.multibody.mechanism import FilmBinding, System
+from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.static_correction import BoreResponses
 from fenics_ehd.multibody.surface import TurningRows
 

@@ -25,8 +25,8 @@ import numpy as np
 
 from fenics_ehd.film.oil_balance import OilBalance
 from fenics_ehd.multibody.bdf import ImplicitStep
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_point import FilmPoint, OilPoint
-from fenics_ehd.multibody.mechanism import FilmBinding
 
 #: Largest relative excess of the density over that at ambient pressure which a stored state may
 #: have: the limit of Dowson and Higginson's law for infinite pressure.

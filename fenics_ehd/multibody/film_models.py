@@ -59,9 +59,9 @@ from fenics_ehd.film.oil_balance import (
     require_monotone,
 )
 from fenics_ehd.multibody.bdf import ImplicitStep
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_content import FilmContent, OilContent
 from fenics_ehd.multibody.film_point import FilmPoint, OilPoint
-from fenics_ehd.multibody.mechanism import FilmBinding
 
 #: Round-off of a film's balances over the largest flow that squeezes empty nodes, 4e-13 in a film
 #: of 697 nodes: oil as thin as air flows 1e8 times as fast as the source of the equation.

@@ -238,8 +238,8 @@ def is_column(path: str) -> bool:
     return path.startswith(COLUMNS) and not of_film(path)
 
 
-@renamed_attributes(told="entries")
-@renamed_arguments(told="entries")
+@renamed_attributes(told="entries")  # words: literal
+@renamed_arguments(told="entries")  # words: literal
 @dataclass(frozen=True, eq=False)
 class History:
     """Quantities of a run over its steps, with its summary and scene.

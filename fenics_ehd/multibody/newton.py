@@ -48,8 +48,9 @@ from fenics_ehd.multibody.bdf import (
     Step,
 )
 from fenics_ehd.multibody.border import BorderedSystem, ChangedSystem
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_models import FilmModel
-from fenics_ehd.multibody.mechanism import FilmBinding, Motion, System
+from fenics_ehd.multibody.mechanism import Motion, System
 from fenics_ehd.multibody.quantities import JointStep, joint_steps
 from fenics_ehd.multibody.step_equations import Derivative, GapChanges, Point, StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm

@@ -25,7 +25,8 @@ from fenics_ehd.base.layout import Group, Stateful, Value
 from fenics_ehd.film.heat import TemperatureSearch, run_away
 from fenics_ehd.film.lubricant import TemperatureLaw
 from fenics_ehd.multibody.cycle import Recurrence
-from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
+from fenics_ehd.multibody.film_binding import FilmBinding
+from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import Curve

@@ -49,7 +49,7 @@ from fenics_ehd.film.film import Film, FilmState
 from fenics_ehd.film.forces import FilmFlows, under_pressure
 from fenics_ehd.film.rough_surfaces import PUBLISHED, AsperityContact
 from fenics_ehd.multibody.contact import JointContact
-from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, film_friction
 from fenics_ehd.multibody.surface import observed_positions
 

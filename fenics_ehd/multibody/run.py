@@ -11,8 +11,9 @@ import numpy as np
 from fenics_ehd.base.errors import ContactError, FilmTooThinError, SettingsError
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
 from fenics_ehd.multibody.bdf import IntegratorOptions, IntegratorState, advance
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_models import FilmModel
-from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System, assemble, check_inertia
+from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.newton import CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.step_norm import StepNorm
 

@@ -22,7 +22,8 @@ from scipy import sparse
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.mechanism import FilmBinding, System, consecutive
+from fenics_ehd.multibody.film_binding import FilmBinding
+from fenics_ehd.multibody.mechanism import System, consecutive
 
 #: Number of Gauss points of all films up to which the responses to unit forces are stored: a dense
 #: matrix of this size has 32 MB.

@@ -35,11 +35,12 @@ from fenics_ehd.film.forces import film_fields
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.border import FilmBlock
 from fenics_ehd.multibody.contact import ContactColumns, Contacts
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_coupling import FilmCoupling
 from fenics_ehd.multibody.film_models import film_models
 from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.lubricated_joint import JointFilm
-from fenics_ehd.multibody.mechanism import FilmBinding, Instant, Motion, System, consecutive
+from fenics_ehd.multibody.mechanism import Instant, Motion, System, consecutive
 from fenics_ehd.multibody.static_correction import BoreResponses
 
 #: Of every film: change of the gap at the Gauss points and its rate [m], [m/s].

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_ehd.multibody.mechanism import FilmBinding, consecutive
+from fenics_ehd.multibody.film_binding import FilmBinding
+from fenics_ehd.multibody.mechanism import consecutive
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.surface import Surface
 

@@ -19,7 +19,7 @@ from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.extremes import over_time
 from fenics_ehd.film.film import steepest_thickening
 from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle
-from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.notices import (
     RINGING,
     resting_films,

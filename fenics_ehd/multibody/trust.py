@@ -18,7 +18,8 @@ import numpy as np
 from fenics_ehd.base.layout import Stateful, Value
 from fenics_ehd.film.forces import under_pressure
 from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.mechanism import FilmBinding, System
+from fenics_ehd.multibody.film_binding import FilmBinding
+from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.newton import unresolved
 from fenics_ehd.multibody.notices import resting_films
 from fenics_ehd.multibody.summary import RunSummary

@@ -26,9 +26,10 @@ from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.files import written_aside
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.body import FlexibleBody
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import load_history
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
-from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
+from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.plotting.animated_bodies import (
     STEEL,
     BodyView,

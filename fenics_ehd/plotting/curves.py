@@ -91,14 +91,14 @@ class Curves:
     ----------
     panels
         In the order in which they are drawn.
-    whole
-        Whether they are of a run, not of its joints.
+    of_run
+        Whether the curves are of a run as a whole, not of its joints.
     needed
         Column without which there is nothing to draw; empty: any of them will do.
     """
 
     panels: tuple[Panel, ...]
-    whole: bool = False
+    of_run: bool = False
     needed: str = ""
 
     def has(self, joint: ShownJoint) -> bool:
@@ -109,12 +109,11 @@ class Curves:
 
     def draw(self, rows: Rows) -> Figure:
         """The figure."""
-        cells = [
-            (title, joints, panel)
-            for title, joints in rows.items()
-            for panel in self.panels
-            if any(panel.found(joint.columns) for joint in joints)
-        ]
+        cells = []
+        for title, joints in rows.items():
+            for panel in self.panels:
+                if any(panel.found(joint.columns) for joint in joints):
+                    cells.append((title, joints, panel))
         height = ALONE if len(cells) == 1 else STACKED * len(cells)
         figure, axes = plt.subplots(
             len(cells), figsize=(WIDTH, height), layout="constrained", sharex=True, squeeze=False

@@ -145,7 +145,7 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
             ),
             Panel("defect [J]", {"energy_defect_J": "defect of the balance"}, scale="linear"),
         ),
-        whole=True,
+        of_run=True,
     ),
 }
 
@@ -297,7 +297,7 @@ class Pictures:
 def _is_of_run(quantity: str) -> bool:
     """True of a quantity of a run as a whole, such as ``energy``, False of one of its joints."""
     picture = QUANTITIES.get(quantity)
-    return isinstance(picture, Curves) and picture.whole
+    return isinstance(picture, Curves) and picture.of_run
 
 
 def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:

@@ -9,8 +9,9 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, interp1d
 
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.multibody.body import Body, FlexibleBody, ground
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import FIELDS_NAME, History
-from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism, System
+from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.trust import bore_loads

@@ -24,8 +24,9 @@ from fenics_ehd.base.files import claim
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.body import Body, FlexibleBody
 from fenics_ehd.multibody.elastic_bore import bore_surface
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import History
-from fenics_ehd.multibody.mechanism import FilmBinding, Mechanism
+from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.recorded_quantities import FilmResult
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.reduction.body import ReducedBody, bore_fields

@@ -36,7 +36,7 @@ import numpy as np
 from fenics_ehd.base.errors import AccuracyError, InputError, SettingsError
 from fenics_ehd.base.files import ACCURACY, read_json, to_json, write_whole
 from fenics_ehd.base.sealed_file import named
-from fenics_ehd.multibody.mechanism import FilmBinding
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.trust import COMPONENTS, KEYS, NOT_APPLICABLE, QUANTITIES

@@ -397,7 +397,7 @@ def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
         "online_wall_s": figures["wall_time_s"],
         "estimated_gap_error_m": folder.runs[row.run].estimates().get(joint),
     }
-    for names, other in ((ERROR_COLUMNS, row.against), (OWN, row.own)):
+    for names, other in ((ERROR_COLUMNS, row.against), (OWN, row.fine_run)):
         if (errors := folder.errors(row.run, other)) is not None:
             values |= {
                 column: errors[joint][name] for column, name in zip(names, ERRORS, strict=True)

@@ -271,14 +271,14 @@ class Row:
         Name of the run; ``"methods"``, ``"tolerance"``, ``"film"`` or ``"reference"``.
     against
         Run that errors are relative to; empty for the finest run.
-    own
+    fine_run
         Run of the same bodies with very fine steps, which shows the step error; empty: none.
     """
 
     run: str
     group: str
     against: str
-    own: str = ""
+    fine_run: str = ""
 
 
 @dataclass(frozen=True, eq=False)
