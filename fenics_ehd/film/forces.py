@@ -25,7 +25,7 @@ grooves and supply holes, which are deep. In the cavitated zone it follows one o
 ``none``
     There is no oil.
 
-When the cavitation condition tells the fluid fraction itself, ``streamers`` uses that.
+If the cavitation condition determines the fluid fraction, ``streamers`` uses this fraction.
 
 On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls with ``tau_2 t`` (t along the
 circumference). The shaft lies ``h`` further in: its surface ``(R_2 - h) e_r + z e_z`` has the area
