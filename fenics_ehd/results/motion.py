@@ -1,4 +1,4 @@
-"""A mechanism in the motion that a run recorded: bodies, gaps and loads at any of its instants."""
+"""Recorded motion of a mechanism: bodies, gaps and loads at any instant of a run."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from fenics_ehd.reduction.body import ReducedBody
 def between_steps(history: History, time: np.ndarray) -> History:
     """A run at instants [s] within the recorded ones.
 
-    Coordinates follow the cubics of values and rates, or joints would come apart between two steps;
-    all else follows cubics that do not overshoot, straight lines where a value is not known.
+    Coordinates are interpolated by cubics of values and rates, so that joints stay closed between
+    two steps. All other quantities are interpolated by monotone cubics, or linearly if a value is
+    unknown.
     """
     clock = np.asarray(history.run.time)
 
@@ -36,7 +37,7 @@ def between_steps(history: History, time: np.ndarray) -> History:
 
 
 def nearest_steps(time: np.ndarray, count: int) -> np.ndarray:
-    """At most `count` steps, spread as evenly as they lie, by their number."""
+    """At most `count` steps, evenly spaced by their numbers."""
     wanted = np.linspace(time[0], time[-1], count)
     return np.unique(np.abs(time[:, None] - wanted).argmin(axis=0))
 
@@ -47,23 +48,23 @@ class RecordedMotion:
     Parameters
     ----------
     mechanism
-        Of the run.
+        Mechanism of the run.
     motion
-        Recorded steps of a run, or instants between them; with its films for what is of these.
+        Recorded steps of a run, or instants between them; methods on films need nodal fields.
 
     Attributes
     ----------
     time
         Since the run's start, shape (t,) [s].
     bodies
-        By name, the ground too.
+        Bodies by name, the ground included.
     system
         The mechanism's coordinates.
 
     Raises
     ------
     InputError
-        The motion is not one of this mechanism.
+        The motion belongs to another mechanism.
     """
 
     def __init__(self, mechanism: Mechanism, motion: History):
@@ -99,15 +100,15 @@ class RecordedMotion:
         Parameters
         ----------
         body, point
-            Which.
+            Names of body and point.
         coordinates
-            In place of the body's own, shape (t, n).
+            Coordinates that replace those of the body, shape (t, n).
         """
         rows = self.coordinates(body) if coordinates is None else coordinates
         return np.array([self.bodies[body].marker(point, row).values[:3] for row in rows])
 
     def part(self, body: str) -> ReducedBody:
-        """The part that a flexible body is."""
+        """Reduced part of a flexible body."""
         flexible = self.bodies[body]
         assert isinstance(flexible, FlexibleBody)
         return flexible.reduced
@@ -131,7 +132,8 @@ class RecordedMotion:
     def in_equilibrium(self, body: str) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and amplitudes whose elastic forces balance the loads, shapes as `elastic`.
 
-        ``q + zeta q'`` and ``V p``: what damping carries is with them, ``y + zeta y' = V p``.
+        They are ``q + zeta q'`` and ``V p``, so that the forces of damping are included:
+        ``y + zeta y' = V p``.
         """
         part = self.part(body)
         (coordinates, amplitudes) = self.elastic(body)
@@ -145,7 +147,7 @@ class RecordedMotion:
             patterns = equations.responses.bodies[body].patterns
             pressures = [self.motion.pressures[p.name] for p in films]
             gaps = [self.observed[p.name][:, : -self.nodes(p)] for p in films]
-            amplitudes = np.zeros_like(amplitudes)  # those of the run stay
+            amplitudes = np.zeros_like(amplitudes)  # amplitudes of the run do not change
             for row in range(len(amplitudes)):
                 forces = equations.contacts.forces([gap[row] for gap in gaps])
                 static = equations.responses.static([p[row] for p in pressures], forces)
@@ -153,13 +155,13 @@ class RecordedMotion:
         return coordinates + flexible.damping_time * rates, amplitudes
 
     def loads(self, body: str) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of the films on a flexible body, and its turning.
+        """Forces of the films on a flexible body, and its angular speed.
 
         Returns
         -------
         forces, speeds : numpy.ndarray
-            Of oil and asperities on the nodes of its bores, shape (t, m, 3) [N], where the film's
-            integrals put them; of its frame, shape (t,) [rad/s].
+            Forces of oil and asperities on the nodes of its bores by the film's integrals, shape
+            (t, m, 3) [N]; angular speed of its frame, shape (t,) [rad/s].
 
         Raises
         ------
@@ -207,10 +209,10 @@ class RecordedMotion:
 
     @cached_property
     def orbits(self) -> dict[str, np.ndarray]:
-        """Eccentricity of the journal in the bore as it is, by joint, shape (t, 2) [m].
+        """Eccentricity of the journal in the deformed bore, by joint, shape (t, 2) [m].
 
-        Deformed, turned as its body's frame, see `JointFilm.circle`; in a rigid one it is the
-        journal's own eccentricity.
+        It is in the frame of the bore's body, see `JointFilm.circle`. In a rigid bore it is the
+        eccentricity that the run recorded.
         """
         return {
             binding.name: self.gaps[binding.name] @ binding.film.circle.T
@@ -219,7 +221,7 @@ class RecordedMotion:
 
     @staticmethod
     def nodes(binding: FilmBinding) -> int:
-        """Number of nodes of a film, behind whose Gauss points the gap is observed at them."""
+        """Number of nodes of a film, at which the gap is observed after the Gauss points."""
         return len(binding.film.film.parameters.grid.node_positions)
 
     def bore_pressure(self, body: str) -> np.ndarray:

@@ -1,9 +1,9 @@
 """ParaView series of a run: bodies and films in space over the time.
 
 One file, ``run.pvd``, opens a multi-block file for each time, whose blocks are the bodies and the
-films of the mechanism: a flexible body with its whole part, displaced by what the run records of
-its elastic coordinates and residual patterns, any other as lines from its origin to its points, a
-film on its bore with pressure, gap and the share of oil in it.
+films of the mechanism: a flexible body as its whole part, displaced by the recorded elastic
+coordinates and residual patterns; any other body as lines from its origin to its points; a film on
+its bore with pressure, gap and fluid fraction.
 """
 
 from __future__ import annotations
@@ -38,24 +38,27 @@ from fenics_ehd.results.motion import RecordedMotion, nearest_steps
 #: meshio's names of quadratic cells, by their number of nodes.
 CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
 
-#: Largest difference of bore rows from the body's, relative to the largest of these.
+#: Largest difference between bore rows of a basis and of its body, relative to the largest bore
+#: row.
 AGREEMENT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class PartFields:
-    """The whole part on one rank, its displacement from what a run records.
+    """The whole part on one rank, with matrices from recorded coordinates to its displacement.
 
     Attributes
     ----------
     nodes
         shape (p, 3) [m].
     cells
-        In the order of VTK's quadratic hexahedron or tetrahedron, shape (c, 20 or 10).
+        Nodes of every cell in the order of VTK's quadratic hexahedron or tetrahedron, shape (c, 20
+        or 10).
     basis
         Displacements of unit elastic coordinates, shape (p, 3, n) [m].
     patterns
-        Displacements of unit residual patterns (M4), shape (p, 3, r) [m/Pa]; r = 0 for others.
+        Displacements of unit residual patterns (M4), shape (p, 3, r) [m/Pa]; r = 0 for other
+        methods.
     """
 
     nodes: np.ndarray
@@ -99,9 +102,9 @@ def gather_part(structure: Structure, body: ReducedBody, columns: np.ndarray) ->
 
 
 def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
-    """A part by its basis on disk, None if that is not the basis of the body.
+    """A part by its basis on disk; None if the basis belongs to another body.
 
-    Residual patterns (M4) are not in such a file: they move the bores' nodes only.
+    Such a file does not contain residual patterns (M4): they move the bores' nodes only.
     """
     nodes = file.nodes
     moved = bore_fields(body)
@@ -127,7 +130,7 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
     Raises
     ------
     SettingsError
-        A basis given is that of no body.
+        A basis belongs to none of the bodies.
     """
     reduced = {n: body.reduced for n, body in bodies.items() if isinstance(body, FlexibleBody)}
     parts: dict[str, PartFields] = {}
@@ -146,31 +149,32 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
 DISPLACEMENT = "displacement_m"
 PRESSURE = "pressure_Pa"
 
-#: meshio's names of a film's cells by family, with what takes their nodes to VTK's order.
+#: meshio's names of a film's cells by family, and the permutation of their nodes to VTK's order.
 FILM_CELLS = {
     "bilinear": ("quad", [0, 1, 3, 2]),
     "serendipity": ("quad8", [0, 1, 3, 2, 4, 6, 7, 5]),
     "lagrange": ("quad9", [0, 1, 3, 2, 4, 6, 7, 5, 8]),
 }
 
-#: Largest distance of a node of a part from a pressure node that it is, over the bore's radius.
+#: Largest distance between a node of a part and the pressure node it is identified with, over the
+#: bore's radius.
 _SAME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One thing that is drawn.
+    """One body or film in the series.
 
     Attributes
     ----------
     group, name
-        ``bodies`` or ``films``, and of it.
+        Group ``bodies`` or ``films``, and name of the body or film.
     kind, cells
         meshio's name of its cells, and their nodes.
     points, displacement
-        At all instants, and the elastic part of it, shape (t, p, 3) [m].
+        Positions at all instants, and elastic displacements, shape (t, p, 3) [m].
     fields
-        Others by name, shape (t, p).
+        Scalar fields by name, shape (t, p).
     """
 
     group: str
@@ -190,7 +194,7 @@ def moved_along(
     Parameters
     ----------
     poses
-        Of the frame, ``(x, y, angle)``, shape (t, 3).
+        Poses of the frame, ``(x, y, angle)``, shape (t, 3) [m], [rad].
     """
     turns = Rotation.from_euler("z", poses[:, 2]).as_matrix().transpose(0, 2, 1)
     origins = np.pad(poses[:, None, :2], [(0, 0), (0, 0), (0, 1)])
@@ -211,7 +215,7 @@ def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
 
 
 def line_block(replay: RecordedMotion, name: str) -> Block:
-    """A body by lines from its origin to its points, or from one end of a shaft to the other."""
+    """A body as lines from its origin to its points, or a shaft as a line from end to end."""
     body = replay.bodies[name]
     coordinates = replay.coordinates(name)
     points = ["", *body.point_names]
@@ -224,7 +228,7 @@ def line_block(replay: RecordedMotion, name: str) -> Block:
     if len(points) == 1:
         kind = "vertex"
         cells = np.array([[0]])
-    # Coordinates that the films see are small motions, all others large ones.
+    # Coordinates on which films depend are small motions, all other coordinates large motions.
     resting = np.where(body.weights < 1.0, 0.0, coordinates)
     there, rest = (
         np.stack([replay.marker(name, point, z) for point in points], axis=1)
@@ -273,9 +277,9 @@ def _bending(
 
 
 def height_at(replay: RecordedMotion, name: str, point: str) -> float:
-    """Height of a point of a body [m]: 0, but along a shaft from its first end.
+    """Height of a point of a body [m]: 0, or for a shaft the distance from its first end.
 
-    A shaft in the bore of a flexible body is there at the height of that bore.
+    A shaft in the bore of a flexible body has the height of this bore there.
     """
     body = replay.bodies[name]
     if not isinstance(body, ShaftBody):
@@ -290,7 +294,7 @@ def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     return start + length * body.points.get(point, 0.0)
 
 
-#: What ParaView opens, in the folder of a series.
+#: File in the folder of a series that ParaView opens.
 SERIES = "run.pvd"
 
 
@@ -306,13 +310,13 @@ def write_run(
     Parameters
     ----------
     mechanism, result
-        Of the run, with its films.
+        Mechanism and history of the run, with nodal fields.
     parts
-        Whole parts of flexible bodies by name; those of others are drawn as lines.
+        Whole parts of flexible bodies by name; bodies without a part are drawn as lines.
     directory
-        Where the files go.
+        Folder of the files.
     frames
-        At most how many steps.
+        Largest number of steps.
 
     Returns
     -------
@@ -336,18 +340,19 @@ def write_series(directory: Path, times: np.ndarray, blocks: Sequence[Block]) ->
     Parameters
     ----------
     directory
-        Where the files go.
+        Folder of the files.
     times
         shape (t,) [s].
     blocks
-        What is drawn.
+        Bodies and films.
 
     Returns
     -------
     Path
-        ``run.pvd``, times in seconds. Points move with the bodies; ``displacement_m`` is the
-        elastic motion, to be warped by; ``pressure_Pa`` that of the films, on their own nodes and
-        on the bores of whole parts, where it is zero elsewhere; ``gap_m`` is the films'.
+        ``run.pvd``, times in seconds. Points move with the bodies. ``displacement_m`` is the
+        elastic motion, for ParaView's filter "Warp By Vector". ``pressure_Pa`` is the pressure of
+        films, on nodes of the films and on whole parts, where it is zero outside of bores.
+        ``gap_m`` is the film thickness.
     """
     frames = [(f"run_{i:04d}.vtm", float(time)) for i, time in enumerate(times)]
     files = [

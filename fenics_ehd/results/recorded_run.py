@@ -2,15 +2,15 @@
 
 Imports inside functions: `largest_multiplier` is slow to import, and most runs do without.
 
-One process at a time holds the folder of a run, and no complete result is given up before another
-one is complete. A run works in its folder and replaces a former one that is not complete. In a
-folder with a complete result it works in ``replacement`` there; its files replace the others as
-soon as it is complete, too. Killed at any instant, the folder holds a run to continue, or results,
-or both.
+One process at a time locks the folder of a run, and a complete result is deleted only when its
+replacement is complete. A run writes to its folder and replaces a former run that is not complete.
+In a folder with a complete result the run writes to the subfolder ``replacement``; its files
+replace the former ones as soon as it is complete. If the process is killed at any instant, the
+folder contains a run to continue, or results, or both.
 
-A checkpoint is the history so far, and with it in one file what a run carries from step to step
-and no row has: points of the integrator's formula, the search for a cycle, times. A run that goes
-on takes bitwise the steps of one that was not interrupted.
+A checkpoint is one file with the history so far and the state that rows do not contain: points of
+the integrator's formula, the search for a cycle, times. The steps of a resumed run are bitwise
+those of an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -82,18 +82,18 @@ class _Unobserved:
     """The error output; errors of writing to it, by a closed pipe or a full disk, are ignored."""
 
     def write(self, text: str) -> None:
-        """Write it, if possible."""
+        """Write a text, if possible."""
         with suppress(OSError):
             sys.stderr.write(text)
 
     def flush(self) -> None:
-        """Likewise."""
+        """Flush the stream, if possible."""
         with suppress(OSError):
             sys.stderr.flush()
 
 
 def progress_bar(end: float, shown: bool) -> tqdm:
-    """Bar of the simulated time up to `end` [s]; seldom redrawn if not shown on a terminal."""
+    """Bar of the simulated time up to `end` [s]; redrawn rarely if the output is no terminal."""
     return tqdm(
         total=1e3 * end,
         disable=not shown,
@@ -105,7 +105,7 @@ def progress_bar(end: float, shown: bool) -> tqdm:
     )
 
 
-#: Stresses over the cycle, made of a run's result.
+#: File of the stresses over the cycle, computed from a run's result.
 STRESS = "stress.json"
 
 #: File of a flexible body in the folder of its run.
@@ -114,7 +114,7 @@ BODY_FILE = "body-{}.h5"
 #: Folder of the series for ParaView.
 SERIES = "vtk/"
 
-#: Folder of a run that is to replace the complete result above it.
+#: Subfolder of a run that will replace the complete result in its parent folder.
 REPLACEMENT = "replacement/"
 
 #: Files of a run without its bodies. The history exists from the first step on.
@@ -137,17 +137,17 @@ def written_by_run(bodies: Iterable[str]) -> tuple[str, ...]:
 
 
 def _of_run(name: str) -> bool:
-    """True of a file without which a run cannot go on."""
+    """True of a file without which a run cannot be resumed."""
     return name in RUN or name.startswith("body-")
 
 
 def require_folder_of(directory: Path, command: str) -> None:
-    """Refuse a folder that another command made, and for a run one that is a part of another.
+    """Refuse a folder made by another command, and for a run a subfolder of another run.
 
     Raises
     ------
     InputError
-        Naming the folder.
+        The message contains the folder.
     """
     require_made_by(directory, command)
     if command == "run" and is_part(directory):
@@ -160,7 +160,7 @@ def require_no_result(directory: Path) -> None:
     Raises
     ------
     InputError
-        Naming it.
+        The message contains the folder.
     """
     if complete_result(directory):
         raise InputError(
@@ -173,7 +173,7 @@ def require_no_result(directory: Path) -> None:
         )
 
 
-#: Beginnings of the status of a run that can be resumed once there is room on the disk.
+#: First words of the status of a run that can be resumed once the disk has space.
 NOT_WRITTEN = tuple(f"failed: {name}: " for name in (FIELDS_NAME, CSV_NAME, ERROR_BUDGET))
 
 
@@ -187,7 +187,7 @@ def _stopped(directory: Path) -> bool:
 def first_rank_folder(
     directory: Path, overwrite: bool, bodies: Iterable[str]
 ) -> RunFolder | AbstractContextManager[None]:
-    """`RunFolder` on the first rank, which writes; the others only refuse what it refuses."""
+    """`RunFolder` on the first rank, which writes; the other ranks raise the same errors."""
     if MPI.COMM_WORLD.rank == 0:
         return RunFolder(directory, bodies, overwrite=overwrite)
     require_folder_of(directory, "run")
@@ -197,33 +197,33 @@ def first_rank_folder(
 
 
 class RunFolder:
-    """Holds the folder of one run while it works there.
+    """Lock on the folder of one run while the run writes there.
 
     Parameters
     ----------
     directory
         Created when missing.
     bodies
-        Names of flexible ones, whose files are to be there.
+        Names of the flexible bodies, whose files will be in the folder.
     overwrite
-        A complete result there may be replaced, by another one.
+        Whether a complete result in the folder may be replaced by a new one.
     resume
-        Go on with the run that was stopped there.
+        Whether to resume the run that was stopped in the folder.
     command
-        That makes the folder.
+        Name of the command that makes the folder.
 
     Attributes
     ----------
     path
-        Where the run works.
+        Folder that the run writes to.
 
     Raises
     ------
     InputError
-        The folder cannot be written to, holds a complete result, nothing to go on with, or what is
-        not of a run.
+        The folder is not writable, or contains a complete result, no run to resume, or files that
+        are not of a run.
     InUseError
-        Another process works in it.
+        Another process has locked the folder.
     """
 
     def __init__(
@@ -279,11 +279,11 @@ class RunFolder:
         self._explain(error)
 
     def _replace(self, complete: Path) -> None:
-        """Have the files of a complete run take the place of a former one's, one by one."""
+        """Replace the files of a former run by those of a complete run, one by one."""
         names = listed(complete)
         claim(self.directory, (*names, REPLACEMENT))
         claim(complete, names)
-        if (complete / FIELDS_NAME).exists():  # the first to move: none has
+        if (complete / FIELDS_NAME).exists():  # the first to move: no file has moved
             clear(self.directory, set(listed(self.directory)) - {REPLACEMENT})
         for name in sorted(names, key=lambda name: (name == SUMMARY) - (name == FIELDS_NAME)):
             if (complete / name).exists():
@@ -291,7 +291,7 @@ class RunFolder:
         clear(self.directory, [REPLACEMENT])
 
     def _release(self) -> None:
-        """Leave nothing behind of a run that has no step, but the film that failed."""
+        """Delete the files of a run without a step, except the film that failed."""
 
         def holds(name: str, *more: str) -> bool:
             there = (FIELDS_NAME, SUMMARY, *more)
@@ -306,7 +306,7 @@ class RunFolder:
         self._lock.close()
 
     def _explain(self, error: BaseException | None) -> None:
-        """Say where the files of a run are that ended early, and how to go on with it."""
+        """Print where the files of a run that ended early are, and how to resume the run."""
         lines = []
         if self.path != self.directory and self.path.exists():
             lines.append(f"{self.directory}: its complete result stays, this run is in {self.path}")
@@ -319,14 +319,14 @@ class RunFolder:
 
 
 class CsvFile:
-    """Append-only rows, after as many of a former run.
+    """Rows of ``history.csv``, appended to the rows of a former run.
 
     Raises
     ------
     InputError
-        With the first row: the file is not that of the former run.
+        At the first row: the file does not belong to the former run.
     OutputError
-        It cannot be written; all rows before stay, and can be read.
+        The file cannot be written; all rows before stay readable.
     """
 
     def __init__(self, path: Path, rows: int):
@@ -354,14 +354,15 @@ class CsvFile:
                     f"{self._path}: not the history of the run to go on with: start anew"
                 )
         write_whole(self._path, b"".join(lines))
-        # Without a buffer, which would be written once more when there is no room for it.
+        # Unbuffered: a buffer that did not fit on a full disk would be written once more on
+        # closing.
         return open(self._path, "ab", buffering=0)
 
 
 #: Default number of seconds between two checkpoints.
 CHECKPOINT_EVERY = 10.0
 
-#: Time between two of them over that which one takes.
+#: Time between two checkpoints over the time to write one.
 REST = 10.0
 
 #: Error budget of every joint, by its name.
@@ -377,18 +378,18 @@ BEGAN = ("reduction_time_s", "scene")
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """A run that can go on.
+    """A run that can be resumed.
 
     Attributes
     ----------
     about
         Entries of the summary that stay those of the run that began: `BEGAN`.
     digests
-        Of what it must go on with, by the names of files.
+        Digests of the inputs that must not change, by the names of files.
     state
-        After its last step, see `Recorder`.
+        State of the run after its last step, see `Recorder`.
     history
-        Up to that step.
+        History up to that step.
     """
 
     about: dict[str, Any]
@@ -413,8 +414,8 @@ def load_run_state(folder: Path) -> Checkpoint:
     Raises
     ------
     InputError
-        The folder has no run to go on with, one of another version, or it changed since it was
-        written.
+        The folder contains no run to resume, or a run of another version, or a file that has
+        changed.
     """
     path = folder / FIELDS_NAME
     refused = "no checkpoint to go on from"
@@ -433,7 +434,7 @@ def load_run_state(folder: Path) -> Checkpoint:
 
 
 def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
-    """State of an integration that was stored as a tree; its first one has no solver's."""
+    """State of an integration from a stored tree; the first one has no state of the solver."""
     values = INTEGRATOR_STATE.arguments(tree)
     solver = values.get("solver")
     values["solver"] = solver and SolverState(**SolverState.layout.arguments(solver))
@@ -441,12 +442,12 @@ def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
 
 
 def continue_from(former: Checkpoint, run: Recorder, directory: Path) -> None:
-    """Bring a run to where a checkpoint is.
+    """Set a run to the state of a checkpoint.
 
     Raises
     ------
     InputError
-        The checkpoint is one of another mechanism.
+        The checkpoint belongs to another mechanism.
     """
     with named(InputError, f"{directory / FIELDS_NAME}: not of a run of its {SCENE_NAME}"):
         run.require_fitting(former.state)
@@ -462,7 +463,7 @@ def save_run_state(run: Recorder, directory: Path, fields: Mapping[str, Any]) ->
     run, directory
         The run, and its folder.
     fields
-        Fields of `Checkpoint` on the run that began.
+        Fields of `Checkpoint` about the first start of the run.
     """
     tree = CHECKPOINT.tree({**fields, "state": run.state})
     run.history().write(directory / FIELDS_NAME, state=tree)
@@ -471,15 +472,15 @@ def save_run_state(run: Recorder, directory: Path, fields: Mapping[str, Any]) ->
 def recorded_steps(
     run: Recorder, directory: Path, fields: Mapping[str, Any], interval: float
 ) -> Generator[MechanismStep, None, None]:
-    """Accepted steps, whose rows are on the disk, and checkpoints: the last one where they end.
+    """Accepted steps, their rows written to disk, with checkpoints, the last one at the end.
 
     Parameters
     ----------
     run, directory, fields
         As of `save_run_state`.
     interval
-        Seconds between two checkpoints, at least `REST` times what the last one took; the first
-        one is due at once.
+        Time between two checkpoints [s], at least `REST` times the duration of the last one; the
+        first checkpoint is written at once.
     """
     table = CsvFile(directory / CSV_NAME, run.counts["steps"])
     due = -inf
@@ -494,7 +495,8 @@ def recorded_steps(
                 due = monotonic() + max(interval, REST * (monotonic() - began))
             yield step
     finally:
-        # In the middle of a step, by a second Ctrl-C say, there is nothing to go on from.
+        # A step that is interrupted, by a second Ctrl-C for example, leaves no consistent state to
+        # store.
         if run.run.state is recorded:
             save_run_state(run, directory, fields)
 
@@ -508,7 +510,7 @@ def estimate_errors(run: Recorder, directory: Path) -> tuple[Budgets, dict[str, 
         Error budget of every joint, by its name.
     entries
         For ``summary.json``: processor time, Newton iterations, reasons of missing estimates,
-        shares of the time that are left out.
+        shares of the time without an estimate.
     """
     budget = Estimator(run).budget()
     over_time = budget.over_time(run.began.time)
@@ -524,7 +526,7 @@ def estimate_errors(run: Recorder, directory: Path) -> tuple[Budgets, dict[str, 
 def multiplier_figures(run: Recorder, between: Callable[[], None]) -> dict[str, Any]:
     """Entries of the summary on the multiplier of a periodic solution; `between` every two steps.
 
-    It takes more cycles of the run.
+    The computation simulates further cycles of the run.
     """
     from fenics_ehd.analysis.multiplier import largest_multiplier
 
@@ -532,7 +534,7 @@ def multiplier_figures(run: Recorder, between: Callable[[], None]) -> dict[str, 
         return {}
     try:
         return largest_multiplier(run.run, run.cycles.period, between).figures()
-    except SolverError as error:  # the solution stays
+    except SolverError as error:  # the solution remains valid
         return {"multiplier_failure": str(error)}
 
 
@@ -553,28 +555,28 @@ def record_run(
     Parameters
     ----------
     run
-        At its start.
+        Run at its start.
     directory
-        For ``history.csv``, ``history.h5``, ``summary.json`` and the checkpoint.
+        Folder for ``history.csv``, ``history.h5``, ``summary.json`` and the checkpoint.
     about
         Further entries of the summary; ``reduction_time_s`` stays that of the first start.
     fingerprints
         Digests of the inputs that a resumed run must have in common with the first start.
     interval
-        Between two checkpoints [s].
+        Time between two checkpoints [s].
     shown
         Whether a bar shows the progress; it is closed before an error is printed.
     former
-        Checkpoint to go on from.
+        Checkpoint to resume from.
     multiplier
-        Whether the largest multiplier of a periodic solution is found, too.
+        Whether to compute the largest multiplier of a periodic solution, too.
     judge
         Estimates the errors of the complete run; None: errors are not estimated.
 
     Raises
     ------
     InputError
-        Something changed since the former run began.
+        An input has changed since the former run began.
     SolverError
         See `Run.until` and `PeriodicSolver`.
     """
@@ -620,7 +622,7 @@ def record_run(
         raise
     summary = leave(status)
     if run.cycles is not None:
-        # What is left is no run to go on with.
+        # The remaining files are no run that can be resumed.
         replace(run.final_history(), entries=summary).save(directory)
     return summary
 
@@ -630,7 +632,7 @@ def _how_it_ended(error: BaseException, directory: Path) -> str:
         return "interrupted"
     if not isinstance(error, EhdError):
         return "failed"
-    # Files of the run by their names: the folder they are in is about to change.
+    # Names of the run's files without their folder, which is about to change.
     return f"failed: {' '.join(str(error).replace(f'{directory}/', '').split())}"
 
 
@@ -645,12 +647,12 @@ def _show(bar: tqdm, run: Recorder, step: MechanismStep) -> None:
 
 
 def require_same_scene(former: Checkpoint, scene: Mapping[str, str], directory: Path) -> None:
-    """Refuse to go on with other settings, tables or bodies.
+    """Refuse to resume a run with other settings, tables or bodies.
 
     Raises
     ------
     InputError
-        Naming the file.
+        The message contains the file.
     """
     changed = {name for name, _ in former.digests.items() ^ scene.items()}
     if changed:

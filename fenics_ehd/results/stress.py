@@ -32,15 +32,16 @@ class CycleStress:
     Attributes
     ----------
     nodes, cells
-        shape (p, 3) [m], and in VTK's order (c, 20 or 10).
+        Positions of the nodes, shape (p, 3) [m]; nodes of every cell in VTK's order, shape (c, 20
+        or 10).
     half_range
-        See `HalfRange`, of p points.
+        Half ranges of the stress at the p nodes, see `HalfRange`.
     principal, principal_instants
         Largest principal stress [Pa] and its instant, shape (p,).
     half_range_node, principal_node
-        Where they are largest.
+        Nodes at which half range and principal stress are largest.
     half_range_around, principal_around
-        Least and largest that single cells around these nodes say of them [Pa].
+        Least and largest values at these nodes by single cells around them [Pa].
     """
 
     nodes: np.ndarray
@@ -74,15 +75,16 @@ def cycle_stress(
     columns
         The part-size basis T, shape (dofs, n).
     coordinates, amplitudes
-        Of the instants, shapes (t, n) and (t, r): see `RecordedMotion.in_equilibrium`.
+        Coordinates and amplitudes at the instants, shapes (t, n) and (t, r), see
+        `RecordedMotion.in_equilibrium`.
     loads
-        Forces and speeds, see `missing_fields`: what the basis misses of their answers is taken
-        in place of the residual patterns. None: what the run's method has.
+        Forces and speeds, see `missing_fields`: the response to them that the basis lacks replaces
+        the residual patterns. None: the displacements of the run's method.
 
     Raises
     ------
     SettingsError
-        The structure holds no elements to have stresses.
+        The structure has no elements, and thus no stresses.
     VerificationError
         From `pattern_fields`.
     """
@@ -140,7 +142,7 @@ def _displacements(
     coordinates: np.ndarray,
     amplitudes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Displacement fields (dofs, c), and what makes the instants of them (c, t); None: they are."""
+    """Fields (dofs, c), and their factors at the instants (c, t); None: a field per instant."""
     time, modes = coordinates.shape
     rank = amplitudes.shape[1]
     if modes + rank <= time:
@@ -153,14 +155,14 @@ def _displacements(
 
 
 def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Worst places and instants, for ``stress.json``.
+    """Positions and instants of the largest stresses, for ``stress.json``.
 
     Parameters
     ----------
     stress
-        Of a body.
+        Stresses of a body.
     instants
-        Columns that say when an instant is by their names, shape (t,) each.
+        Columns with the times or angles of the instants, by their names, shape (t,) each.
     """
     node = stress.half_range_node
     half_range = stress.half_range
@@ -189,7 +191,7 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
 
 
 def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
-    """Write the fields on the undeformed part for ParaView, times [s] of the instants with them."""
+    """Write the fields on the undeformed part for ParaView, with the times of the instants [s]."""
     half_range = stress.half_range
     data = {
         "half_range_von_mises_Pa": half_range.von_mises,
