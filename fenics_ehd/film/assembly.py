@@ -15,7 +15,7 @@ from scipy import sparse
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.reduction.elements import ELEMENTS
 
-#: Gauss points a direction, the rule of the bore load matrix: it integrates
+#: Number of Gauss points in each direction, as in the bore load matrix: this rule integrates
 #: pressure force and squeeze flow exactly. 4 points change the load of a rigid
 #: bearing (L/D = 1, 20 x 5 cells) by 0.03 % at eccentricity 0.9.
 GAUSS_POINTS = 3
@@ -33,7 +33,7 @@ class Pattern:
     rows
         Row number of every entry.
     diagonal
-        Places of the diagonal entries, shape (n,).
+        Indices of the diagonal entries, shape (n,).
     """
 
     def __init__(self, indptr: np.ndarray, indices: np.ndarray):
@@ -56,7 +56,7 @@ class Pattern:
 
 
 def with_data(template: sparse.spmatrix, data: np.ndarray) -> sparse.spmatrix:
-    """Matrix of a pattern known to be right, which scipy's constructor would check once more."""
+    """Matrix of a pattern that is known to be valid, without the checks of scipy's constructor."""
     matrix = copy(template)
     matrix.data = data
     return matrix
@@ -65,8 +65,7 @@ def with_data(template: sparse.spmatrix, data: np.ndarray) -> sparse.spmatrix:
 class Assembly:
     """Shape functions of one grid at its Gauss points.
 
-    Values at Gauss points come and go as arrays (c cells, q points). Lengths are divided by the
-    bore radius.
+    Values at Gauss points are arrays (c cells, q points). Lengths are divided by the bore radius.
 
     Parameters
     ----------
@@ -82,11 +81,11 @@ class Assembly:
     size
         Number of nodes.
     tested
-        Integrals of shape functions times values at the Gauss points, (nodes, c * q): as all such
-        matrices of a film, columns of k entries each, rows ascending.
+        Matrix (nodes, c * q) that integrates shape functions times values at the Gauss points. As
+        in all such matrices of a film, a column has k entries, with rows ascending.
     drag
-        What a unit of ``rho H V`` at every Gauss point adds to the weak form of (1), entries of
-        such a matrix, shape (c, q, k).
+        Contribution of a unit of ``rho H V`` at every Gauss point to the weak form of (1), as
+        entries of such a matrix, shape (c, q, k).
     """
 
     def __init__(self, grid: FilmGrid):
@@ -135,7 +134,7 @@ class Assembly:
         return mass
 
     def pattern(self, nodes: np.ndarray) -> Pattern:
-        """Pattern of matrices on some nodes: every two of one cell."""
+        """Pattern of matrices on some nodes: an entry for every two nodes of one cell."""
         mass = self.mass(nodes)
         return Pattern(mass.indptr, mass.indices)
 

@@ -1,11 +1,10 @@
 """Cavitation complementarity (8), (11) by PETSc SNES-VI on one active set after another.
 
-An active set contains the nodes at which the film is full (pressure unknown, equation
-holds) the film cavitates at the others (pressure zero, defect unknown). SNES-VI cuts
-the block of the full nodes out of its Jacobian, a new matrix with a new pattern
-for every active set. Here that block keeps the pattern of the whole film: ones
-stand on the diagonal of the cavitated nodes, so that ordering and symbolic
-factorisation are done once in the life of a film.
+An active set contains the nodes at which the film is full (pressure unknown, equation holds). The
+film cavitates at the other nodes (pressure zero, defect unknown). SNES-VI cuts the block of the
+full nodes out of its Jacobian, a new matrix with a new pattern for every active set. Here that
+block keeps the pattern of the whole film: ones stand on the diagonal of the cavitated nodes, so
+that ordering and symbolic factorisation are done once in the life of a film.
 
 Find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component,
 ``r(p) = A p - b`` for an oil of constant properties. With weights W the defect is
@@ -33,14 +32,14 @@ from fenics_ehd.base.petsc_options import configure, destroy_with, solve_columns
 from fenics_ehd.film.assembly import Pattern
 
 #: Fastest of PETSc's factorisations on these matrices when only values change; CHOLMOD takes over
-#: for large ones (`docs/measurements.md`). Film matrices need no pivoting for
-#: stability that was ever seen to matter; every solution is verified.
+#: for large ones (`docs/measurements.md`). Film matrices needed no pivoting for stability in any
+#: run so far, and every solution is verified.
 SYMMETRIC_OPTIONS = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "petsc",
     "pc_factor_mat_ordering_type": "nd",
-    # Rows of a film of a thousandth of the clearance are 1e-14 of the others.
+    # Rows where the film is a thousandth of the clearance thick are 1e-14 of the other rows.
     "pc_factor_zeropivot": "1e-100",
 }
 LARGE_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_factor_mat_solver_type": "cholmod"}
@@ -64,13 +63,12 @@ class ActiveSetSystem:
 
         A_I p_I - W_C y_C = b,
 
-    all rows at once. Without weights W the defect decouples and the block
-    ``A_II`` is what remains.
+    all rows at once. Without weights W the defect decouples, and only the block ``A_II`` remains.
 
     Parameters
     ----------
     pattern
-        Of A and W, n x n.
+        Pattern of A and W, n x n.
     weighted
         Whether there is a W.
     symmetric
@@ -80,7 +78,7 @@ class ActiveSetSystem:
     """
 
     def __init__(self, pattern: Pattern, *, weighted: bool, symmetric: bool, options_prefix: str):
-        # Of the type NumPy indexes with: it would convert others at every active set.
+        # The integer type of NumPy's indices: other types would be converted at every active set.
         self._counts = np.diff(pattern.indptr)
         self._columns = pattern.indices.astype(np.intp)
         self._diagonal = pattern.diagonal
@@ -106,7 +104,7 @@ class ActiveSetSystem:
     def prepare(
         self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
     ) -> None:
-        """Factorise for an active set, unless that is what was factorised last.
+        """Factorise for an active set, unless the last factorisation is of the same one.
 
         Parameters
         ----------
@@ -130,9 +128,9 @@ class ActiveSetSystem:
             values[self._diagonal[~full]] = 1.0
         self._current = None
         self._csr[2][:] = values
-        # Assembly tells PETSc that the values behind its back have changed.
+        # Assembly notifies PETSc that the values in the shared arrays have changed.
         self._matrix.assemble()
-        # The PC's, not the KSP's: that leaves it to its own solve, which `solve_columns` avoids.
+        # PC.setUp, because the KSP factorises only in its own solve, which `solve_columns` avoids.
         self._ksp.pc.setUp()
         self._current = (entries, weights, full_film.copy())
 
@@ -182,13 +180,13 @@ MAX_ITERATIONS = 200
 
 
 class VariationalInequality(Protocol):
-    """Functions that SNES-VI asks for, all scaled to order one."""
+    """Functions that SNES-VI calls, all scaled to order one."""
 
     def function(self, x: np.ndarray) -> np.ndarray:
         """``F(x)``."""
 
     def linearise(self, x: np.ndarray) -> None:
-        """Take the derivative at x."""
+        """Compute the derivative at x."""
 
     def factorise(self, nodes: np.ndarray) -> None:
         """Prepare the block of the derivative on the inactive unknowns."""
@@ -197,15 +195,15 @@ class VariationalInequality(Protocol):
         """Solve with that block."""
 
     def converged(self, iteration: int) -> bool:
-        """True after so many iterations where the last call of `function` was good enough."""
+        """True if the last call of `function`, after so many iterations, met the tolerance."""
 
 
 class SnesVi:
     """SNES-VI with its vectors, reused from solve to solve.
 
     SNES-VI cuts the block of the inactive unknowns out of its Jacobian matrix, a
-    new matrix with a new pattern for every active set. The Jacobian given to it
-    here only notes which block is asked for and leaves the solution to `system`.
+    new matrix with a new pattern for every active set. The Jacobian used here only records which
+    block is needed; `system` solves with the block.
 
     Parameters
     ----------
@@ -217,10 +215,10 @@ class SnesVi:
     options_prefix
         Prefix of the PETSc options.
     tolerance
-        On the 2-norm of the reduced function; the option ``snes_atol`` overrides it. None: the
-        system itself judges, by `VariationalInequality.converged`.
+        Tolerance on the 2-norm of the reduced function; the option ``snes_atol`` overrides it.
+        None: `VariationalInequality.converged` decides.
     max_iterations
-        Of one solve.
+        Largest number of iterations of one solve.
     """
 
     def __init__(
@@ -295,10 +293,10 @@ class SnesVi:
 class _Callbacks:
     """Callbacks of PETSc: function and Jacobian of SNES, and the block's preconditioner.
 
-    An exception must not travel through PETSc, which leaves solvers it went
-    through unusable: it is kept, and what is not a number ends the solve. Its
-    traceback outlives the solve, so that no frame may hold what PETSc must destroy
-    before the interpreter ends: callbacks let go of solvers and matrices first.
+    An exception that passes through PETSc makes its solvers unusable. The exception is therefore
+    stored, and a function value of NaN ends the solve. The stored traceback outlives the solve, and
+    PETSc's objects must be destroyed before the interpreter ends: callbacks release solvers and
+    matrices before they raise.
     """
 
     def __init__(self, system: VariationalInequality):
@@ -347,7 +345,7 @@ class _Callbacks:
 
 
 class _Jacobian:
-    """Python context of a Jacobian of some unknowns: which they are, nothing is assembled."""
+    """Python context of a Jacobian that stores the indices of its unknowns and no matrix."""
 
     def __init__(self, nodes: np.ndarray):
         self.nodes = nodes
@@ -401,9 +399,9 @@ class Complementarity:
     entries
         Entries of its derivative at p, in the order of the solver's pattern.
     diagonal
-        Of W, or ones, shape (n,).
+        Diagonal of W, or ones, shape (n,).
     smallest
-        Size of a source that counts as none.
+        Size below which a source counts as zero.
     weights
         Entries of W, or None.
     """
@@ -416,7 +414,7 @@ class Complementarity:
 
     @property
     def zero(self) -> np.ndarray:
-        """No pressure, shape (n,)."""
+        """Zero pressure, shape (n,)."""
         return np.zeros(len(self.diagonal))
 
     @cached_property
@@ -431,7 +429,7 @@ class Complementarity:
 
     @cached_property
     def unit(self) -> float:
-        """Pressure that the source builds up over one cell, of the solution's size or below."""
+        """Pressure that the source builds up over one cell, at most of the size of the solution."""
         largest = max(float(np.abs(self.source).max()), self.smallest)
         return largest / float(self.entries(self.zero).max())
 
@@ -442,7 +440,7 @@ class CavitationSolver:
     Parameters
     ----------
     pattern
-        Of the derivative of r and of W, n x n.
+        Pattern of the derivative of r and of W, n x n.
     weighted
         Whether problems come with weights W.
     symmetric
@@ -451,7 +449,7 @@ class CavitationSolver:
         Prefix of the PETSc options, ``"film_"`` gives ``-film_snes_monitor``
         and ``-film_linear_pc_type``.
     tolerance
-        On the 2-norm of the reduced residual, relative to `Complementarity.scale`;
+        Tolerance on the 2-norm of the reduced residual, relative to `Complementarity.scale`;
         the option ``snes_atol`` overrides it.
     """
 
@@ -486,7 +484,7 @@ class CavitationSolver:
     # The following are called by SNES-VI during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:
-        """Defect over its scale."""
+        """Defect divided by its scale."""
         return self.defect(self._problem, x * self._problem.unit) / self._problem.scale
 
     def linearise(self, x: np.ndarray) -> None:
@@ -508,11 +506,11 @@ class CavitationSolver:
         return solution * (self._problem.scale / self._problem.unit)
 
     def converged(self, iteration: int) -> bool:
-        """Never called: SNES-VI judges by its tolerance."""
+        """Never called: SNES-VI has a tolerance of its own."""
         raise NotImplementedError
 
     def defect(self, problem: Complementarity, pressure: np.ndarray) -> np.ndarray:
-        """``y``: r, with the weights taken out, shape (n,)."""
+        """Defect ``y = W^-1 r``, shape (n,)."""
         residual = problem.residual(pressure)
         if problem.weights is None:
             return residual
@@ -525,9 +523,9 @@ class CavitationSolver:
         Parameters
         ----------
         problem
-            Its residual and derivative; with weights if the constructor was called with them.
+            Residual and derivative of the problem; with weights if the solver is `weighted`.
         guess
-            Start value; its zeros are the first cavitated nodes.
+            Start value of the pressure; nodes at which it is zero are cavitated at first.
 
         Raises
         ------
@@ -545,8 +543,8 @@ class CavitationSolver:
         pressure = x * problem.unit
         flux = function * problem.scale
         verify_complementarity(pressure, flux, problem.scale)
-        # Round-off leaves pressures of 1e-17 in the cavitated zone: the larger of the two, each in
-        # its own scale, tells which equation a node follows.
+        # Round-off causes pressures of 1e-17 in the cavitated zone. A node is full if its scaled
+        # pressure exceeds its scaled defect.
         full_film = np.flatnonzero(pressure * problem.scale > flux * pressure.max(initial=0.0))
         return CavitationResult(pressure, flux, full_film.astype(np.int32), iterations)
 

@@ -40,19 +40,19 @@ class FilmState:
     pressure
         Nodal pressure, shape (nodes,) [Pa].
     gap
-        The gap it belongs to.
+        Gap of the solution.
     cavitation
-        The dimensionless complementarity solution on the free nodes, of conserved oil on
+        Dimensionless complementarity solution on the free nodes; with mass-conserving cavitation on
         `OilBalance.unknown`.
     fluid_fraction
-        Share of the gap that holds oil, shape (nodes,); None where the
-        cavitation condition does not tell.
+        Share of the gap that holds oil, shape (nodes,); None if the cavitation condition does not
+        determine this share.
     content
-        Of a film that conserves its oil: what is at the nodes, as volume at ambient density, shape
-        (nodes,) [m^3], the start of the next step; else None.
+        Oil content of the nodes as volume at ambient density, shape (nodes,) [m^3], from which the
+        next step starts. None without mass-conserving cavitation.
     outflow
-        Likewise: flow out of the film where it has an end, negative into it, zero at all other
-        nodes, shape (nodes,) [m^3/s].
+        Flow out of the film at nodes of its ends, negative for flow into the film, zero at all
+        other nodes, shape (nodes,) [m^3/s]. None without mass-conserving cavitation.
     """
 
     pressure: np.ndarray
@@ -65,7 +65,7 @@ class FilmState:
 
 @renamed_attributes(apart="with_own_temperature")
 class Film:
-    """Reynolds equation on one bore, solved again and again.
+    """Reynolds equation on one bore, solved for one gap after another.
 
     Nodal arrays are in the order of `FilmGrid.nodes`, values at Gauss points
     have shape (cells, points).
@@ -77,7 +77,7 @@ class Film:
     options_prefix
         Prefix of the PETSc options of SNES-VI, see `CavitationSolver`.
     tolerance
-        Of SNES-VI.
+        Tolerance of SNES-VI.
 
     Attributes
     ----------
@@ -129,16 +129,16 @@ class Film:
         gap
             At the Gauss points, shape (cells, points).
         guess
-            A former state, to start from its pressure and active set; without one the start is a
-            film without pressure, and SNES-VI moves the edge of the cavitated zone by about one row
-            of nodes an iteration.
+            Former state, whose pressure and active set are the start. Without a former state the
+            start is a film without pressure, and SNES-VI moves the edge of the cavitated zone by
+            about one row of nodes an iteration.
 
         Raises
         ------
         GapClosedError
             The gap is not positive at a Gauss point.
         SettingsError
-            No pressure is given anywhere.
+            No node has a given pressure.
         CavitationError
             From `CavitationSolver.solve`; its `state` holds the gap too.
         """
@@ -159,10 +159,10 @@ class Film:
         return FilmState(pressure, gap, result)
 
     def _from_either_end(self, problem: Complementarity, start: np.ndarray) -> CavitationResult:
-        """Solve from a start, or else from a film that is full everywhere.
+        """Solve from a start; if that fails, from a film that is full everywhere.
 
-        The matrix of 8-node cells is no M-matrix: from few full nodes active sets may follow each
-        other for ever (at eccentricities of round-off, on some processors).
+        The matrix of 8-node cells is no M-matrix: from few full nodes active sets may cycle (at
+        eccentricities of the size of round-off, on some processors).
         """
         try:
             return self.cavitation.solve(problem, start)
@@ -179,9 +179,9 @@ class Film:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
 
         Their difference is the power that the film takes from the normal motion
-        of its surfaces. Between rough ones the mean pressure acts on their whole area, while the
-        average gap changes by less than the nominal one: the difference is a loss, or a gain. So is
-        the work that compresses the oil, which is returned as it expands.
+        of its surfaces. Between rough surfaces the mean pressure acts on their whole area, while
+        the average gap changes by less than the nominal gap: the difference is a loss, or a gain.
+        The work that compresses the oil is also a loss at first, and a gain when the oil expands.
         """
         p = self.parameters
         q = self.flow(state)
@@ -241,7 +241,7 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
     Raises
     ------
     GapClosedError
-        Naming the smallest thickness.
+        The message contains the smallest thickness.
     """
     thickness = float(gap.thickness.min())
     if surfaces is not None:
@@ -268,9 +268,10 @@ DEFECT_WEIGHT = 1e-6
 
 #: Factor of the viscosity within a cell up to which the mesh is fine enough. Up to there peak
 #: pressures of a journal under Barus' law are within 2 % of those on 64 x 12 cells from 24 x 4 on,
-#: 12 % on 16 x 3; beyond it, at 17 to 220, they are the mesh's own: 105 to 144 MPa where finer ones
-#: have 196 and 1670 MPa. Of one bearing they are within 0.5 % of the reduced pressure's at 8, 5 %
-#: off at 28, and at 45 have 215 MPa of 500.
+#: 12 % on 16 x 3; beyond it, at 17 to 220, they depend on the mesh: 105 to 144 MPa instead of 196
+#: and 1670 MPa on finer meshes. Compared with the solution for the reduced pressure, the peak
+#: pressure of one bearing is within 0.5 % at a factor of 8, 5 % off at 28, and 215 instead of 500
+#: MPa at 45.
 MOST_WITHIN_A_CELL = 10.0
 
 

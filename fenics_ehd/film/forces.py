@@ -15,17 +15,17 @@ grooves and supply holes, which are deep. In the cavitated zone it follows one o
     The oil that leaves the full film crosses the zone in streamers that fill the
     gap from wall to wall. Carried at the mean velocity, the flow stays what it
     was at the rupture of the film, so ``theta = h_rupture / h`` at the same
-    height z, at most 1. The rupture is where the oil comes from, as the cavity sees
-    it: ``(v_1 + v_2) / 2 - Omega R``, Omega being the speed at which the gap turns, the one that
-    leaves least of ``dh/dt + Omega dh/dphi``. Between round surfaces that is the speed of the
-    line of centres, ``(e x e') / e^2``; no frame has another answer. Where that velocity changes
-    its sense the oil comes from both sides. A section that has no full film counts as filled.
+    height z, at most 1. The rupture lies upstream of the velocity of the oil relative to the
+    cavity, ``(v_1 + v_2) / 2 - Omega R``. Omega is the speed at which the gap turns: the one that
+    minimises ``dh/dt + Omega dh/dphi``. Between round surfaces that is the speed of the line of
+    centres, ``(e x e') / e^2``; the result is the same in every frame. Where that velocity changes
+    its sense, oil flows in from both sides. A section that has no full film counts as filled.
 ``full``
     The oil fills the gap there too.
 ``none``
     There is no oil.
 
-When the cavitation condition tells the fluid fraction itself, ``streamers`` uses that.
+If the cavitation condition determines the fluid fraction, ``streamers`` uses this fraction.
 
 On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls with ``tau_2 t`` (t along the
 circumference). The shaft lies ``h`` further in: its surface ``(R_2 - h) e_r + z e_z`` has the area
@@ -39,7 +39,7 @@ exactly, for the film is periodic. With ``tau_1 + tau_2 = -h dp/dy`` the two bod
 opposite forces, and opposite moments about any one point. By the same integration the torque on the
 shaft about its own axis is ``R_1 int tau_1 dA`` up to c / R.
 
-Flow of oil through the borders of a film is as the discrete equation balances it.
+Flow of oil through the borders of a film is evaluated from the discrete equation.
 
 The weak form of (1) tested with the shape function of a node leaves zero in the
 full film, the growth of the cavities at a cavitated node, and at a node of
@@ -47,7 +47,8 @@ given pressure the flow that enters there. The functions sum to one, so
 
     supply + cavities - lower - upper = squeeze
 
-holds to round-off on every mesh. Flow from pressure slopes at the sides does not.
+holds to round-off on every mesh. Flow computed from pressure slopes at the sides does not fulfil
+this balance.
 """
 
 from __future__ import annotations
@@ -64,12 +65,12 @@ from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.parameters import FeedTerm
 from fenics_ehd.film.supply import SLACK
 
-#: Velocity of the oil seen from a cavity, over that of sliding, below which it comes from both
-#: sides; under a load at rest it is 0.5. It only makes friction a function where the sense
-#: changes.
+#: Velocity of the oil relative to a cavity, over the sliding velocity, below which oil flows in
+#: from both sides; under a load at rest the ratio is 0.5. The limit makes friction continuous where
+#: the velocity changes its sense.
 SLOW = 0.1
 
-#: A pressure below this share of the largest is the round-off of a cavitated node.
+#: A pressure below this share of the largest pressure is the round-off of a cavitated node.
 PRESSURE_FLOOR = 1e-12
 
 
@@ -118,7 +119,7 @@ def _sheared_fraction(film: Film, state: FilmState, pressure: np.ndarray, rule: 
     if rule == "streamers" and state.fluid_fraction is not None:
         share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)
     elif rule == "streamers":
-        # A feed line has no width of its own.
+        # An axial groove of width zero has no area.
         beside_lines = film.assembly.at_points(film.supplied_nodes.astype(float))[0] > 0.5
         share = _streamers(film, state, full | groove | beside_lines)
     else:
@@ -151,7 +152,7 @@ def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
 
 def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
     """``h_rupture / h`` of rows (heights, points) in the sense in which the oil is carried."""
-    # Twice around, so that the second turn knows what came before the seam.
+    # Twice around, so that points after the seam have the points before the seam upstream.
     count = fed.shape[1]
     sources = np.where(np.tile(fed, 2), np.arange(2 * count), -1)
     last = np.maximum.accumulate(sources, axis=1)[:, count:]
@@ -160,7 +161,7 @@ def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
 
 
 def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> float:
-    """Share of the oil that comes from smaller angles, as the cavity sees it.
+    """Share of the oil that flows from smaller angles, relative to the cavity.
 
     `angle` and `order` have the points of one height in a row, once around.
     """
@@ -168,7 +169,8 @@ def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> f
     rate = gap.thickness_rate.ravel()[order]
     rise = np.roll(thickness, -1, axis=1) - thickness
     spacing = np.mod(np.roll(angle, -1, axis=1) - angle, 2 * np.pi)
-    # dh/dt by steps around: Omega is -turned / slopes, and no gap without slopes turns.
+    # dh/dt by differences around: Omega is -turned / slopes, and a gap without slopes does not
+    # turn.
     turned = 0.5 * np.sum((rate + np.roll(rate, -1, axis=1)) * rise)
     slopes = np.sum(rise**2 / spacing)
     relative = np.mean(gap.mean_velocity) * slopes + radius * turned
@@ -187,12 +189,12 @@ class FlowBalance:
     supply
         Into the film through all grooves and holes.
     cavities
-        Growth of the cavities: oil that the condition (8) lets disappear where
-        the film ruptures and makes anew where it forms.
+        Growth of the cavities: oil that vanishes under condition (8) where the film ruptures, less
+        the oil that appears where the film forms again.
     squeeze
-        Growth of the gap, or of the oil that it holds.
+        Growth of the volume of the gap, or of its oil content.
     feeds
-        Share of the supply of everything in `FilmParameters.feeds`, by name.
+        Flow of every supply in `FilmParameters.feeds`, by name.
     """
 
     lower: float
@@ -204,12 +206,12 @@ class FlowBalance:
 
     @property
     def side(self) -> float:
-        """Out of both sides together."""
+        """Flow out of both sides together."""
         return self.lower + self.upper
 
 
 class FilmFlows:
-    """Flows of a solved film at steady pressure, and their powers, each evaluated when asked for.
+    """Flows of a solved film at steady pressure, and their powers, each evaluated on access.
 
     Parameters
     ----------
@@ -239,9 +241,9 @@ class FilmFlows:
             ambient = getattr(film.parameters.sides, name)
             if ambient is None:
                 entering = np.zeros_like(entering)
-            # Where the sides are at the cavitation pressure nothing can flow in: what
-            # appears to is the growth of adjacent cavities. The two are distinguished edge by edge,
-            # for a corner of the 8-node element alone has the wrong sign.
+            # A side at the cavitation pressure has no inflow: an apparent inflow is the growth of
+            # adjacent cavities. The two are distinguished edge by edge, for a corner of the 8-node
+            # element alone has the wrong sign.
             cavity = 0.0
             if ambient == 0.0 and not conserved:
                 cavity = float(np.maximum(entering, 0.0).sum())
@@ -256,18 +258,18 @@ class FilmFlows:
     def leaving(self) -> float:
         """Oil that leaves at one instant [m3/s]: the part of the flows that carries heat away.
 
-        Counted are, each where it flows out,
+        Two outflows count:
 
-        - through either side, edge by edge of the mesh. At a pressure above that of cavitation oil
-          comes in over some edges and leaves over others, and what comes in takes nothing off that;
-        - into a supply, as a whole: a groove that takes more than it gives. What is
+        - through either side, edge by edge of the mesh. At an ambient pressure above the cavitation
+          pressure oil enters over some edges and leaves over others; the inflow is not subtracted;
+        - into a supply as a whole, for a groove whose inflow exceeds its outflow. Oil that is
           dragged into a groove at one edge and out of it at the other stays in the film. Under
-          condition (8) cavities fill the gap with oil that no supply delivered, and drag it there:
-          this flow is not counted.
+          condition (8) cavities fill the gap with oil that no supply delivered, and drag it to
+          grooves: this flow does not count.
 
-        Not counted is what the gap's motion stores, nor what cavities take in and give back: over a
-        cycle that comes to nothing, but for the oil that condition (8) makes where the film forms,
-        which is fresh.
+        Oil stored by the gap's motion does not count, nor oil exchanged with cavities: over a cycle
+        both are zero, except for the oil that condition (8) creates where the film forms, which is
+        fresh.
         """
         p = self._film.parameters
         inflow = self._inflow
@@ -312,8 +314,8 @@ class FilmFlows:
     def refill_work(self) -> float:
         """Power of the pressure on oil that fills voids, where the film forms anew [W].
 
-        With it the weak form tested with its own pressure balances. A front within a cell has it;
-        it shrinks with the mesh. Without voids it is zero.
+        With it the weak form tested with its own pressure balances. A front within a cell causes
+        this power, which vanishes as the mesh is refined and is zero without voids.
         """
         if not self._lumped:
             return 0.0
@@ -325,7 +327,7 @@ class FilmFlows:
 
     @cached_property
     def _feeds(self) -> dict[str, float]:
-        """Into the film through everything in `FilmParameters.feeds`, by name [m3/s]."""
+        """Flow into the film through every supply in `FilmParameters.feeds`, by name [m3/s]."""
         film = self._film
         p = self._film.parameters
         feed = self._fed
@@ -344,7 +346,7 @@ class FilmFlows:
 
     @cached_property
     def _work_at_ends(self) -> float:
-        """Power of what flows in at nodes of given pressure [W]."""
+        """Power of the oil that flows in at nodes of given pressure [W]."""
         fixed = np.ones(self._film.assembly.size, dtype=bool)
         fixed[self._film.free] = False
         return float(self._state.pressure[fixed] @ self._inflow[fixed])

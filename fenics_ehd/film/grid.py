@@ -172,7 +172,7 @@ def uniform_grid(
     Raises
     ------
     SettingsError
-        Numbers of cells that are not two whole ones, a size that is not above 0, another family.
+        The numbers of cells are not two integers, a size is not above 0, or the family is unknown.
     """
     require_class("cells", cells, tuple, list, np.ndarray)
     if len(cells) != 2:
@@ -226,13 +226,13 @@ def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:
     return FilmGrid(grid.radius, boundaries, grid.heights, grid.family)
 
 
-#: Share of the cells that follows 1 / h; the rest is even. Measured with 64 x 12
-#: cells, L/D 0.25 to 4, eccentricity 0.1 to 0.999: 0.5 to 0.85 do not differ by
-#: more than 0.1 % in load.
+#: Share of the cells with a density proportional to 1 / h; the density of the others is even.
+#: Measured with 64 x 12 cells, L/D 0.25 to 4, eccentricity 0.1 to 0.999: 0.5 to 0.85 do not differ
+#: by more than 0.1 % in load.
 THIN_SHARE = 0.7
 
-#: Share of the cells along the axis that crowd at the ends. With 12 cells even ones err by
-#: 1.4 % in load at L/D = 4, eccentricity 0.999; these by 0.1 %.
+#: Share of the cells along the axis that crowd at the ends. With 12 even cells the error of the
+#: load at L/D = 4, eccentricity 0.999, is 1.4 %; with these 0.1 %.
 END_SHARE = 0.8
 
 #: Intervals in which the density is integrated.
@@ -254,7 +254,7 @@ def gap_graded_grid(
     radius, width, cells, family
         As for `FilmGrid`.
     thickness
-        The gap, any unit, above 0, at angles [rad].
+        Gap at the angles [rad], above 0, in any unit.
     edges
         Angles that must be cell boundaries, the edges of grooves; without any, a
         boundary lies where the gap is smallest.
@@ -286,10 +286,10 @@ def gap_graded_grid(
         ]
     )
     angles = np.interp(targets, share, even)
-    # The given angles themselves, not what the two interpolations make of them.
+    # The given angles themselves, without the rounding of the two interpolations.
     angles[np.cumsum(counts) - counts] = breaks[:-1]
     angles = start + np.append(angles, TURN)
-    # 1 / h has a hump as wide as this angle, half a turn when the shaft is centred.
+    # 1 / h has a maximum as wide as this angle, half a turn if the shaft is centred.
     layer = radius * share_of_turn * np.pi
     return FilmGrid(radius, angles, _towards_ends(width, along, layer), family)
 
@@ -374,7 +374,7 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     InterfaceMismatchError
         The nodes are not those of a structured quadratic mesh of equal cells.
     SettingsError
-        They are no array of positions.
+        The nodes are no array of positions.
     """
     require_class("nodes", nodes, np.ndarray)
     if nodes.ndim != 2 or nodes.shape[1] != 3:
@@ -398,7 +398,7 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
 
 
 def match(own: np.ndarray, given: np.ndarray) -> np.ndarray | None:
-    """Position in `given` of each of the nodes `own`, None when they are not the same nodes."""
+    """Index in `given` of each of the nodes `own`; None if the nodes are not the same."""
     if len(own) != len(given):
         return None
     distance, index = cKDTree(given).query(own)

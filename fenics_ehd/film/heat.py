@@ -1,7 +1,7 @@
 """Balance of a film's heat: one temperature for the film, from its power and the oil that leaves.
 
-Of the power P dissipated in the film the share ``conducted_share`` goes into journal and bore, what
-is left leaves with the oil,
+Of the power P dissipated in the film the share ``conducted_share`` is conducted into journal and
+bore, and the oil carries the rest away,
 
     (1 - conducted_share) P = rho c Q (T_out - T_supply),
 
@@ -9,10 +9,9 @@ and the oil has the viscosity of an effective temperature between supply and out
 
     T = T_supply + outlet_weight (T_out - T_supply).
 
-Calculations of practice take their mean, ``outlet_weight = 0.5`` (DIN 31652 as explained at
-inggo.com/teachnet/53-waermebilanz.html). Q counts what leaves (`FilmFlows.leaving`); as
-much oil comes in, at the supply's temperature, wherever it comes from. rho is that of the effective
-temperature.
+Design calculations use their mean, ``outlet_weight = 0.5`` (DIN 31652 as explained at
+inggo.com/teachnet/53-waermebilanz.html). Q is the oil that leaves (`FilmFlows.leaving`); as much
+oil enters at the temperature of the supply. rho is the density at the effective temperature.
 
 Imports inside functions: `scipy.optimize` is slow to import, and films without heat do without.
 """
@@ -34,22 +33,22 @@ if TYPE_CHECKING:
     from fenics_ehd.film.lubricant import TemperatureLaw
 
 
-#: ``n`` of ``P / (rho Q) ~ viscosity^n`` before two temperatures have shown it: exact for a journal
-#: that keeps its place, and with it the iteration contracts for every n between 0 and 2.
+#: Assumed ``n`` of ``P / (rho Q) ~ viscosity^n`` before n follows from two temperatures: exact for
+#: a journal at rest in its bore; the iteration contracts for every true n between 0 and 2.
 FIRST_EXPONENT = 1.0
 
-#: What n may be; oil pressed through by a supply makes it 2.
+#: Limits of n; n is 2 if a supply presses the oil through the film.
 EXPONENTS = (0.0, 2.0)
 
-#: Change of ln(viscosity) that tells n: over a cycle the film still has of the temperature before,
-#: power and flow are off by 0.1 % per K of the last change.
+#: Least change of ln(viscosity) from which n is computed: over a cycle the film still depends on
+#: the temperature before, so that power and flow are off by 0.1 % per K of the last change.
 TELLING = 0.05
 
 #: Distance from the oil's limits [K].
 ROUNDING = 1e-9
 
-#: Where no temperature balances what one cycle shows, the oil becomes so many times as thin: a
-#: first cycle, whose film builds up, may show too much.
+#: Factor by which the viscosity falls if no temperature balances power and flow of a cycle: in a
+#: first cycle, in which the film builds up, the power may be too large.
 THINNER = 4.0
 
 
@@ -69,12 +68,12 @@ class Heat:
     )
 
     def outlet(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
-        """Temperature of the oil that leaves [C]; infinite where none does.
+        """Temperature of the oil that leaves [C]; infinite if no oil leaves.
 
         Parameters
         ----------
         oil, temperature
-            And its effective temperature [C].
+            Oil, and its effective temperature [C].
         power, flow
             P [W] and Q [m3/s].
         """
@@ -103,7 +102,7 @@ def require_graded(graded: bool, *, key: str = "heat", lubricant: str = "the lub
     Raises
     ------
     SettingsError
-        Naming both.
+        The message contains both.
     """
     if not graded:
         raise SettingsError(
@@ -130,26 +129,27 @@ def require_cycle(periodic: bool, key: str) -> None:
 class TemperatureSearch(Stateful):
     """Effective temperature of a film, from power and flow at one temperature after the other.
 
-    Between two temperatures ``P / Q`` is taken to follow a power of the viscosity, whose fall with
-    temperature is known: the exponent changes little where the viscosity changes a thousandfold.
+    Between two temperatures ``P / Q`` is assumed to be a power of the viscosity, whose dependence
+    on temperature is known: the exponent changes little while the viscosity changes a thousandfold.
 
     Parameters
     ----------
     heat, oil
         Of the film.
     telling
-        Change of ln(viscosity) above which two temperatures tell the exponent.
+        Change of ln(viscosity) above which the exponent is computed from two temperatures.
 
     Attributes
     ----------
     temperature
         Current effective temperature [C], at first that of the supply.
     power, flow
-        What the last move was made of.
+        Power [W] and flow [m3/s] from which the current temperature follows.
     without_balance
-        Whether no temperature balanced that.
+        Whether no temperature balances this power and flow.
     exponent, last
-        Of the power law, and logarithms of viscosity and rise at the last temperature.
+        Exponent of the power law; logarithms of viscosity and temperature rise at the last
+        temperature.
     """
 
     carried: ClassVar = {
@@ -184,16 +184,17 @@ class TemperatureSearch(Stateful):
         self.temperature = float(np.clip(wanted, self.heat.supply_temperature, hottest))
 
     def defect(self, power: float, flow: float) -> float:
-        """By how much the balance is off the current temperature [K]."""
+        """Temperature in balance less the current temperature [K]."""
         return self.heat.balanced(self.oil, self.temperature, power, flow) - self.temperature
 
     def move(self, power: float, flow: float) -> bool:
-        """Take the next temperature, from power [W] and flow [m3/s] at the current one.
+        """Set the next temperature, from power [W] and flow [m3/s] at the current one.
 
         Returns
         -------
         bool
-            False where the balance asks for more than the highest temperature of the oil, there.
+            False if the current temperature is the oil's highest and the balance requires a higher
+            one.
         """
         heat = self.heat
         oil = self.oil
@@ -224,7 +225,7 @@ class TemperatureSearch(Stateful):
         return True
 
     def _learn(self, viscosity: float, rise: float) -> None:
-        """Exponent from logarithms of viscosity and of what is proportional to P / Q."""
+        """Exponent from the logarithms of viscosity and of a quantity proportional to P / Q."""
         if self.last is not None and abs(viscosity - self.last[0]) > self._telling:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])
             self.exponent = float(np.clip(slope, *EXPONENTS))
@@ -251,11 +252,11 @@ def run_away(name: str, search: TemperatureSearch, error: Exception | None = Non
     Parameters
     ----------
     name
-        Of the film, its keys behind.
+        Name of the film, to which its keys are appended.
     search
-        After its last move.
+        Search after its last temperature.
     error
-        What went wrong in the film there; None: the oil has no higher temperature.
+        Failure of the film at the last temperature; None: the oil has no higher temperature.
     """
     last = f" ({error})" if error else ", the highest at which the viscosity of the oil is known"
     return HeatError(

@@ -1,19 +1,20 @@
 """Gap and surface velocities of a shaft in a bore (2)-(7), and deviations from round.
 
 **Shape** of a bore or a journal: how far its surface lies outside the round one. The radial
-deviation ``delta(phi, z)`` [m] is positive outward, away from the axis: it opens the gap where the
-bore has it and closes it where the journal has it,
+deviation ``delta(phi, z)`` [m] is positive outward, away from the axis. A deviation of the bore
+opens the gap, one of the journal closes it,
 
     h = c + delta_bore(phi, z) - delta_journal(phi - alpha, z) - ...,
 
-alpha the angle of the journal ahead of the bore. At a fixed point of the bore the turning shape
-changes the gap at the rate
+alpha being the angle of the journal relative to the bore. At a fixed point of the bore the turning
+shape changes the gap at the rate
 
     dh/dt = ... + alpha' d delta_journal/dphi (phi - alpha, z),
 
-and nothing else: the flux through a section stays ``h (v_1 + v_2) / 2 - h^3 / (12 eta) dp/dx``,
-for the oil that the inclined surface pushes ahead of it is this rate. (Integrate continuity over
-the film: ``d/dx int u dy - u(h) dh/dx + v(h) - v(0) = 0`` and ``v(h) = dh/dt + u(h) dh/dx``.)
+and has no other effect: the flux through a section stays ``h (v_1 + v_2) / 2 - h^3 / (12 eta)
+dp/dx``, for the oil that the inclined surface pushes ahead of it is this rate. (Integrate
+continuity over the film: ``d/dx int u dy - u(h) dh/dx + v(h) - v(0) = 0`` and ``v(h) = dh/dt + u(h)
+dh/dx``.)
 
 **Gap and surface velocities** (2)-(7). The bore carries the frame: its points keep their angle phi
 and height z, and all velocities are relative to it. A shaft of radius ``R_1 = R_2 - c`` with its
@@ -56,13 +57,13 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline, PPoly
 
 
-#: Fewest angles of a table: with fewer there is no smooth curve through them.
+#: Least number of angles in a table: fewer do not define a smooth curve.
 FEWEST_ANGLES = 4
 
 #: Accepted overshoot of a spline beyond its two neighbouring rows, over the range of the table.
 OVERSHOOT = 0.05
 
-#: Accepted overshoot at an extreme between the rows, over the smaller of the two steps further out.
+#: Accepted overshoot at an extreme between rows, over the smaller one of the two adjacent steps.
 #: A cosine with n rows a wave overshoots by 0.139 of that step for n = 8, 0.150 for 6, 0.162 for 5;
 #: two rows that stand out, 0, 1, 1, 0, by 0.201.
 ROUNDED = 0.165
@@ -72,23 +73,24 @@ ROUNDED = 0.165
 class ShapeTable:
     """Measured deviations: a periodic cubic spline around, linear along the axis.
 
-    Beyond the first and last height the deviation there stays. At a height at which the spline
-    overshoots its rows, at a step of the surface, a monotone cubic curve (PCHIP) takes its place:
-    its slope is continuous, too, and it never leaves the range of the two neighbouring rows.
+    Beyond the first and last height the deviation is constant. At a height at which the spline
+    overshoots its rows (a step of the surface), a monotone cubic curve (PCHIP) replaces the spline:
+    its slope is continuous, too, and its values stay within the range of the two neighbouring rows.
 
     Attributes
     ----------
     angles
-        Ascending within one turn, shape (n,) [rad].
+        Angles, ascending within one turn, shape (n,) [rad].
     heights
-        Ascending, shape (k,) [m]; a single one is valid at all heights.
+        Heights, ascending, shape (k,) [m]; the deviations of a single height are valid at all
+        heights.
     deviations
         shape (n, k) [m].
 
     Raises
     ------
     SettingsError
-        Too few angles, or some that do not ascend.
+        The angles are too few, or do not ascend.
     """
 
     angles: np.ndarray
@@ -129,7 +131,7 @@ class ShapeTable:
 
     @cached_property
     def overshoot(self) -> np.ndarray:
-        """Largest overshoot of the spline that is not an extreme of its own, shape (k,) [m]."""
+        """Largest overshoot of the spline, accepted extremes excluded, shape (k,) [m]."""
         spline = self._spline
         rows = self.deviations
         following = np.roll(rows, -1, axis=0)
@@ -187,12 +189,12 @@ def _outer_steps(rows: np.ndarray) -> np.ndarray:
 
 
 def require_read(table: str, read: object, key: str = "table", given: str = "a curve") -> None:
-    """Refuse a setting's table that nothing has read, as scenes do.
+    """Refuse a setting whose table was not read: only scenes read tables.
 
     Raises
     ------
     SettingsError
-        Naming the key, and what is to be `given` in its place.
+        The message contains the key, and the value to be `given` instead.
     """
     if table != NONE and read is None:
         raise SettingsError(f"{key} = {table!r} is read with a scene: give {given} in Python")
@@ -206,7 +208,7 @@ def require_inside(
     Parameters
     ----------
     eccentricity
-        In clearances.
+        Eccentricity over the clearance [-].
     rough
         Whether the surfaces are rough: the mean surfaces of rough ones may overlap.
     key
@@ -230,13 +232,13 @@ class Shape(Deviations):
     """Radial deviation of a surface.
 
     With z the height over half the width, it is
-    ``ovality cos(lobes (phi - ovality_angle)) + (barrel z + taper) z`` and what a tilted axis, at
-    ``z (psi_y, -psi_x)``, and a table add.
+    ``ovality cos(lobes (phi - ovality_angle)) + (barrel z + taper) z`` plus the deviations of a
+    tilted axis at ``z (psi_y, -psi_x)`` and of a table.
     """
 
     #: Half the width of the bearing [m], for barrel and taper.
     half_width: float = np.inf
-    #: The table.
+    #: Table of measured deviations.
     measured: ShapeTable | None = None
 
     def __attrs_post_init__(self) -> None:
@@ -252,7 +254,7 @@ class Shape(Deviations):
 
     @property
     def round(self) -> bool:
-        """True of one that is the same at all angles: then turning changes nothing."""
+        """True of a shape that is the same at all angles: turning does not change the gap."""
         return not (self.ovality or any(self.misalignment) or self.measured)
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
@@ -278,12 +280,12 @@ class Shape(Deviations):
 
 
 def require_shape(name: str, value: Any) -> None:
-    """Refuse what is neither a `Shape`, None, nor a class of the caller with its `radial`.
+    """Refuse a value that is neither a `Shape`, None, nor a user's object with `radial`.
 
     Raises
     ------
     SettingsError
-        Naming the argument and its class.
+        The message contains the argument and its class.
     """
     if not hasattr(value, "radial"):
         require_class(name, value, Shape, optional=True)
@@ -291,7 +293,7 @@ def require_shape(name: str, value: Any) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Points of a bore: angle [rad] and height [m], each of one shape (any)."""
+    """Points of a bore: arrays of angle [rad] and height [m] of the same shape."""
 
     angle: np.ndarray
     height: np.ndarray
@@ -318,8 +320,7 @@ class Gap:
     mean_velocity, sliding_velocity
         ``(v_1 + v_2) / 2`` and ``v_1 - v_2`` along the circumference [m/s].
     turn, time
-        Angle of the journal from the bore's [rad], and time [s]; what supplies the film may
-        depend on them.
+        Angle of the journal relative to the bore [rad], and time [s]; supplies may depend on both.
     """
 
     thickness: np.ndarray
@@ -330,7 +331,7 @@ class Gap:
     time: float = 0.0
 
     def changed(self, thickness: np.ndarray, rate: np.ndarray) -> Gap:
-        """The gap with changes of its thickness [m] and of the rate of it [m/s], shape (g,)."""
+        """The gap with changes of its thickness [m] and thickness rate [m/s], shape (g,)."""
         shape = self.thickness.shape
         return replace(
             self,
@@ -339,7 +340,7 @@ class Gap:
         )
 
 
-#: Components along or about x and y.
+#: Two components, along x and y or about x and y.
 Pair = np.ndarray | tuple[float, float]
 
 
@@ -381,16 +382,16 @@ def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, n
 
 
 def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: ShaftMotion) -> Gap:
-    """Gap between a round shaft and a rigid bore; what deforms it adds to gap and velocities.
+    """Gap between a round shaft and a rigid bore; deformations add to gap and velocities.
 
     Parameters
     ----------
     points
-        Where on the bore.
+        Points on the bore.
     radius, clearance
         Bore radius R_2 and radial clearance c [m].
     motion
-        The shaft's.
+        Motion of the shaft.
 
     Returns
     -------

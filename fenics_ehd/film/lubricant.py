@@ -4,31 +4,32 @@
 
     log10 log10 (nu + 0.7) = A - B log10 T,    nu in mm2/s, T in K,
 
-through its values at 40 and 100 C. The standard adds terms that matter below 2 mm2/s: colder
-than where nu is `LARGEST` and hotter than where it is `SMALLEST` the equation is refused.
-Density falls linearly. Dynamic viscosity is their product.
+through its values at 40 and 100 C. The standard adds terms that matter below 2 mm2/s: temperatures
+at which nu is above `LARGEST` or below `SMALLEST` are refused. Density falls linearly. Dynamic
+viscosity is their product.
 
 **Grades.** A grade has two nominal kinematic viscosities. The standard specifies one of them:
 ISO 3448 the number of an ISO VG grade at 40 C, SAE J300 a range at 100 C, whose middle is taken
 (fuchs.com, "Viscosity charts"; "SAE 10", a winter grade, goes from 4.1 mm2/s to where 15W begins).
 The other follows from an assumed viscosity index by ASTM D2270, whose formulas are at
 dgaequipment.com and whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals).
-Indices stand in for a product's data sheet: 95 for ISO and single grades, as the chart at
-noco.ca/viscosity-chart takes, as listed for multigrade oils. Density and specific heat are those of
-`Oil`.
+Indices replace a product's data sheet: 95 for ISO and single grades, as in the chart at
+noco.ca/viscosity-chart, and the values of `GRADES` for multigrade oils. Density and specific heat
+are the defaults of `Oil`.
 
 **Shear thinning.** The shear rate is that of the sliding surfaces, ``gamma = |U| / h``. It is the
-mean of du/dy over the thickness for every slope of the pressure, whose part is antisymmetric:
-``-h/2`` to ``h/2`` times ``(dp/dy) / eta``, zero in the middle and small against U / h in a sliding
-film. So the viscosity is one number across the film and Reynolds' equation keeps its form; the film
-of surfaces that do not slide, a squeeze film, does not thin. Sources that carry the variation
-across the film (Dowson's generalised equation) differ where h^2 dp/dy / (2 eta U) is not small.
+mean of du/dy over the thickness for every slope of the pressure. The contribution of the pressure
+is antisymmetric: ``-h/2`` to ``h/2`` times ``(dp/dy) / eta``, zero in the middle and small against
+U / h in a sliding film. The viscosity is therefore constant across the film, and Reynolds' equation
+keeps its form. The oil between surfaces that do not slide, a squeeze film, does not thin. Models
+with a viscosity that varies across the film (Dowson's generalised equation) differ if h^2 dp/dy /
+(2 eta U) is not small.
 
-**Laws.** Viscosity laws are multiplied: of pressure, of place, of shear rate. A law gives the ratio
-to the value at ambient pressure, or at rest. It stands once, as an expression: of arrays
-where values are wanted, of UFL's symbols in the weak form, which differentiates it
-(`fenics_ehd.film.weak_form`). Position enters by a factor on either property, given at the Gauss
-points (`Lubricant.viscosity_field`). Settings choose the laws of a `Lubricant` in `make_lubricant`.
+**Laws.** Viscosity laws for pressure, position and shear rate are multiplied. A law is the ratio to
+the value at ambient pressure, or at rest. One expression defines it, for arrays of values and for
+UFL's symbols in the weak form, which differentiates the law (`fenics_ehd.film.weak_form`). Position
+enters by a factor on either property, given at the Gauss points (`Lubricant.viscosity_field`).
+Settings choose the laws of a `Lubricant` in `make_lubricant`.
 """
 
 from __future__ import annotations
@@ -56,19 +57,20 @@ from fenics_ehd.base.shared_settings import (
 #: Zero of the Celsius scale [K].
 ZERO_CELSIUS = 273.15
 
-#: Smallest and largest kinematic viscosity for which the Walther equation needs no further terms
+#: Smallest and largest kinematic viscosity at which the Walther equation needs no further terms
 #: [mm2/s].
 SMALLEST = 2.0
 LARGEST = 2e7
 
-#: Relative fall of density, of that at 15 C [1/K]: between the 5.8e-4 of a synthetic oil
-#: (MadsKirkFoged/SharpFluids, SHC230.cs) and the 6.7e-4 of an engine oil of 1061.3 - 0.5921 T.
+#: Decrease of the density per kelvin, over the density at 15 C [1/K]: between the 5.8e-4 of a
+#: synthetic oil (MadsKirkFoged/SharpFluids, SHC230.cs) and the 6.7e-4 of an engine oil of 1061.3 -
+#: 0.5921 T.
 EXPANSION = 6.5e-4
 
 
 @runtime_checkable
 class TemperatureLaw(Protocol):
-    """Viscosity and density of an oil at every temperature: what a `Lubricant` is made of.
+    """Viscosity and density of an oil at every temperature, from which a `Lubricant` is made.
 
     The film, the heat balance and scene files use these members only. `Oil` is the Walther law; the
     Vogel law is worked in ``docs/extending.md``.
@@ -229,14 +231,14 @@ class Oil:
 
 
 class Functions(NamedTuple):
-    """Functions that laws are written in: of arrays here, of UFL's expressions in the weak form.
+    """Functions in the expressions of laws: of arrays here, of UFL's expressions in the weak form.
 
     Attributes
     ----------
     exp, erf
-        Of one argument.
+        Functions of one argument.
     where
-        Of a condition and the two values: both are evaluated, so that arguments must be sound.
+        Function of a condition and two values. Both values are evaluated: both must be defined.
     """
 
     exp: Callable[[Any], Any]
@@ -246,15 +248,15 @@ class Functions(NamedTuple):
 
 ARRAYS = Functions(np.exp, erf, np.where)
 
-#: Shear rate over gamma_c, and exponent, whose power is still a number; and the rate below which
-#: oil is at rest: a power of it has no slope at zero.
+#: Largest shear rate over gamma_c, and largest exponent, whose power does not overflow; and the
+#: rate below which oil counts as at rest, because a power of the rate has no slope at zero.
 LARGEST_RELATIVE_RATE = 1e30
 LARGEST_EXPONENT = 10.0
 SMALLEST_RELATIVE_RATE = 1e-30
 
 
 class Law:
-    """Ratio of a property to its value at rest, or at ambient pressure, by one formula.
+    """Formula of the ratio of a property to its value at rest, or at ambient pressure.
 
     Laws are classes of attrs, or dataclasses, whose fields are the formula's numbers.
     """
@@ -270,8 +272,8 @@ class Law:
     def ratio(f: Functions, at: Any, *numbers: Any) -> Any:
         """Ratio [-] at pressures [Pa] or shear rates [1/s] >= 0.
 
-        Arrays with numbers, or expressions of UFL with constants: conditions and functions are
-        those of `f`.
+        The arguments are arrays and numbers, or UFL's expressions and constants; `f` has the
+        conditions and functions for them.
         """
         raise NotImplementedError
 
@@ -284,7 +286,7 @@ class Law:
 class Cross(Law):
     """Cross's law ``eta = eta_2 + (eta_0 - eta_2) / (1 + (gamma / gamma_c)^m)``.
 
-    With an exponent m below 1 the slope at rest is infinite; it is taken as none.
+    With an exponent m below 1 the slope at rest is infinite; the law uses zero.
     """
 
     rate: float = number(REQUIRED, "gamma_c, at which half of what can go is gone [1/s]", above=0)
@@ -294,7 +296,7 @@ class Cross(Law):
     @staticmethod
     def ratio(f: Functions, shear_rate: Any, critical: Any, exponent: Any, second: Any) -> Any:
         """Viscosity over that at rest, of shear rates >= 0 [1/s]."""
-        # At the largest numbers that still have powers all that can go is gone.
+        # At the largest numbers whose powers do not overflow the viscosity has fallen to eta_2.
         largest = LARGEST_RELATIVE_RATE * critical
         relative = f.where(shear_rate < largest, shear_rate, largest) / critical
         moving = relative > SMALLEST_RELATIVE_RATE
@@ -343,12 +345,12 @@ GRADES = {
 
 
 def _plain(name: str) -> str:
-    """A grade's name without what people write differently: ``sae 5w30`` is SAE 5W-30."""
+    """Name of a grade without variations of spelling: ``sae 5w30`` is SAE 5W-30."""
     return name.upper().replace(" ", "").replace("-", "")
 
 
 def _spoken(name: str) -> tuple[str, ...]:
-    """Plain names of a listed grade: ``VG 32`` is ISO VG 32, ``5W-30`` is SAE 5W-30."""
+    """Short names of a listed grade: ``VG 32`` is ISO VG 32, ``5W-30`` is SAE 5W-30."""
     full = _plain(name)
     short = full.removeprefix("ISO").removeprefix("SAE")
     return (full, short) if not short.isdigit() else (full,)
@@ -363,7 +365,7 @@ def grade_name(name: str) -> str:
     Raises
     ------
     SettingsError
-        It is not listed.
+        The grade is not listed.
     """
     listed = _BY_PLAIN_NAME.get(_plain(name))
     if listed is None:
@@ -380,12 +382,12 @@ def oil_of_grade(name: str, **properties: float) -> Oil:
     return Oil(grade.viscosity_40, grade.viscosity_100, **properties)
 
 
-#: Ratio of viscosities beyond which no film is looked for: oil is glass long before.
+#: Ratio of viscosities beyond which no solution is computed: oil is glass at much smaller ratios.
 LARGEST_RATIO = 1e30
 
 
 class PressureLaw(Law):
-    """Law of the pressure; values are refused where oil is glass.
+    """Law of the pressure; it refuses pressures at which oil is glass.
 
     Attributes
     ----------
@@ -401,7 +403,7 @@ class PressureLaw(Law):
         Raises
         ------
         ViscosityError
-            It is beyond `LARGEST_RATIO`, or no number.
+            The ratio is above `LARGEST_RATIO`, or not a number.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             ratio = np.ones_like(pressure) * super().__call__(pressure)
@@ -422,7 +424,7 @@ class Constant(PressureLaw):
 
     @staticmethod
     def ratio(f: Functions, pressure: Any) -> Any:
-        """One, a number."""
+        """One, as a number."""
         return 1.0
 
 
@@ -457,7 +459,7 @@ class Roelands(PressureLaw):
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Strength and index."""
+        """Factor and index Z of the exponent."""
         return float(np.log(self.viscosity)) - self.LOG_LIMIT, self.index
 
     @staticmethod
@@ -499,7 +501,7 @@ class Lubricant:
     # that flow.
     density: float = number(DENSITY, "at ambient pressure [kg/m3]", above=0)
     specific_heat: float = number(SPECIFIC_HEAT, "at ambient pressure [J/(kg K)]", above=0)
-    #: Law of the temperature; None: viscosity and density at other temperatures are not known.
+    #: Law of the temperature; None: viscosity and density are known at one temperature only.
     oil: TemperatureLaw | None = None
     #: Temperature of viscosity and density [C]; None: not known.
     temperature: float | None = None
@@ -542,7 +544,7 @@ class Lubricant:
         Raises
         ------
         SettingsError
-            There is no law of the temperature, or see `TemperatureLaw.viscosity`.
+            The lubricant has no law of the temperature, or see `TemperatureLaw.viscosity`.
         """
         if self.oil is None:
             raise SettingsError(
@@ -563,7 +565,7 @@ class Lubricant:
 
     @property
     def linear(self) -> bool:
-        """True where the Reynolds equation is linear in the pressure."""
+        """True if the Reynolds equation is linear in the pressure."""
         return self.viscosity_law.constant and self.density_law.constant
 
 

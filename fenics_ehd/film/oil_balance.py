@@ -12,19 +12,19 @@ the void fraction s, a flow carries the fraction c at the middle of its cell,
 
     t(s)_i = F_i c_i - F_(i-1) c_(i-1) + d/dt (int rho H N_i) s_i.
 
-A full film is not touched (s = 0), an empty one stands still (s = 1 cancels the
-Couette term to round-off), nothing is lost between nodes, and strips do not mix.
+In a full film (s = 0) the term is zero; in an empty film (s = 1) it cancels the Couette term to
+round-off. No oil is lost between nodes, and strips do not mix.
 
 **Limiter.** c is extrapolated from the node u that the flow comes from, by the harmonic mean of
 the slopes on both sides of it (van Leer, J. Comput. Phys. 14, 1974, 361). With b the node before u
-and a the one that the flow goes to, l their cells' lengths,
+and a the node after u in the direction of the flow, and l the lengths of their cells,
 
     c = s_u + x y / (x + y)  where x y > 0, else s_u;   x = (s_u - s_b) l_a / l_b,   y = s_a - s_u.
 
-Second order where s is smooth, first order at its extremes; c lies between s_u and s_a, so that
-nothing leaves an empty film and no more than all a full one. In the form of Harten (J. Comput.
-Phys. 49, 1983, 357), ``F (c_i - c_(i-1)) = C F (s_i - s_(i-1))`` with C >= 0: implicit Euler adds
-no variation and no extreme, for any step.
+Second order where s is smooth, first order at its extremes; c lies between s_u and s_a, so that no
+oil flows out of an empty node, and no more than its content out of a full node. In the form of
+Harten (J. Comput. Phys. 49, 1983, 357), ``F (c_i - c_(i-1)) = C F (s_i - s_(i-1))`` with C >= 0:
+implicit Euler adds no variation and no extreme, for any step.
 
 **Derivative.** The node that a flow comes from held, with kinks of c where x y = 0,
 
@@ -32,48 +32,45 @@ no variation and no extreme, for any step.
 
 so that second neighbours belong to the pattern, too.
 
-**Balance** (Jakobsson and Floberg 1957, Olsson 1965). The gap holds oil to the fraction ``theta = 1
-- s``; where the film is full, s = 0, and where it is not, the pressure is the cavitation pressure,
-p = 0. Per node i, dimensionless as in `fenics_ehd.film.weak_form`, the oil is conserved,
+**Balance** (Jakobsson and Floberg 1957, Olsson 1965). The gap holds oil to the fraction
+``theta = 1 - s``; where the film is full, s = 0, and elsewhere the pressure is the cavitation
+pressure, p = 0. Per node i, dimensionless as in `fenics_ehd.film.weak_form`, the oil is conserved,
 
     int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - t(s)_i = 0,
 
-``M_i = int rho H N_i`` the oil of a full gap, ``M_i^old`` what there was, time by implicit Euler
-or a formula of several steps. That is ``r(p) = t(s)`` with ``0 <= p`` complementary to ``s >= 0``.
-The rate of the gap is the difference of two contents, never `Gap.thickness_rate`: only so is no
-oil lost from step to step.
+where ``M_i = int rho H N_i`` is the oil content of a full gap and ``M_i^old`` the content before.
+Time is integrated by implicit Euler or a formula of several steps. That is ``r(p) = t(s)`` with
+``0 <= p`` complementary to ``s >= 0``. The rate of the gap is the difference of two contents, never
+`Gap.thickness_rate`, because only the difference conserves oil from step to step.
 
-``t^-1(r(p)) >= 0`` as the function of p alone is no help here: t transports along the film, so
-that the sign of one component tells about all the nodes upstream. With both as variables SNES-VI
-solves
+``t^-1(r(p)) >= 0`` as a function of p alone is not used: t transports along the film, so that the
+sign of one component depends on all the nodes upstream. With p and s as variables SNES-VI solves
 
     p >= 0   complementary to   s + gamma d >= 0,      d = r(p) - t(s) = 0.
 
-``gamma d`` vanishes at the solution. On the way it is what tells a full node
-whose Newton update was negative, and was cut off at p = 0, to empty: its void fraction is
-zero, and only its defect d knows. Each Newton step then solves
+``gamma d`` vanishes at the solution. During the iteration it empties a full node whose Newton
+update was negative and was cut off at p = 0: the void fraction of this node is zero, and only its
+defect d has the right sign. Each Newton step then solves
 
     A_I p_I - T_C s_C = b,    A = dr/dp,  T = dt/ds,
 
 on the full nodes I and the others C, one sparse system of one pattern
 (`ActiveSetSystem`), and moves between I and C the nodes with a wrong sign.
 
-With the shares c of what a flow carries as they are t is linear, no entry off the diagonals of A
-and t is positive and no column sum negative; so it is for every matrix that takes the columns of
-full nodes from A and the others from t, and all these are M-matrices: theta is not below 0. For A
-that wants bilinear cells, strictly no longer than 1.4 times their width, in practice any we tried
-(theta > 0 at 9); 9-node cells are out, and it shows: theta = -0.1 next to the ends of a short
-groove.
+If the fractions c are held, t is linear. No entry off the diagonals of A and t is positive, and no
+column sum is negative. The same is true of every matrix that has the columns of full nodes from A
+and the others from t. All these matrices are M-matrices: theta is not below 0. For A this requires
+bilinear cells, strictly no longer than 1.4 times their width; in practice cells 9 times as long
+have theta > 0, too. 9-node cells are excluded: theta is -0.1 next to the ends of a short groove.
 
-Where the pressure is given above cavitation, and in grooves and holes at any
-pressure, there is a reservoir: theta = 1 and oil flows in or out. A side at
-cavitation pressure has none: there the unknown is the outflow, positive only
-where the film is full, and zero where it is not. What `FilmParameters.feeds` conduct
-into the film, ``w kappa (p_s - p)``, fills empty nodes with ``w kappa p_s``; it is lumped
-at the nodes, and all matrices stay M-matrices.
+Nodes with a given pressure above cavitation, and grooves and holes at any pressure, are reservoirs:
+theta = 1 and oil flows in or out. A side at cavitation pressure is no reservoir: its unknown is the
+outflow, positive only where the film is full, and zero elsewhere. The flow of
+`FilmParameters.feeds` into the film, ``w kappa (p_s - p)``, is ``w kappa p_s`` at empty nodes. This
+flow is lumped at the nodes, and all matrices stay M-matrices.
 
-What there is of oil in an empty place, and where it ends, is of second order in the mesh and of
-first: a front lies between two nodes, of which one has no void.
+The oil content of an empty region converges with second order in the mesh, the position of its
+front with first order: a front lies between two nodes, one of which has no void.
 """
 
 from __future__ import annotations
@@ -95,7 +92,7 @@ from fenics_ehd.film.parameters import FeedTerm
 if TYPE_CHECKING:
     from fenics_ehd.film.weak_form import Flow, Inputs
 
-#: Below this rate of the contents a source counts as none.
+#: Rate of the contents below which a source counts as zero.
 SMALLEST_SOURCE = 1e-6
 
 #: Nodes of a bilinear cell at its smaller angle, lower one first.
@@ -111,9 +108,9 @@ class Strips:
     Parameters
     ----------
     assembly
-        Of a bilinear mesh.
+        Gauss points of a bilinear mesh.
     unknown
-        Nodes of the derivative of t.
+        Nodes with an unknown, along which t is differentiated.
 
     Attributes
     ----------
@@ -122,13 +119,14 @@ class Strips:
     following, preceding, second
         Node after and before every node of its strip, and the one after the next, shape (nodes,).
     passing
-        Nodes whose flows pass the nodes of every cell, these ascending, shape (c, k).
+        Nodes whose flows pass the nodes of every cell, ascending, shape (c, k).
     ratio
-        Length of a flow's cell over that of the cell behind it, for flows on and back.
+        Length of a flow's cell over the length of the cell upstream, for flows in either direction.
     pattern
-        Of the derivative of t on the unknown nodes, second neighbours included.
+        Pattern of the derivative of t on the unknown nodes, second neighbours included.
     places
-        Of what every flow puts into two rows of it, those of other nodes behind the last one.
+        Indices of the entries of every flow in two rows of the pattern; rows of other nodes have
+        the index after the last one.
     """
 
     def __init__(self, assembly: Assembly, unknown: np.ndarray):
@@ -154,7 +152,7 @@ class Strips:
         self._number_entries()
 
     def _number_entries(self) -> None:
-        """The pattern, and in it the places of what every flow puts into two rows."""
+        """The pattern, and the indices of the entries of every flow in two of its rows."""
         n = len(self.unknown)
         number = np.full(self.assembly.size, -1)
         number[self.unknown] = np.arange(n)
@@ -197,7 +195,7 @@ class Transport:
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """``s_u``, x, and y over x + y, 0 where x y <= 0; and where flows lead on."""
+        """``s_u``, x, y over x + y (0 if x y <= 0); and a mask: flow to the following node."""
         on = self.flows > 0
         void = self.void
         strips = self.strips
@@ -223,7 +221,7 @@ class Transport:
 
     @property
     def values(self) -> np.ndarray:
-        """The same on the unknown nodes."""
+        """``t(s)`` at the unknown nodes."""
         return self.nodal[self.strips.unknown]
 
     @cached_property
@@ -272,9 +270,9 @@ class OilBalance:
     Parameters
     ----------
     film
-        Bearing and oil, on a bilinear mesh.
+        Film on a bilinear mesh.
     oil_outside
-        Whether there is oil outside the sides at cavitation pressure, too.
+        Whether oil surrounds sides at cavitation pressure, too.
 
     Attributes
     ----------
@@ -282,14 +280,14 @@ class OilBalance:
         Nodes with an unknown: pressure or void fraction where the pressure is
         free, outflow or void fraction at a side at cavitation pressure.
     dry
-        Which of these are of the second kind.
+        Mask of the unknown nodes at such a side.
     pattern
-        Of the derivatives along both.
+        Pattern of the derivatives along pressure and void fraction.
     """
 
     def __init__(self, film: Film, *, oil_outside: bool = False):
         self.film = film
-        # Nodes of given pressure that have no oil to give.
+        # Nodes of given pressure that are no reservoirs.
         empty = (film.equation.given == 0.0) & ~film.supplied_nodes & (not oil_outside)
         dry = np.setdiff1d(np.flatnonzero(empty), film.free)
         self.unknown = np.union1d(film.free, dry)
@@ -331,7 +329,7 @@ class OilBalance:
 
         def entries(values: np.ndarray) -> np.ndarray:
             entries_of_all = self.film.equation.forms.matrix(step.inputs, self.nodal(values))
-            # Second neighbours have no place in it.
+            # The pattern without second neighbours does not contain all entries.
             matrix = np.append(entries_of_all, 0.0)[self._places]
             if step.feed is not None:
                 lumped = self.assembly.source(step.feed.conductance.sum(axis=0))
@@ -369,8 +367,8 @@ class OilBalance:
 
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
         """Balance at all nodes without the void fraction."""
-        # Contents are summed in one way only: what is counted twice differs by round-off, and oil
-        # would be lost in every step.
+        # Contents are summed in one way only: two sums differ by round-off, by which oil would be
+        # lost in every step.
         full = step.full
         if not self.film.parameters.lubricant.density_law.constant:
             density = self.film.equation.flow(step.gap, nodal).density
@@ -444,7 +442,7 @@ def require_monotone(family: str, key: str = "film.element") -> None:
     Raises
     ------
     SettingsError
-        Naming the setting.
+        The message contains the setting.
     """
     if family != "bilinear":
         raise SettingsError(

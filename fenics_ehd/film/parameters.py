@@ -6,9 +6,9 @@ area,
 
     w kappa (p_s - p)
 
-at supply pressure p_s. Nothing is imposed at nodes: a region may move, and load and flow follow its
-place continuously. w is the region's indicator, blurred over a width d of `BLUR` cells by the cubic
-``t^2 (3 - 2 t)``: continuously differentiable along the journal's angle.
+at supply pressure p_s. No value is imposed at nodes: a region may move, and load and flow are
+continuous functions of its position. w is the region's indicator, blurred over a width d of `BLUR`
+cells by the cubic ``t^2 (3 - 2 t)``: continuously differentiable along the journal's angle.
 
 Without a resistance kappa belongs to the film's own conductance on the scale of the blur,
 ``kappa = C rho h^3 / (12 eta d^2)``. C is such that the pressure next to a straight edge is that of
@@ -50,16 +50,17 @@ class FilmParameters:
     lubricant
         The oil.
     rate
-        Reference angular speed Omega > 0 [rad/s] that makes the equation
-        dimensionless; results do not depend on it beyond round-off.
+        Reference angular speed Omega > 0 [rad/s] that makes the equation dimensionless; it changes
+        results by round-off only.
     sides, regions
         Given pressures.
     feeds
         Supplies that conduct oil into the film.
     recesses
-        Deep places of the bore without supply: their pressure is uniform, what flows in flows out.
+        Deep recesses of the bore without supply: their pressure is uniform, and inflow equals
+        outflow.
     surfaces
-        Of journal and bore, None for smooth ones that never touch.
+        Rough surfaces of journal and bore; None for smooth surfaces, which never touch.
     """
 
     grid: FilmGrid
@@ -109,7 +110,7 @@ class FilmParameters:
 #: with 9 nodes, 0.012 d with 4, and 0.035 d lumped. Unchanged, 33.1 is 0.05 and 0.18 d off there.
 EDGES = {"lagrange": 33.119152, "serendipity": 33.119152, "bilinear": 24.0}
 
-#: Factor on it where flows are lumped at the nodes.
+#: Factor on this constant if flows are lumped at the nodes.
 LUMPED = 2.0 / 3.0
 
 
@@ -122,9 +123,10 @@ class FeedTerm:
     conductance
         kappa w of every supply at the Gauss points, shape (n, cells, points).
     along_thickness, along_turn
-        Its derivatives along H and along the angle of the journal [1/rad], the same shape.
+        Derivatives of the conductance along H and along the angle of the journal [1/rad], the same
+        shape.
     pressure
-        Of every supply, shape (n,).
+        Dimensionless pressure of every supply, shape (n,).
     """
 
     conductance: np.ndarray
@@ -135,7 +137,7 @@ class FeedTerm:
     def outflow(self, pressure: np.ndarray, conductance: np.ndarray | None = None) -> np.ndarray:
         """``kappa w (P - P_s)`` into every supply, for P at the Gauss points, (n, cells, points).
 
-        With a `conductance`, the flow of this one, or of a change of it.
+        With a `conductance`, the flow through this conductance, which may be a change.
         """
         conductance = self.conductance if conductance is None else conductance
         return conductance * (pressure - self.pressure[:, None, None])
@@ -150,7 +152,7 @@ class FeedTerm:
     ) -> np.ndarray:
         """Outflow tested with every node, (nodes,), each with the pressure at its own node.
 
-        All flows stay what they are, and the matrix of the film an M-matrix.
+        The sums of the flows do not change, and the matrix of the film stays an M-matrix.
         """
         conductance = self.conductance if conductance is None else conductance
         supplied = self._supplied(conductance)
@@ -159,7 +161,7 @@ class FeedTerm:
     def lumped_change(
         self, assembly: Assembly, slope: np.ndarray, nodal: np.ndarray
     ) -> sparse.csc_matrix:
-        """Its derivative (nodes, c * q) for a change `slope` of the conductances."""
+        """Derivative (nodes, c * q) of `lumped` for a change `slope` of the conductances."""
         at_nodes = slope.sum(axis=0)[:, :, None] * assembly.by_nodes(nodal)
         supplied = self._supplied(slope)
         return with_weights(assembly.tested, at_nodes - supplied[:, :, None])
@@ -171,16 +173,16 @@ class Feeds:
     Parameters
     ----------
     parameters
-        With its `feeds`.
+        Parameters of the film, with its `feeds`.
     points, area
         Gauss points, and their areas over R^2, of the film mesh.
     mobility
-        Density over viscosity where they depend on the place.
+        Density over viscosity at the Gauss points if they depend on the position.
 
     Raises
     ------
     SettingsError
-        A region that bearing or mesh cannot hold, or two of one name.
+        The bearing or its mesh cannot hold a region, or two supplies have the same name.
     """
 
     def __init__(
@@ -202,8 +204,8 @@ class Feeds:
             )
         for feed in feeds:
             require_read(feed.table, feed.curve, f"{feed.name}: table")
-        # Of every supply either the film's own conductance over w H^3, or that of its passage: the
-        # pressure scale over a resistance, in units of the flow c Omega R^2.
+        # A supply has either the film's own conductance, here over w H^3, or that of its passage:
+        # the pressure scale over a resistance, in units of the flow c Omega R^2.
         self._film = np.zeros((len(feeds), *area.shape))
         self._passage = np.zeros((len(feeds), 1, 1))
         flow = parameters.clearance * parameters.rate * grid.radius**2
@@ -218,13 +220,13 @@ class Feeds:
 
     @property
     def turning(self) -> bool:
-        """True of supplies of which one turns with the journal."""
+        """True if one of the supplies turns with the journal."""
         return any(feed.on_journal for feed in self.parameters.feeds)
 
     def shares(self, turn: float) -> tuple[np.ndarray, np.ndarray]:
         """Covered shares w (n, cells, points) and their derivatives along the journal's angle.
 
-        `turn` is that angle less the bore's [rad].
+        `turn` is the angle of the journal relative to the bore [rad].
         """
         grid = self.parameters.grid
         values = []
@@ -236,9 +238,9 @@ class Feeds:
         return np.array(values), np.array(slopes)
 
     def _at(self, turn: float) -> tuple[np.ndarray, ...]:
-        """Conductances at an angle, kept from the last one: over H^3 of the film, and of passages.
+        """Conductances at an angle, cached: over H^3 of the film, and of passages.
 
-        Behind them their derivatives along the angle.
+        Their derivatives along the angle follow.
         """
         if turn != self._turn:
             share, slope = self.shares(turn)
@@ -257,9 +259,9 @@ class Feeds:
         return pressure / self.parameters.pressure_scale
 
     def term(self, gap: Gap, thickness: np.ndarray, *, lumped: bool = False) -> FeedTerm:
-        """At the angle and time of a gap, its dimensionless thickness given.
+        """Term of the supplies at the angle and time of a gap with a dimensionless thickness.
 
-        `lumped` where it is for `FeedTerm.lumped`.
+        `lumped` is True for `FeedTerm.lumped`.
         """
         film, passage, film_slope, passage_slope = self._at(gap.turn)
         cube = (LUMPED if lumped else 1.0) * thickness**3
@@ -282,8 +284,8 @@ class Feeds:
         return np.concatenate([np.tensordot(weights, kind, 1) for kind in (film, passage)])
 
 
-#: How much better than the film a recess conducts: 1e3 leaves a thousandth of the pressure's change
-#: across it.
+#: Conductance of a recess over that of the film: with 1e3 the pressure's change across a recess is
+#: a thousandth of that in the film.
 DEEP = 1e3
 
 
@@ -295,7 +297,7 @@ def recess_viscosity(parameters: FilmParameters, points: SurfacePoints) -> np.nd
     Raises
     ------
     SettingsError
-        A recess that bearing or mesh cannot hold.
+        The bearing or its mesh cannot hold a recess.
     """
     factor = np.ones(points.angle.shape)
     for region in parameters.recesses:

@@ -1,8 +1,8 @@
 """Reynolds equation (1) of one film: residual, complementarity problem, derivatives.
 
 Dimensionless, see `fenics_ehd.film.weak_form`, whose forms dolfinx assembles. Oils of constant
-properties make the equation linear in the pressure, others do not. What turns with the journal is
-no data of the gap: the derivative along its angle is algebra.
+properties make the equation linear in the pressure, others do not. The angle of the journal is no
+field of the gap: derivatives along this angle are computed from arrays.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from fenics_ehd.film.weak_form import (
     flow_law,
 )
 
-#: Below this dimensionless rate of gap change the source of (11) counts as zero. Assembled
-#: gradients of a uniform gap leave 1e-15 of what it carries, and the problem of 8-node elements may
-#: have no solution for a source of round-off.
+#: Below this dimensionless rate of gap change the source of (11) counts as zero. The assembled
+#: source of a uniform gap is 1e-15 of the flow, and the problem of 8-node elements may have no
+#: solution for a source of round-off.
 SMALLEST_SOURCE = 1e-4
 
 
@@ -46,25 +46,25 @@ class ReynoldsEquation:
     Attributes
     ----------
     free
-        Those nodes.
+        Indices of the nodes whose pressure is unknown.
     given
         Dimensionless pressure at all nodes, zero at the free ones.
     points
         Gauss points on the bore.
     pattern
-        Of the derivative along the pressures of the free nodes.
+        Pattern of the derivative along the pressures of the free nodes.
     lubricant
-        The oil, at another temperature perhaps than that of `parameters`, which give the scales.
+        The oil; its temperature may differ from that of `parameters`, which define the scales.
     factors
-        Viscosity and density that depend on place and temperature, over those of `parameters`.
+        Viscosity and density, which depend on position and temperature, over those of `parameters`.
     surfaces
         See `FilmParameters`.
     weights
         Entries of the mass matrix N of (11) for the 8-node element, else None.
     laws
-        What the film contains.
+        Combination of laws of the film.
     feeds
-        Supplies that conduct oil into the film; None: there are none.
+        Supplies that conduct oil into the film; None without supplies.
     """
 
     def __init__(self, parameters: FilmParameters):
@@ -81,7 +81,7 @@ class ReynoldsEquation:
         self.pattern = self.assembly.pattern(self.free)
         self.weights = mass.data if weighted else None
         self._diagonal = mass.diagonal() if weighted else np.ones(len(self.free))
-        # The source of a film at unit speed: nodal areas, or ones when divided by the mass matrix.
+        # Source of a film at unit speed: nodal areas, or ones if divided by the mass matrix.
         unit = np.ones(len(self.free)) if weighted else mass.sum(axis=1)
         self._smallest = SMALLEST_SOURCE * float(np.linalg.norm(unit))
         self.laws = Laws.of(parameters)
@@ -119,7 +119,7 @@ class ReynoldsEquation:
 
     @cached_property
     def forms(self) -> FilmForms:
-        """Weak form on this mesh: a film that is only looked at needs none."""
+        """Weak form on this mesh, made on first use: a film that is only read needs none."""
         return FilmForms(self.parameters.grid, self.laws, self._numbers.layout)
 
     @cached_property
@@ -155,14 +155,14 @@ class ReynoldsEquation:
     def fed(self, gap: Gap, flow: Flow | None = None, *, lumped: bool = False) -> FeedTerm | None:
         """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any.
 
-        The `flow` of a film without pressure in it may be known.
+        The `flow` of this film without pressure may be known.
         """
         if self.feeds is None:
             return None
         return self.feeds.term(gap, (flow or self.flow(gap)).thickness, lumped=lumped)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
-        """Dimensionless pressure at all nodes from that at the free ones."""
+        """Dimensionless pressure at all nodes from the pressure at the free nodes."""
         values = self.given.copy()
         values[self.free] = pressure
         return values
@@ -181,7 +181,7 @@ class ReynoldsEquation:
         Parameters
         ----------
         gap
-            At the Gauss points.
+            Gap at the Gauss points.
         squeeze, storage, rate_shift
             See `Numbers`.
         supplied
@@ -260,7 +260,7 @@ class ReynoldsEquation:
         rate_shift
             ``d h' / d h`` [1/s].
         inputs
-            Of another weak form at this gap, which need neither rates nor shift.
+            Data of another weak form at this gap, for which rates and shift are not needed.
 
         Returns
         -------

@@ -28,8 +28,8 @@ the mobility is ``h^3 phi_p`` and the mean velocity
 which is the same flow. Below H = 0.5, where no factor is published, the mobility continues as the
 power of h_T that has its value and slope there: our own continuation.
 
-An update or an error of h is compared with ``h_T / (dh_T / dh)``: h itself where the surfaces are
-apart, about sigma where they touch.
+An update or an error of h is compared with ``h_T / (dh_T / dh)``: h itself if the surfaces are
+separated, about sigma if they touch.
 
 **Mean flow and mean shear** of oil (Patir and Cheng 1978, 1979). With ``H = h / sigma``, h the
 distance of the mean planes and sigma the combined rms roughness of two Gaussian surfaces without
@@ -87,7 +87,7 @@ STRESS_END = 7.0
 #: phi_fp = 1 - D exp(-s H).
 STRESS_PRESSURE = 1.4, 0.66
 
-#: Least local film over sigma that phi_f integrates over.
+#: Least local film over sigma in the integral of phi_f.
 LEAST_FILM = 0.01
 
 #: H above which the closed form of phi_f loses digits, and its series begins.
@@ -163,7 +163,7 @@ def shear_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
 
 
 def stress_factor(ratio: np.ndarray) -> np.ndarray:
-    """``phi_f / H``: the mean of one over the local film, over sigma.
+    """``phi_f / H``: sigma times the mean of the inverse local film.
 
     For heights of the density ``35 / 96 (1 - (s / 3)^2)^3``, films below `LEAST_FILM` left out;
     It is continued without a jump to H = -3, below which there is no film.
@@ -200,7 +200,7 @@ def stress_pressure_factor(ratio: np.ndarray) -> np.ndarray:
     return np.maximum(1 - d * np.exp(-s * ratio), 0.0)
 
 
-#: H above which the contact pressure, below 1e-15 of that at H = 0, is set to zero.
+#: H above which the contact pressure is set to zero: it is below 1e-15 of the pressure at H = 0.
 APART = 8.0
 
 #: Least H of the table, far below the range of any model of contact.
@@ -226,7 +226,7 @@ class AsperityContact(NamedTuple):
 
 
 def seven_halves(ratio: np.ndarray) -> np.ndarray:
-    """F_7/2 and two derivatives, shape (3, ...), at H of any shape; below `DEEPEST` as there."""
+    """F_7/2 and two derivatives, shape (3, ...), at H of any shape; constant below `DEEPEST`."""
     values = np.zeros((3, *np.shape(ratio)))
     near = ratio < APART
     if near.any():
@@ -275,14 +275,14 @@ def _two(ratio: np.ndarray) -> np.ndarray:
 
 
 #: h over sigma at which the model ends: all but 2 % of the surfaces would touch, and neither
-#: elastic asperities that do not know of each other nor a film between them are left.
+#: independent elastic asperities nor a film between them are a valid model.
 DEEPEST_CONTACT = -2.0
 
-#: The same for iterates on the way to a solution.
+#: The same limit for iterates of Newton's method.
 DEEPEST_ITERATE = -4.0
 
 #: Sliding velocity U_0 [m/s] of ``s(U) = U / sqrt(U^2 + U_0^2)``: at 13 times that boundary
-#: friction is 0.3 % below its full size. It only makes friction a function where sliding reverses.
+#: friction is 0.3 % below its full size. U_0 makes friction continuous where sliding reverses.
 FULL_SLIDING = 1e-3
 
 
@@ -300,7 +300,7 @@ class RoughSurfaces(Roughness):
         return cls(**values, modulus=modulus) if settings.roughness else None
 
     def separation(self, gap: np.ndarray) -> np.ndarray:
-        """Distance of the mean planes of the tips at nominal gaps [m], over the roughness."""
+        """Distance of the mean planes of the tips at nominal gaps [m], over the roughness [-]."""
         return gap / self.roughness - self.summit_offset
 
     @property
@@ -347,10 +347,11 @@ class RoughSurfaces(Roughness):
     def sheared(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
         """Heights of smooth films with the same stress of sliding, and of pressure [m].
 
-        Patir and Cheng's stress on a surface leaves out what the pressure does to its slopes. On a
-        smooth one there is none: what acts there, ``phi_f + |w| phi_fs``, acts on both. Of the
-        pressure both together receive ``-h dp/dy``: what the stresses ``phi_fp h / 2`` leave of it
-        acts on the slopes, on the journal's as far as it is the rougher one.
+        Patir and Cheng's stress on a surface does not contain the pressure on the slopes of its
+        roughness. A smooth surface has no slopes: the stress on it, ``phi_f + |w| phi_fs``, acts on
+        both surfaces. The pressure acts on both together with ``-h dp/dy``. The part of this stress
+        that exceeds ``phi_fp h / 2`` on each surface acts on the slopes, on those of the journal in
+        proportion to its roughness.
         """
         ratio = gap.thickness / self.roughness
         if not self.flow_factors:

@@ -2,9 +2,9 @@
 
 Where the pressure is given: sides and axial grooves, (9) and (10).
 
-What supplies a film with oil through a region of its bore or of its journal: the share of the
-surface that regions cover, point by point. Angles are counted from the x axis of the body with the
-bore, or with the journal, positive from x to y; heights along the axis from the middle of the bore.
+Regions of the bore or of the journal through which oil is supplied: the share of the surface that
+they cover at every point. Angles are counted from the x axis of the body with the bore, or with the
+journal, positive from x to y; heights along the axis from the middle of the bore.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ TURN = 2 * np.pi
 
 
 def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
-    """1 well within, 0 well outside of an edge at a distance [m]; and the derivative.
+    """Covered share at a distance [m] from an edge, 1 inside and 0 outside; and its derivative.
 
     The cubic between them is blurred over `blur` [m], half of it on either side.
     """
@@ -216,7 +216,7 @@ class Supply:
         return self.pressure if self.curve is None else self.curve(time)[0]
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Lengths around and along that film cells must resolve [m]; infinite: none."""
+        """Lengths around and along that film cells must resolve [m]; infinite if there are none."""
         raise NotImplementedError
 
     @property
@@ -246,7 +246,7 @@ class HoleSupply(Supply):
     )  # fmt: skip
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Diameter of the hole, both ways."""
+        """Diameter of the hole, around and along [m]."""
         return self.diameter, self.diameter
 
     def share(
@@ -271,7 +271,7 @@ class GrooveSupply(Supply):
         return self.extent >= 360.0 - 1e-7
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Lengths of the groove, and of what it leaves free around."""
+        """Lengths of the groove, around the shorter one of groove and land [m]."""
         if self.closed:
             return np.inf, self.width
         return radius * radians(min(self.extent, 360.0 - self.extent)), self.width
@@ -320,7 +320,7 @@ BLUR = 1.5
 def covered(
     region: Supply, grid: FilmGrid, points: SurfacePoints, turn: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Share of a region at points, turned by an angle [rad], and its derivative along that."""
+    """Covered share at points of a region turned by an angle [rad], and its angular derivative."""
     offset = np.mod(points.angle - region.middle - turn + np.pi, TURN) - np.pi
     share, slope = region.share(offset, points.height, grid.radius, blur_of(region, grid))
     return share, -slope
@@ -351,7 +351,7 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
     Raises
     ------
     SettingsError
-        Naming value and limit.
+        The message contains value and limit.
     """
     low = grid.heights[0]
     high = grid.heights[-1]

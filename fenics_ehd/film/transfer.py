@@ -1,19 +1,18 @@
 """Transfer of pressure and displacement between film and bore meshes that do not match.
 
 A `Surface` is a mesh of a whole cylinder, unwrapped to the plane (phi, z) and periodic in phi. It
-may have holes. Points on it are found in its cells, where its nodes say what is known there; within
-a hole that is extended from the rim by mean value coordinates (K. Hormann and M. S. Floater, ACM
-Transactions on Graphics 25, 2006): exact where it is linear, and continuous but for the bend of the
-rim's edges.
+may have holes. Points are located in the cells, in which nodal values are interpolated. Within a
+hole the interpolation is extended from the rim by mean value coordinates (K. Hormann and M. S.
+Floater, ACM Transactions on Graphics 25, 2006): exact where it is linear, and continuous but for
+the bend of the rim's edges.
 
 **Section 2.2** has two ways to the nodal forces of a film pressure. The mortar (14) gives pressures
 on the bore's nodes, to be loaded with (15). The conservative one integrates the
 film's pressure against the bore's shape functions: resultant force and moment
-stay those of the film to round-off. Displacements come back by the bore's shape
-functions at the film's Gauss points: the transpose of the conservative way, whose
-force and gap are conjugate; those of the mortar are up to its projection's error.
-Integrals are taken over the common refinement of the two meshes, triangles that tile all
-intersections of their cells.
+stay those of the film to round-off. Displacements are interpolated to the film's Gauss points by
+the bore's shape functions, the transpose of the conservative transfer: force and gap are then
+conjugate. With the mortar they are conjugate up to the error of the projection. Integrals are taken
+over the common refinement of the two meshes, triangles that tile all intersections of their cells.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from fenics_ehd.reduction.elements import ELEMENTS, summed
 
 TURN = 2 * np.pi
 
-#: Largest distance of a node from its place in the affine cell, in reference coordinates.
+#: Largest distance of a node from its position in the affine cell, in reference coordinates.
 SHAPE_TOLERANCE = 1e-6
 
 #: The same as the first for nodes in the middle of the edges of a hole: they lie on its rim.
@@ -118,7 +117,7 @@ class Surface:
 
     @cached_property
     def holes(self) -> list[BoreHole]:
-        """Holes that the cells leave."""
+        """Holes that no cell covers."""
         if not self.covered < (1 - SHAPE_TOLERANCE) * TURN * self.width:
             return []
         angle, z = self.nodes.T
@@ -248,7 +247,8 @@ def locate(surface: Surface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray
     x[:, 0] = unwrap(x[:, 0], surface.centres[cell, 0])
     xi = surface.reference(cell, x[:, None])[:, 0]
     far = 1 - xi.sum(axis=1) if surface.triangular else (1 - xi).min(axis=1)
-    # On a common edge any of the cells will do: the one the point is deepest in.
+    # A point on a common edge may belong to any of the cells: the one with the largest distance to
+    # its edges is chosen.
     depth = np.minimum(xi.min(axis=1), far)
     order = np.lexsort((depth, point))
     last = np.append(np.flatnonzero(np.diff(point[order])), len(order) - 1)[: len(order)]
@@ -536,10 +536,10 @@ def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
 
 
 def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.ndarray:
-    """Share of each Gauss point's area of a film that the holes of a bore leave.
+    """Share of the area of each Gauss point of a film that lies outside the holes of a bore.
 
-    Weights that integrate all products of quadratics exactly over what a hole leaves of a film
-    cell; with them the pressure of the film acts on the remaining surface.
+    Weights that integrate all products of quadratics exactly over the part of a film cell outside
+    the holes. With these weights the pressure of the film acts on the remaining surface.
 
     Parameters
     ----------

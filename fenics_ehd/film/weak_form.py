@@ -11,29 +11,30 @@ the weak form on the flat mesh of the unwrapped bore, v of the pressure's space,
 
 `flow_law` defines eta, rho, H, V and k once, for the symbols of the weak form and for arrays, from
 which losses, friction and heat are evaluated. Derivatives are UFL's: along the
-pressure, and along the gap's data, functions of the quadrature space. That along the mean velocity
-needs none: it is ``-rho H`` times the slope of v.
+pressure, and along the gap's data, functions of the quadrature space. The derivative along the mean
+velocity is ``-rho H`` times the slope of v.
 
 Between rough surfaces (`fenics_ehd.film.rough_surfaces`) H is the average gap ``h_T``, and with
 flow factors ``k = rho (sigma / c)^3 (h / sigma)^3 phi_p / eta`` and ``V + (U / 2) sigma w phi_s /
 h_T`` replace k and V.
 
-The source is written ``rho (a dH/dt + b H)``: a = 1, b = 0 for density that is steady; a = 0 and b
-one over the step for the content of a gap at the end of a step. Supplies add ``(H^3 q + t) P``,
-conductances of the film's own kind and of passages, and take ``H^3 q_s + t_s``, these times the
-pressures of the supplies.
+The source is written ``rho (a dH/dt + b H)``: a = 1, b = 0 for a steady density; a = 0, b = 1 /
+step for the content of a gap at the end of a step. Supplies add ``(H^3 q + t) P``, conductances of
+the film's own kind and of passages, and take ``H^3 q_s + t_s``, these times the pressures of the
+supplies.
 
-Numbers are constants of the form: only another combination of laws is another form.
+Numbers are constants of the form: only another combination of laws requires another form.
 
 **On a mesh** dolfinx assembles vectors and matrices of the weak form. A combination of laws is
-compiled once; other meshes, oils and temperatures take the same kernels.
+compiled once; other meshes, oils and temperatures use the same kernels.
 
-The mesh is the unwrapped bore, flat. It is periodic by its numbers: the nodes at both ends of the
-circumference have one number, that of the film's grid. Gap data are functions of the quadrature
-space, numbered cell by cell as arrays (cells, points) are. Matrices have the rows of all nodes;
-those of nodes where the pressure is given are left out by the pattern of a solver, whose entries
-are picked from them. Derivatives along the gap are assembled transposed, a row for every Gauss
-point: the data of these rows are those of the columns of a sparse matrix (nodes, points).
+The mesh is the unwrapped bore, flat. Node numbers make it periodic: a node at one end of the
+circumference and its counterpart at the other end have the same number in the film's grid. Gap data
+are functions of the quadrature space, numbered cell by cell as arrays (cells, points) are. Matrices
+have the rows of all nodes; those of nodes where the pressure is given are left out by the pattern
+of a solver, whose entries are picked from them. Derivatives along the gap are assembled transposed,
+a row for every Gauss point: the data of these rows are those of the columns of a sparse matrix
+(nodes, points).
 """
 
 from __future__ import annotations
@@ -79,9 +80,10 @@ class Laws:
     viscosity, density, thinning
         Classes of the oil's laws; the last None for one that does not thin.
     rough, flow_factors, dragging
-        Between rough surfaces: the average gap; Patir and Cheng's flow; one surface the rougher.
+        Whether the surfaces are rough (average gap); whether Patir and Cheng's flow factors are
+        used; whether one surface is rougher.
     fields
-        Whether viscosity or density depend on the place.
+        Whether viscosity or density depend on the position.
     supplies
         Whether oil is conducted into the film.
     """
@@ -98,7 +100,7 @@ class Laws:
 
     @classmethod
     def of(cls, p: FilmParameters) -> Laws:
-        """Laws of one film."""
+        """Combination of laws of one film."""
         oil = p.lubricant
         surfaces = p.surfaces
         return cls(
@@ -121,7 +123,7 @@ class Laws:
 
     @property
     def sliding(self) -> bool:
-        """True of laws in which anything follows the sliding velocity."""
+        """True of laws that depend on the sliding velocity."""
         return self.thinning is not None or self.dragging
 
 
@@ -136,16 +138,17 @@ class Numbers:
     rate_shift
         ``d h' / d h`` [1/s] in the derivative along the thickness.
     level
-        Of ``rho H V``, taken off it: what is the same everywhere flows nowhere, but for round-off,
-        which would choose the full nodes of a centred journal.
+        Constant that is subtracted from ``rho H V``. A uniform flow has no divergence, but its
+        round-off would choose the full nodes of a centred journal.
     clearance, speed, rate, pressure_scale
         c [m], ``Omega R`` [m/s], Omega [1/s] and p_s [Pa].
     viscosity, density
-        Of the oil at ambient pressure, over those that make the equation dimensionless.
+        Viscosity and density of the oil at ambient pressure, over those that make the equation
+        dimensionless.
     viscosity_law, density_law, shear_law
         See `Law.numbers`.
     surfaces
-        sigma [m] and w, and what continues the mobility, see `rough_surfaces.mobility`.
+        sigma [m], w, and the continuation of the mobility, see `rough_surfaces.mobility`.
     """
 
     squeeze: Any
@@ -170,7 +173,7 @@ class Numbers:
 
     @property
     def layout(self) -> tuple[int | None, ...]:
-        """Number of values in every attribute, None for one that is no tuple."""
+        """Number of values in every attribute, None for an attribute that is no tuple."""
         values = [getattr(self, number.name) for number in fields(self)]
         return tuple(len(value) if isinstance(value, tuple) else None for value in values)
 
@@ -206,7 +209,7 @@ class Flow(NamedTuple):
 
 def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Functions) -> Flow:
     """Flow at a dimensionless pressure through a gap whose data are `q`."""
-    # Shape functions undershoot between nodes, the oil's laws do not.
+    # Shape functions undershoot between nodes; the oil's laws require pressures of at least zero.
     p = n.pressure_scale * f.where(pressure >= 0.0, pressure, 0.0)
     density = n.density * laws.density.ratio(f, p, *n.density_law)
     viscosity = n.viscosity * laws.viscosity.ratio(f, p, *n.viscosity_law)
@@ -247,23 +250,23 @@ def pressure_element(family: str) -> Any:
 
 
 class WeakForm:
-    """Residual and its derivatives, of no mesh.
+    """Residual and its derivatives, independent of a mesh.
 
     Parameters
     ----------
     laws
-        Which ones.
+        Combination of laws.
     layout
-        Of their numbers, see `Numbers.layout`.
+        Layout of their numbers, see `Numbers.layout`.
 
     Attributes
     ----------
     laws
-        Those.
+        Combination of laws of these forms.
     coefficients
         Symbols of the nodal pressure and of `Laws.values`, by name.
     forms
-        ``"residual"``; ``"pressure"``, its derivative along the pressure; and those along
+        ``"residual"``; ``"pressure"``, its derivative along the pressure; and the derivatives along
         thickness and sliding velocity, transposed: a row for every Gauss point.
     """
 
@@ -295,7 +298,7 @@ class WeakForm:
 
     @staticmethod
     def _integrand(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, v: Any) -> Any:
-        """The Reynolds equation (1): ``f . grad v + s v`` and what supplies conduct."""
+        """The Reynolds equation (1): ``f . grad v + s v`` and the flow of supplies."""
         flow = flow_law(laws, n, q, pressure, SYMBOLS)
         dragged = flow.density * flow.thickness * flow.velocity - n.level
         around = flow.conductance * pressure.dx(0) - dragged
@@ -392,7 +395,8 @@ class FilmForms:
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix | None]:
         """Its derivatives along thickness and sliding velocity, (nodes, points) each.
 
-        Along the thickness its rate follows, see `Numbers`; the last is None where nothing slides.
+        The thickness rate follows the thickness, see `Numbers`. The last derivative is None for
+        laws that do not depend on sliding.
         """
         thickness = self._entries("thickness", "points", inputs, nodal)
         if not self._weak.laws.sliding:
@@ -401,9 +405,9 @@ class FilmForms:
         return with_data(self._columns, thickness), with_data(self._columns, sliding)
 
     def places(self, pattern: Pattern, nodes: np.ndarray) -> np.ndarray:
-        """Places of a pattern's entries, that of some nodes alone, among those of `matrix`.
+        """Indices of the entries of a pattern on some nodes among the entries of `matrix`.
 
-        One that it has not is behind its last.
+        An entry that `matrix` does not have gets the index after the last one.
         """
         matrix = self._matrices["nodes"]
         starts = np.array(matrix.indptr)
@@ -417,7 +421,7 @@ class FilmForms:
         return np.where(codes[entries] == wanted, entries, len(codes))
 
     def _make_forms(self) -> None:
-        """Every form on this mesh, and a matrix for each kind of rows."""
+        """Every form on this mesh, and a matrix for nodes as rows and for Gauss points as rows."""
         self._forms: dict[str, Any] = {}
         self._matrices: dict[str, Any] = {}
         named = {id(symbol): name for name, symbol in self._weak.coefficients.items()}

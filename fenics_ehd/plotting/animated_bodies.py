@@ -1,12 +1,12 @@
-"""Bodies of an animation: what shows of them, and where, small motions enlarged.
+"""Bodies of an animation: their visible faces and positions, with small motions enlarged.
 
-A flexible body is seen along the bore's axis: its front by the whole part's basis, or rings for
-its bores.
+A flexible body is viewed along the bore's axis: as the front of the part, if a basis of the whole
+part is available, or as rings around its bores.
 
-What is small, elastic motion and clearance, is drawn ``scale`` times as large; the large motion
-is drawn as it is. Of a flexible body's motion, that which carries its bore and its points as a
-whole is not enlarged: they would leave the bodies they are joined to. Along a rod, that is its
-chord.
+Elastic motion and clearances are drawn ``scale`` times as large, large motions in true size. The
+share of the elastic motion that moves bore and points as a rigid body is not enlarged, because
+points would be drawn apart from the bodies they are joined to. For a rod this share is the motion
+of its chord.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fenics_ehd.reduction.body import ReducedBody, bore_fields
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.paraview import PartFields
 
-#: Kinds of solid cells, by their number of nodes.
+#: Types of solid cells, by their number of nodes.
 KINDS = {20: "hex", 10: "tet"}
 
 #: Cosine to the axis of the flattest face that still counts as turned to the viewer.
@@ -39,7 +39,7 @@ GHOST = "0.45"
 
 
 def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Faces on the surface that look along +z, the farthest first.
+    """Faces of the surface whose normals point along +z, the farthest face first.
 
     Parameters
     ----------
@@ -77,20 +77,20 @@ RING = 1.42
 
 @dataclass(frozen=True, eq=False)
 class PartShape:
-    """Nodes that show, and their displacement from what a run records.
+    """Visible nodes, and matrices from recorded coordinates to their displacements.
 
     Attributes
     ----------
     nodes
         shape (p, 3) [m].
     faces
-        Nodes around each face that shows, shape (f, v).
+        Nodes around each visible face, shape (f, v).
     fields
         In-plane displacements of unit elastic coordinates, then of residual patterns, shape
         (p, 2, n + r).
     mesh
-        Whether the faces are a finite-element mesh, whose lines are drawn, or rings in
-        place of a part.
+        Whether the faces are a finite-element mesh, whose lines are drawn; otherwise they are rings
+        in place of a part.
     """
 
     nodes: np.ndarray
@@ -100,7 +100,7 @@ class PartShape:
 
     @cached_property
     def edges(self) -> np.ndarray:
-        """Edges that only one face has: `outline`."""
+        """Edges that only one face has, see `outline`."""
         return outline(self.faces)
 
 
@@ -132,8 +132,8 @@ def shape_of_bores(body: ReducedBody) -> PartShape:
     return PartShape(np.vstack(nodes), np.vstack(faces), np.vstack(fields), False)
 
 
-#: Clearance as drawn over the bore's radius, and largest displacement as drawn over the part's
-#: extent, that an automatic scale may reach.
+#: Limits of an automatic scale: drawn clearance over the bore's radius, and largest drawn
+#: displacement over the part's extent.
 DRAWN_CLEARANCE = 0.18
 DRAWN_DISPLACEMENT = 0.08
 
@@ -145,17 +145,19 @@ class BodyView:
     Attributes
     ----------
     name
-        Of it.
+        Name of the body.
     pose, turns
-        Of its frame, position and angle, shape (t, 3) [m], [rad]; rotations, shape (t, 2, 2).
+        Position and angle of the body's frame, shape (t, 3) [m], [rad]; its rotations, shape (t, 2,
+        2).
     points
-        By name, its origin empty, shape (t, 2) [m].
+        Positions of the points by name, of the origin by an empty name, shape (t, 2) [m].
     held
-        Whether it is a part of the ground.
+        Whether the body is a part of the ground.
     nodes
-        Those of `shape` as drawn, displacements enlarged, shape (t, p, 2) [m]; p = 0 without one.
+        Nodes of `shape` as drawn, displacements enlarged, shape (t, p, 2) [m]; p = 0 without a
+        shape.
     shape
-        What shows of a flexible body.
+        Visible faces of a flexible body; None for other bodies.
     """
 
     name: str
@@ -184,7 +186,7 @@ def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
 
 
 def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale: float) -> BodyView:
-    """A body at the instants of a replay; `shape` is that of a flexible one."""
+    """A body at the instants of a replay; a flexible body has a `shape`."""
     body = replay.bodies[name]
     coordinates = replay.coordinates(name)
     pose = replay.marker(name, "")
@@ -196,7 +198,7 @@ def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale:
         rest = shape.nodes[:, :2]
         local = rest + scale * moved - (scale - 1) * rigid_motion(rest, carried)
         nodes = pose[:, None, :2] + local @ turns.transpose(0, 2, 1)
-    # Coordinates that the films see are small motions, all others large ones.
+    # Coordinates on which films depend are small motions, all other coordinates large motions.
     resting = np.where(body.weights < 1.0, 0.0, coordinates)
     points = {}
     for point in ("", *body.point_names):
@@ -215,10 +217,10 @@ def part_motion(
     Returns
     -------
     moved : numpy.ndarray
-        Displacement of what shows, shape (t, p, 2) [m].
+        Displacement of the visible nodes, shape (t, p, 2) [m].
     carried : numpy.ndarray
-        What of it moves bore and points as a whole, along x, y, and about the bore's centre,
-        shape (t, 3) [m], [rad]; zero of a held body.
+        Rigid part of this motion of bore and points, along x, y, and about the bore's centre, shape
+        (t, 3) [m], [rad]; zero for a held body.
     """
     values = np.hstack(replay.elastic(name))
     part = replay.part(name)
@@ -227,7 +229,7 @@ def part_motion(
 
 
 def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> float:
-    """Enlargement at which clearances and displacements are seen, a round number of at least 1."""
+    """Enlargement that makes clearances and displacements visible, a round number of at least 1."""
     largest = []
     for binding in replay.system.films:
         film = binding.film.film.parameters
@@ -247,8 +249,8 @@ def carried_fields(part: ReducedBody) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        Along x, y, and about the bore's centre, of unit elastic coordinates and amplitudes of
-        residual patterns, shape (3, n + r).
+        Motion along x, y, and about the bore's centre for unit elastic coordinates and amplitudes
+        of residual patterns, shape (3, n + r).
     """
     moved = bore_fields(part)[:, :2]
     still = np.zeros((2, moved.shape[2] - part.modes))
@@ -263,6 +265,6 @@ def carried_fields(part: ReducedBody) -> np.ndarray:
 
 
 def rigid_motion(places: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Small rigid motions (t, 3) at places (p, 2), shape (t, p, 2)."""
+    """Displacements (t, p, 2) at positions (p, 2) by small rigid motions (t, 3)."""
     about = np.stack([-places[:, 1], places[:, 0]], axis=1)
     return motion[:, None, :2] + motion[:, None, 2:] * about

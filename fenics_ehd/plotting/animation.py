@@ -1,7 +1,7 @@
 """Animation of a mechanism and of one joint's film, as GIF or MP4.
 
-Bodies and joints are drawn each as what it is; of a lubricated joint bore, journal and the film
-between them, of one of them close up as well, with its unwrapped film, orbit and curves.
+Bodies and ideal joints are drawn as symbols of their kind, lubricated joints as bore, journal and
+film. One lubricated joint is drawn in close-up as well, with its unwrapped film, orbit and curves.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from fenics_ehd.scenes.scene import as_stored, meshed
 #: Points along the bore to which nodal values are interpolated.
 ALONG = 17
 
-#: Wall of a rigid bore as drawn, over its radius, and what a body at rest is filled with.
+#: Drawn wall thickness of a rigid bore over its radius, and fill colour of bodies at rest.
 WALL = 0.3
 HATCH = "////"
 
@@ -61,7 +61,7 @@ Bodies = Mapping[str, BodyView]
 
 
 def at(bodies: Bodies, marker: str) -> tuple[BodyView, np.ndarray]:
-    """Body of a marker and the marker as drawn, shape (t, 2) [m]."""
+    """Body of a marker, and drawn position of the marker, shape (t, 2) [m]."""
     name, _, point = marker.partition(".")
     return bodies[name], bodies[name].points[point]
 
@@ -72,28 +72,29 @@ class Bearing:
     Parameters
     ----------
     replay, binding
-        Of which joint.
+        Replay of the run, and binding of the joint's film.
     bodies
         As drawn.
     scale
-        Enlargement of clearances and displacements.
+        Enlargement of clearances and displacements [-].
 
     Attributes
     ----------
     body, journal_body
         As drawn.
     elastic
-        Whether the bore is drawn as its body's part.
+        Whether the bore is drawn as part of a flexible body.
     radius, clearance
-        Of the bore [m].
+        Radius and radial clearance of the bore [m].
     centre
-        Of the undeformed bore, shape (t, 2) [m].
+        Centre of the undeformed bore, shape (t, 2) [m].
     offset
-        Of the journal from there as drawn, in the bore's frame, shape (t, 2) [m].
+        Drawn eccentricity of the journal in the bore's frame, shape (t, 2) [m].
     height
-        Places along the bore, shape (b,) [m].
+        Heights along the bore, shape (b,) [m].
     pressure, gap
-        There and at `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a) [Pa], [m].
+        Pressure and gap at these heights and at `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a)
+        [Pa], [m].
     """
 
     def __init__(self, replay: RecordedMotion, binding: FilmBinding, bodies: Bodies, scale: float):
@@ -119,22 +120,22 @@ class Bearing:
     def draw(
         self, axes: Axes, frame: int, highest: float, centre: np.ndarray, turn: float, radius: float
     ) -> None:
-        """Draw it as `draw_section` does, its bore's wall and the journal's turn, too.
+        """Draw the section by `draw_section`, the bore's wall, and a mark turning with the journal.
 
         Parameters
         ----------
         axes, frame
-            Where, and its instant.
+            Axes to draw in, and index of the instant.
         highest
-            Pressure that reaches farthest out [Pa].
+            Pressure that is drawn with the largest height [Pa].
         centre, turn, radius
-            Of the bore as drawn; `turn` is that of its body [rad].
+            Drawn centre and radius of the bore [m], and angle `turn` of its body [rad].
         """
         if not self.elastic:
             face, hatch = ("white", HATCH) if self.body.held else (STEEL, "")
             style = {"facecolor": face, "edgecolor": "0.45", "hatch": hatch, "zorder": 2}
             axes.add_patch(Annulus(centre, (1 + WALL) * radius, WALL * radius, **style))
-        # The mean over the width has no share of the journal's tilt.
+        # The mean over the width does not depend on the tilt of the journal.
         gap = self.gap[frame].mean(axis=0)
         pressure = self.pressure[frame].max(axis=0)
         position = self.offset[frame] / self.radius
@@ -151,13 +152,13 @@ class Bearing:
         axes.plot(*ends.T, color="0.35", linewidth=2.5, zorder=4.6)
 
     def close_up(self, axes: Axes, frame: int) -> None:
-        """Draw it large, in the frame of its bore."""
+        """Draw the joint in close-up, in the frame of its bore."""
         axes.clear()
         self.draw(axes, frame, self.pressure.max(), np.zeros(2), 0.0, 1.0)
         lay_out_section(axes)
 
     def unwrap(self, axes: Axes, frame: int) -> None:
-        """Pressure over the unwrapped bore, and where the film is thinnest."""
+        """Pressure over the unwrapped bore, and the position of the minimum film."""
         axes.clear()
         angle = np.degrees(ANGLES)
         height = 1e3 * self.height
@@ -181,7 +182,7 @@ class Bearing:
 
 LINKS = ("#e3d5c0", "#cfd9e3", "#d5e0cc", "#e4cfd3", "#d9d2e6")
 
-#: Size of a joint's symbol over the mechanism's extent, and room around it in symbols.
+#: Size of a joint's symbol over the mechanism's extent, and margin around the mechanism in symbols.
 SYMBOL = 0.02
 ROOM = 3.0
 
@@ -190,7 +191,7 @@ SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
 
 def extent(bodies: Bodies, bearings: Mapping[str, Bearing]) -> np.ndarray:
-    """Least and largest x and y of all that moves, at any instant, shape (2, 2) [m]."""
+    """Least and largest x and y of all moving bodies over all instants, shape (2, 2) [m]."""
     positions = [points for body in bodies.values() for points in body.points.values()]
     for bearing in bearings.values():
         positions += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
@@ -227,7 +228,7 @@ def draw_mechanism(
 
 
 def draw_body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
-    """Its part, or bars from its origin to its points."""
+    """Draw the part of a body, or bars from its origin to its points."""
     if body.shape is not None:
         draw_part(axes, body, frame)
     if body.held or (body.shape is not None and body.shape.mesh):
@@ -240,7 +241,7 @@ def draw_body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
 
 
 def draw_pin(axes: Axes, joint: Revolute | Fixed, bodies: Bodies, size: float, frame: int) -> None:
-    """Two points that stay together, on a pedestal where one of them is held."""
+    """Draw two points that stay together, on a pedestal if one of them is held."""
     ends = [at(bodies, marker) for marker in joint.markers]
     held = [positions[0] for body, positions in ends if body.held]
     style = {"color": "white", "markeredgecolor": "0.2", "markersize": 8}
@@ -253,13 +254,13 @@ def draw_pin(axes: Axes, joint: Revolute | Fixed, bodies: Bodies, size: float, f
 
 
 def _ground(axes: Axes, corners: np.ndarray) -> None:
-    """Hatched, its first side the surface."""
+    """Draw a hatched polygon whose first side is a surface."""
     axes.add_patch(Polygon(corners, facecolor="white", edgecolor="0.6", hatch=HATCH, lw=0))
     axes.plot(*corners[:2].T, color="0.35", linewidth=0.9)
 
 
 def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: int) -> None:
-    """A block on a line, between walls where the line is held."""
+    """Draw a block on a line, between walls if the line is held."""
     body, origin = at(bodies, joint.line)
     _, position = at(bodies, joint.point)
     along = np.array(joint.direction) / np.hypot(*joint.direction)
@@ -279,12 +280,13 @@ def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: i
 #: Pixels per inch of the file formats: a GIF has no compression in time.
 RESOLUTION = {".gif": 90, ".mp4": 120}
 
-#: Colours of a GIF, the same in all its frames; frames they are taken from, and every which pixel.
+#: Number of colours of a GIF, the same in all frames; number of frames that they are chosen from,
+#: and distance of the sampled pixels.
 COLOURS = 256
 SAMPLES = 6
 SPARSE = 3
 
-#: Parts of red, green and blue, of 255, above which a colour is white.
+#: Values of red, green and blue, of 255, above which a colour counts as white.
 NEARLY_WHITE = 248
 
 #: Fixed date and encoder signature: the same run gives the same file.
@@ -299,7 +301,8 @@ def require_animation_format(path: Path, inputs: Iterable[str | Path] = ()) -> N
     SettingsError
         The file's ending is neither .gif nor .mp4.
     InputError
-        No permission, no ffmpeg for MP4, or another file than an animation, or an input, is there.
+        The folder is not writable, ffmpeg is missing (MP4), or the path is that of an input or of a
+        file that is no animation.
     """
     require_format("-o", path, RESOLUTION, inputs)
     if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
@@ -314,18 +317,18 @@ def save_animation(
     rate: int,
     progress: Callable[[], None],
 ) -> Path:
-    """Write an animation, whole or not at all.
+    """Write an animation; an incomplete file is never left behind.
 
     Parameters
     ----------
     figure, show
-        The figure, and what draws one of its frames.
+        The figure, and a function that draws one of its frames.
     count
         Number of frames.
     path
-        GIF or MP4, by its ending, see `require_animation_format`.
+        File, GIF or MP4 by its ending, see `require_animation_format`.
     rate
-        Frames a second.
+        Frames per second.
     progress
         Called after every frame.
 
@@ -364,13 +367,13 @@ def _write_gif(
 
 
 def _delays(count: int, rate: int) -> list[int]:
-    """Milliseconds that each frame stands: a GIF counts in hundredths of a second."""
+    """Duration of every frame [ms], in multiples of the 10 ms that a GIF resolves."""
     ends = np.round(100 / rate * np.arange(count + 1)).astype(int)
     return (10 * np.diff(ends)).tolist()
 
 
 def _with_white(palette: Image.Image) -> Image.Image:
-    """The palette with its lightest colours, means of near ones, made the paper's white."""
+    """The palette with its lightest colours, means of similar colours, replaced by white."""
     colours = np.array(palette.getpalette()).reshape(-1, 3)
     colours[colours.min(axis=1) >= NEARLY_WHITE] = 255
     palette.putpalette(colours.ravel().tolist())
@@ -404,18 +407,18 @@ SIZE = (32 / 3, 6.0)
 def draw_run(
     directory: Path, joint: str | None, count: int, scale: float | None, bases: Sequence[str]
 ) -> tuple[Figure, Show, list[str]]:
-    """The figure of a run's last cycle, what draws one of its frames, and hints to the reader.
+    """The figure of a run's last cycle, a function that draws a frame, and hints to the user.
 
     Models of the bodies, which are programs, are not run for a picture.
 
     Parameters
     ----------
     directory
-        Of the run, also of one that is in progress or was stopped.
+        Folder of the run, which may be in progress or stopped.
     joint
-        Name of the lubricated joint whose film is drawn; None: that of the highest pressure.
+        Name of the lubricated joint whose film is drawn; None: the joint with the highest pressure.
     count
-        Instants, at equal times.
+        Number of instants, equally spaced in time.
     scale
         Enlargement of displacements and clearances, None: automatic.
     bases
@@ -424,9 +427,9 @@ def draw_run(
     Raises
     ------
     InputError
-        There are not two steps.
+        The run has fewer than two steps.
     SettingsError
-        No such joint, or a basis is that of no body.
+        The joint does not exist, or a basis does not belong to any body.
     """
     result = moving_part(load_history(directory))
     run = recorded(directory, result)
@@ -464,14 +467,14 @@ def draw(
     joint: str,
     scale: float | None,
 ) -> tuple[Figure, Show]:
-    """The figure, and what draws one of its frames.
+    """The figure, and a function that draws one of its frames.
 
     Parameters
     ----------
     run, frames
         All recorded steps, and the instants that are drawn.
     shapes
-        What shows of the flexible bodies, by name.
+        Visible faces of the flexible bodies, by name.
     joint
         Name of the lubricated joint whose film is drawn; empty for a mechanism without one.
     scale
@@ -529,7 +532,7 @@ def draw(
         words += [f"{name} {angle[frame]:.0f}°" for name, angle in driven.items()]
         title.set_text(", ".join(words))
 
-    # Sizes are settled on one frame: labels of changing width must not move the panels.
+    # The layout is computed for one frame only: labels of changing width must not move the panels.
     show(0)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")

@@ -27,17 +27,18 @@ from fenics_ehd.plotting.picture import (
 )
 from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 
-#: Joints by name, each of one or more runs.
+#: Joints by name, each with its results in one or more runs.
 Rows = Mapping[str, Sequence[ShownJoint]]
 
-#: Height of a panel, alone and of several [inches].
+#: Height of a single panel, and of one of several panels [inches].
 ALONE = 4.0
 STACKED = 2.7
 
-#: What columns of angles that go around end with.
+#: Ending of columns of angles, which wrap around.
 AROUND = "_angle_deg"
 
-#: Share of an initial value problem in which its film gets thin, which would hide the rest.
+#: Share of the time of an initial value problem, at its start, that the upper limit of an axis does
+#: not contain: the film is thick there, and later films would not be visible.
 BUILD_UP = 0.1
 
 
@@ -50,16 +51,17 @@ class Panel:
     label
         Of the axis, its unit in brackets.
     columns
-        Labels by name of column, or by pattern: the text that matches the star follows if the
-        label is empty.
+        Labels by name of column, or by pattern; an empty label is replaced by the text that matches
+        the star.
     extreme
-        Extreme that is marked and labelled, `numpy.argmax` or `numpy.argmin`.
+        Function that selects the extreme to mark and label, `numpy.argmax` or `numpy.argmin`.
     mean
         Whether means over time are drawn and labelled.
     scale
-        ``"zero"``: linear from zero on; ``"linear"``; ``"log"``; ``"angle"``: once around.
+        ``"zero"``: linear from zero on; ``"linear"``; ``"log"``; ``"angle"``: 0 to 360 degrees.
     budget
-        What the run's error budget calls it, whose total is drawn as a band; empty: it does not.
+        Name of the quantity in the run's error budget, whose total is drawn as a band; empty: no
+        band.
     unchanged
         Whether columns that are all zero are drawn.
     """
@@ -73,7 +75,7 @@ class Panel:
     unchanged: bool = False
 
     def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
-        """Labels by column, of those that a history has, known and not all zero."""
+        """Labels of the columns of a history with finite values that are not all zero."""
         shown = {}
         for pattern, called in self.columns.items():
             for name, values in columns.items():
@@ -90,11 +92,11 @@ class Curves:
     Attributes
     ----------
     panels
-        In the order in which they are drawn.
+        Panels in the order in which they are drawn.
     of_run
         Whether the curves are of a run as a whole, not of its joints.
     needed
-        Column without which there is nothing to draw; empty: any of them will do.
+        Column that a history must have for this figure; empty: at least one of the panels' columns.
     """
 
     panels: tuple[Panel, ...]
@@ -125,7 +127,7 @@ class Curves:
         return figure
 
     def difference(self, rows: Rows) -> Figure:
-        """The figure of the second run of every row less the first."""
+        """The figure of the differences, second run less first run in every row."""
         less = {title: [subtracted(*joints)] for title, joints in rows.items()}
         panels = tuple(
             replace(panel, scale="linear", extreme=_largest, mean=False, budget="", unchanged=True)
@@ -138,7 +140,7 @@ class Curves:
 
 
 def _is_known(values: np.ndarray | None) -> bool:
-    """True of a column that is known and not all zero."""
+    """True of a column with finite values that are not all zero."""
     return values is not None and bool(np.any(np.nan_to_num(values)))
 
 
@@ -156,7 +158,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         x, y = over_cycle(joint, factor_of(panel.label) * joint.columns[column], over)
         figures = []
         if panel.extreme is not None:
-            known = np.flatnonzero(np.isfinite(y))  # errors are estimated at some steps only
+            known = np.flatnonzero(np.isfinite(y))  # error estimates exist at some steps only
             extreme = known[panel.extreme(y[known])]
             axes.plot(x[extreme], y[extreme], "o", color=look["color"], markersize=5, zorder=4)
             figures.append(
@@ -164,7 +166,8 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             )
         if (errors := _reported_errors(joint, panel.budget)) is not None:
             of_extreme, largest = errors
-            # Pressures are judged over their peak, films node by node.
+            # Errors of pressures are relative to the peak, errors of films to the film at that
+            # time.
             half = largest * (y.max() if panel.extreme is np.argmax else y)
             axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
             figures[-1] += f" ± {100 * of_extreme:.2g} %"
@@ -184,7 +187,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
 
 
 def _reported_errors(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
-    """Estimated relative errors of an extreme and over the cycle, None where there are none."""
+    """Estimated relative errors of an extreme and over the cycle; None without an estimate."""
     budget = joint.run.figures.get(joint.name, {}).get("error_budget", {})
     if quantity not in budget:
         return None
@@ -193,7 +196,7 @@ def _reported_errors(joint: ShownJoint, quantity: str) -> tuple[float, float] | 
 
 
 def mean(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Over time, of values of all instants, shape (t, ...)."""
+    """Mean over time of values at all instants, shape (t, ...)."""
     return trapezoid(values, time, axis=0) / np.ptp(time) if len(time) > 1 else values[0]
 
 
@@ -203,12 +206,12 @@ def position_label(x: float, over: str) -> str:
 
 
 def common_axis(joints: Sequence[ShownJoint]) -> str:
-    """Column that curves of these joints are drawn over."""
+    """Column for the horizontal axis of these joints."""
     return ANGLE if all(ANGLE in joint.columns for joint in joints) else TIME
 
 
 def over_cycle(joint: ShownJoint, values: np.ndarray, over: str) -> tuple[np.ndarray, np.ndarray]:
-    """Places [degrees] or [ms] in ascending order, and the values there."""
+    """Positions [degrees] or [ms] in ascending order, and the values there."""
     x = joint.columns[over] * (1.0 if over == ANGLE else 1e3)
     order = np.argsort(x, kind="stable")
     return x[order], values[order]
@@ -271,7 +274,7 @@ def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
 
 
 def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.ndarray:
-    """Along cubics that do not overshoot: straight lines would leave a saw of their own errors."""
+    """Monotone cubics: linear interpolation would add a saw-tooth of its own errors."""
     x, order = np.unique(joint.columns[over], return_index=True)
     values = joint.columns[column][order]
     if column.endswith(AROUND):
@@ -281,10 +284,10 @@ def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.nda
     return PchipInterpolator(x, values)(places)
 
 
-#: Panels in a row.
+#: Number of panels in a row.
 ACROSS = 3
 
-#: Circles of a diagram at most.
+#: Largest number of circles in a diagram.
 RINGS = 5
 
 #: Smallest distance of two labels, over the radius of the diagram.
@@ -298,13 +301,14 @@ class Paths:
     Attributes
     ----------
     label
-        Of the vector's size, its unit in brackets.
+        Label of the magnitude of the vector, its unit in brackets.
     vector
-        Of columns, in SI units, in the frame of the bore, shape (t,), y the imaginary part.
+        Function from columns to the vector in the frame of the bore as complex numbers x + i y, in
+        SI units, shape (t,).
     needed
-        Columns that it takes.
+        Columns that this function needs.
     bound
-        What the circle of size one is called, empty without any.
+        Label of the unit circle; empty: the circle is not labelled.
     """
 
     label: str
@@ -361,7 +365,7 @@ class Paths:
         axes.set_ylim(0, largest * (1.03 if largest > 1.0 or not self.bound else 1.0))
         axes.set_xticks(np.radians(np.arange(0, 360, 45)))
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
-        # Figures of the circles stand between two spokes, away from the curves.
+        # Labels of the circles lie between two spokes, away from the curves.
         away = np.degrees(np.angle(-sum(vector.mean() for _, vector in curves)))
         axes.set_rlabel_position(45.0 * np.floor(away / 45.0) + 22.5)
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
@@ -383,7 +387,7 @@ def load(columns: Mapping[str, np.ndarray]) -> np.ndarray:
 def _mark(
     axes: Axes, x: np.ndarray, vector: np.ndarray, number: int, every: float, apart: float
 ) -> None:
-    """Dots at some instants, those of the first curve labelled where there is room."""
+    """Dots at some instants; those of the first curve have labels if the space suffices."""
     instants = np.arange(np.ceil(x[0] / every - 1e-6), np.floor(x[-1] / every + 1e-6) + 1) * every
     positions = np.interp(instants, x, vector.real) + 1j * np.interp(instants, x, vector.imag)
     colour = style(number)["color"]

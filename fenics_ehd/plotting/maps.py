@@ -34,7 +34,7 @@ from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing import BearingResult
 
-#: Colours at most.
+#: Largest number of colours.
 LEVELS = 12
 
 #: Height of a map [inches].
@@ -42,7 +42,7 @@ HEIGHT = 2.5
 
 
 class Raster(NamedTuple):
-    """Values over angle [degrees] and height [mm], shape (b, a), (a,), (b,); what is marked."""
+    """Values over angle [degrees] and height [mm], shape (b, a), (a,), (b,); and a marked point."""
 
     values: np.ndarray
     angle: np.ndarray
@@ -58,17 +58,17 @@ class Map:
     Attributes
     ----------
     label
-        Of the colours, its unit in brackets.
+        Label of the colours, its unit in brackets.
     fields
-        Which of a film's.
+        Function that returns the field of a film.
     colours
-        Their name.
+        Name of the colour map.
     extreme
-        What makes one value for the cycle of all at a node, `numpy.max` or `numpy.min`; None:
-        their mean over time.
+        Function that reduces the values of a node over the cycle, `numpy.max` or `numpy.min`; None:
+        mean over time.
     marked
-        Columns of the extreme that is marked, of its angle [degrees] and height [m]: what is seen
-        between the nodes counts too. Empty: the largest value at them.
+        Columns with value, angle [degrees] and height [m] of the marked extreme, which may lie
+        between nodes. Empty: the largest nodal value is marked.
     """
 
     label: str
@@ -78,7 +78,7 @@ class Map:
     marked: tuple[str, ...] = ()
 
     def has(self, joint: ShownJoint) -> bool:
-        """True where there is anything to draw."""
+        """True if the picture can be drawn."""
         return self._values(joint) is not None
 
     def _values(self, joint: ShownJoint) -> np.ndarray | None:
@@ -92,7 +92,7 @@ class Map:
         return draw_rasters(groups, self.label, self.colours, from_zero=self.extreme is not np.min)
 
     def raster(self, joint: ShownJoint, title: str) -> Raster:
-        """Field of one joint at the lines of its mesh."""
+        """Field of one joint on the lines of its mesh."""
         values = np.asarray(self._values(joint))
         if self.extreme is None:
             nodal = mean(values, joint.columns[TIME])
@@ -109,7 +109,7 @@ class Map:
 
 
 def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
-    """Nodal values at the lines of a mesh, the largest at them marked."""
+    """Nodal values on the lines of a mesh, with the largest nodal value marked."""
     angle, height = (np.unique(x.round(9)) for x in grid.node_positions.T)
     angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
     values = sampled(grid, nodal, np.radians(angle), height)
@@ -126,7 +126,7 @@ def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.nda
 def draw_rasters(
     groups: Sequence[Sequence[Raster]], label: str, colours: str, *, from_zero: bool = True
 ) -> Figure:
-    """Maps below each other, those of a group in the same colours; see `draw_raster`."""
+    """Draw maps below each other, the maps of a group with one colour scale; see `draw_raster`."""
     count = sum(map(len, groups))
     figure, grid_axes = plt.subplots(
         count, figsize=(WIDTH, HEIGHT * count + 0.5), layout="constrained",
@@ -144,7 +144,7 @@ def draw_rasters(
 
 
 def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colours: str) -> None:
-    """One map with its extreme marked; `label` is that of the colours, its unit in brackets."""
+    """Draw one map with its extreme marked; `label` of the colours has its unit in brackets."""
     values, angle, height, title, (value, where, z) = raster
     image = axes.contourf(angle, height, values, levels, cmap=colours)
     if np.ptp(values):
@@ -159,14 +159,14 @@ def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colo
 
 
 def levels_between(low: float, high: float) -> np.ndarray:
-    """Values between two colours."""
+    """Values at the boundaries of the colours."""
     return MaxNLocator(LEVELS).tick_values(low, high if high > low else low + 1.0)
 
 
 def largest(
     values: np.ndarray, angle: np.ndarray, height: np.ndarray
 ) -> tuple[float, float, float]:
-    """The value of the largest size, its angle and its height."""
+    """The value of the largest magnitude, its angle and its height."""
     row, column = np.unravel_index(np.argmax(np.abs(values)), values.shape)
     return values[row, column], angle[column], height[row]
 
@@ -175,13 +175,13 @@ def _title(title: str, joint: ShownJoint, runs: int) -> str:
     return ", ".join(filter(None, (title, joint.run.name if runs > 1 else "")))
 
 
-#: Largest of clearance and radial displacement as drawn, height of the largest pressure, and half
-#: the side of a panel, over the bore's radius.
+#: Over the bore's radius: the larger one of drawn clearance and drawn radial displacement, the
+#: drawn height of the largest pressure, and half the side of a panel.
 ENLARGED = 0.2
 FAN = 0.35
 REACH = 1.62
 
-#: Points around the bore, and its outward normals there.
+#: Angles of points around the bore [rad], and outward normals there.
 ANGLES = np.linspace(-np.pi, np.pi, 361)
 NORMALS = np.array([np.cos(ANGLES), np.sin(ANGLES)])
 
@@ -190,12 +190,12 @@ NORMALS = np.array([np.cos(ANGLES), np.sin(ANGLES)])
 class Bores:
     """Bore, journal and pressure at the instants of peak pressure and of minimum film.
 
-    The bore is drawn about the centre of the circle that comes nearest to it, as in the orbit:
-    what lies between it and the journal is the film, in the section where it is thinnest.
+    The bore is drawn about the centre of its best-fitting circle, as in the orbit. The area between
+    bore and journal is the film in the section of its minimum.
     """
 
     def has(self, joint: ShownJoint) -> bool:
-        """True where there is anything to draw."""
+        """True if the picture can be drawn."""
         return bool(joint.name)
 
     def draw(self, rows: Rows) -> Figure:
@@ -229,9 +229,10 @@ def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.nd
     Returns
     -------
     gap, pressure
-        Of the section with the thinnest film; largest over the width, shape (a,) [m], [Pa].
+        Gap in the section with the minimum film, and largest pressure over the width, shape (a,)
+        [m], [Pa].
     position
-        Eccentricity of the circle that comes nearest to that gap, shape (2,) [m].
+        Eccentricity of the circle that fits this gap best, shape (2,) [m].
     """
     height = np.unique(joint.grid.node_positions[:, 1].round(9))
     nodal = np.array([joint.film.gap[step], joint.film.pressure[step]])
@@ -257,7 +258,7 @@ def _scale(joint: ShownJoint, steps: list[int]) -> float:
 
 
 def round_scale(largest: float) -> float:
-    """The number with one digit that comes next below another one, at least 1."""
+    """The number rounded down to one significant digit, at least 1."""
     power = 10.0 ** np.floor(np.log10(largest))
     return float(max(1.0, power * np.floor(largest / power * (1 + 1e-9))))
 
@@ -295,15 +296,17 @@ def draw_section(
     Parameters
     ----------
     axes
-        Where.
+        Axes to draw in.
     gap, pressure
-        Enlarged, over the bore's radius; over the largest one; at `ANGLES`.
+        Enlarged gap over the bore's radius, and pressure over the largest pressure, at `ANGLES`.
     position, clearance
-        Of the journal, shape (2,), and between round bore and journal; enlarged, over the radius.
+        Enlarged position of the journal, shape (2,), and enlarged radial clearance, over the
+        radius.
     labels
         Labels of the pressure and of the thinnest film in the legend.
     turn, centre, radius
-        Of the bore in the picture, its x axis turned from the picture's [rad].
+        Angle of the bore's x axis in the picture [rad], and centre and radius of the bore in the
+        picture.
     """
     turned = radius * rotation(turn)
     middle = np.reshape(centre, (2, 1))
@@ -346,9 +349,9 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
     Parameters
     ----------
     result
-        From `solve_bearing`.
+        Result of `solve_bearing`.
     path
-        The picture; its ending tells the format.
+        File of the picture; its ending determines the format.
     """
     figure, axes = plt.subplot_mosaic(
         [["map", "section"], ["curves", "section"]],

@@ -1,8 +1,8 @@
-"""Common to all pictures: one look, a backend without a screen, files in the folder of a run.
+"""Common to all pictures: style, a backend without a screen, and files in the folder of a run.
 
 Colours are those of Paul Tol's high-contrast scheme, black, then three of his muted one
-(personal.sron.nl/~pault): they stay apart for colour-blind readers, the first four also
-in grey; dashes say once more which curve is which.
+(personal.sron.nl/~pault): colour-blind readers can distinguish them, and the first four are
+distinct in grey, too. Curves differ in their dashes as well.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ RED = "#BB5566"
 YELLOW = "#DDAA33"
 BLACK = "#000000"
 
-#: Of one curve after another.
+#: Colours and dashes of successive curves.
 COLOURS = (BLUE, RED, YELLOW, BLACK, "#44AA99", "#882255", "#999933")
 
-#: The same, drawn over each other: equal ones show through the gaps.
+#: Dashes of curves drawn over each other: equal curves are visible through the gaps.
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (6, 2, 1, 2)))
 
 #: Colours of fields, from light to dark also in grey: pressures and films.
@@ -52,7 +52,7 @@ FILMS = "cividis"
 WIDTH = 7.2
 PANEL = 4.4
 
-#: Endings of what matplotlib writes.
+#: Endings of the files that matplotlib writes.
 ENDINGS = tuple(f".{name}" for name in sorted(FigureCanvasBase.get_supported_filetypes()))
 
 #: Fonts and grids.
@@ -77,24 +77,24 @@ def style(number: int) -> dict[str, Any]:
 
 
 def factor_of(label: str) -> float:
-    """Factor from SI units to that which a label has in brackets; of columns of angles 1."""
+    """Factor from SI units to the unit in a label's brackets; 1 for columns of angles."""
     known = unit(unit_of(label).partition(" of ")[0])
     return 1.0 if known is None or known.turns else float(1 / known.factor)
 
 
 def with_unit(value: float, label: str) -> str:
-    """A value with the unit that a label has in brackets, if any."""
+    """A value as text, with the unit in a label's brackets if the label has one."""
     symbol = unit_of(label)
     return f"{value:.4g}" + (symbol if symbol == "°" else f" {symbol}".rstrip())
 
 
 def legend(axes: Axes, **options: Any) -> None:
-    """A legend where there is something to tell."""
+    """Add a legend if there are labelled curves."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(**{"framealpha": 0.85} | options)
 
 
-#: How files begin by their ending. What is drawn as mere numbers has nothing to be known by.
+#: First bytes of a file, by its ending; formats without a signature are not listed.
 SIGNATURES = {
     ".eps": (b"%!PS",),
     ".gif": (b"GIF87a", b"GIF89a"),
@@ -113,7 +113,7 @@ SIGNATURES = {
 
 
 def kind_of(path: str | Path) -> Kind:
-    """Kind of the picture or animation that a file becomes, by its ending."""
+    """Type of a picture or animation by the ending of its file."""
     ending = Path(path).suffix.lower()
     words = f"a {ending[1:].upper()} picture"
     if ending == ".mp4":
@@ -131,9 +131,9 @@ def require_format(
     Raises
     ------
     SettingsError
-        Its ending is none of those known.
+        The ending is unknown.
     InputError
-        No permission; it is an input, or there is another file.
+        The folder is not writable, or the path is that of an input or of another file.
     """
     if Path(path).suffix.lower() not in known:
         raise SettingsError(f"{option} {path}: its ending must be one of {', '.join(known)}")
@@ -154,9 +154,9 @@ def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Pa
 
 
 def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
-    """Write a figure to files, whose endings tell the formats, and close it."""
+    """Write a figure to files, whose endings determine the formats, and close the figure."""
     written = [Path(path) for path in paths]
-    for _ in range(2):  # titles move once ticks have their places
+    for _ in range(2):  # titles move once ticks have their positions
         figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once for all files
     for path in written:
@@ -173,7 +173,7 @@ def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
 
 
 def _numbered_clips(svg: bytes) -> bytes:
-    """With names of clip paths in their order: matplotlib makes them of addresses in memory."""
+    """SVG with clip paths numbered in their order: matplotlib names them by memory addresses."""
     for number, name in enumerate(re.findall(rb'<clipPath id="(\w+)"', svg)):
         svg = svg.replace(name, b"clip%d" % number)
     return svg

@@ -1,4 +1,4 @@
-"""Pictures of runs by name: which there are, of which joints, of one run or several."""
+"""Pictures of runs by name: selection of pictures, joints and runs."""
 
 from __future__ import annotations
 
@@ -149,12 +149,12 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
     ),
 }
 
-#: Those that `fenics-ehd run` draws: what needs no more than its history.
+#: Pictures that `fenics-ehd run` draws, which need its history only.
 OF_EVERY_RUN = tuple(n for n, q in QUANTITIES.items() if isinstance(q, Curves | Paths))
 
 
 def plot_run(directory: str | Path) -> list[Path]:
-    """The pictures that a run leaves in its own folder, of what its models tell."""
+    """The pictures that a run writes to its folder, by the quantities that its models record."""
     pictures = Pictures({"": directory})
     return [path for name in OF_EVERY_RUN for path in pictures.draw(name, directory)]
 
@@ -165,9 +165,9 @@ class Pictures:
     Parameters
     ----------
     runs
-        Their folders by the name to show in legends.
+        Folders of the runs, by their names in legends.
     joints
-        Lubricated joints by name; none: all.
+        Names of lubricated joints; empty: all.
     difference
         Whether to draw the second run less the first.
 
@@ -176,7 +176,7 @@ class Pictures:
     InputError
         A folder holds no history.
     SettingsError
-        No such joint, or a difference of other than two runs or of two without a joint in common.
+        The joint does not exist, or a difference is not of two runs with a common joint.
     """
 
     def __init__(
@@ -201,7 +201,7 @@ class Pictures:
 
     @property
     def names(self) -> list[str]:
-        """Quantities there is something to draw of."""
+        """Quantities for which a picture can be drawn."""
         return [name for name in QUANTITIES if self._having(name)]
 
     def require(self, names: Sequence[str]) -> None:
@@ -215,7 +215,7 @@ class Pictures:
         Raises
         ------
         SettingsError
-            Naming those that they have.
+            The message contains the quantities of the runs.
         """
         known = self._joints_of_runs
         for name in names:
@@ -235,7 +235,7 @@ class Pictures:
                 )
 
     def full_name(self, name: str) -> str:
-        """A quantity with the name of its joint, if the runs have one and the same joint."""
+        """A quantity with the name of its joint, if all runs have the same single joint."""
         quantity, selected = self._selected(name)
         if selected or len(self._joints_of_runs) != 1 or _is_of_run(quantity):
             return name
@@ -252,9 +252,9 @@ class Pictures:
         return quantity, [joint] if joint else self._joints
 
     def draw(self, name: str, directory: str | Path) -> list[Path]:
-        """Write a picture in each format; none where there is nothing to draw.
+        """Write a picture in each format, if there is a quantity to draw.
 
-        Those of several runs have names of their own, and leave those of the first alone.
+        Pictures of several runs have other names and do not replace those of the first run.
         """
         rows = self._having(name)
         quantity = QUANTITIES[self._selected(name)[0]]
@@ -281,7 +281,7 @@ class Pictures:
         quantity = QUANTITIES[selected]
         rows = _rows(self._runs, joints)
         of_run = _is_of_run(selected)
-        # Works of two runs do not begin at the same instant.
+        # The energies of two runs do not begin at the same instant.
         if self._difference and (of_run or not isinstance(quantity, Curves | Paths)):
             return {}
         if of_run:
@@ -306,7 +306,7 @@ def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:
 
 
 def _rows(runs: Sequence[ShownRun], joints: Sequence[str]) -> Rows:
-    """Joints by name; the only ones of all runs share a row."""
+    """Joints by name; if every run has a single joint, these joints share a row."""
     known = list(dict.fromkeys(name for run in runs for name in run.joints))
     for name in joints:
         if name not in known:

@@ -1,6 +1,6 @@
-"""Runs as pictures show them: the last cycle, joint by joint, and the mechanism moving.
+"""Runs as shown in pictures: the last cycle of every joint, and the motion of the mechanism.
 
-The mechanism is that of the run's folder; nothing is meshed, reduced or compiled for it.
+The mechanism is read from the run's folder, without meshing, reduction or compilation.
 """
 
 from __future__ import annotations
@@ -30,38 +30,39 @@ def recorded(directory: Path, result: History | None = None) -> RecordedMotion:
     Parameters
     ----------
     directory
-        Of the run.
+        Folder of the run.
     result
-        What it answers, or a part of that; None: all, read here.
+        History of the run, or a part of this history; None: it is read completely.
 
     Raises
     ------
     InputError
-        The folder holds no scene, or no step.
+        The folder contains no scene, or the run has no step.
     SettingsError, BodyFileError
         Scene or bodies cannot be read.
     """
     scene = directory / SCENE_NAME
     if not scene.is_file():
         raise InputError(f"{scene}: missing, {directory} is not the folder of a run")
-    # Forces move nothing here, and their tables may be gone.
+    # The recorded motion needs no forces, whose tables may be missing.
     _, built = stored_scene(directory, forces=False)
     return RecordedMotion(built.mechanism, result or load_history(directory))
 
 
 def moving_part(history: History) -> History:
-    """Steps that show a mechanism moving: the last cycle of a periodic run, else all of them."""
+    """Steps for an animation: the last cycle of a periodic run, else all steps."""
     return history.last_cycle() if history.cycle.periodic else history
 
 
-#: Columns that a cycle is drawn over: the crank's angle, or time in a mechanism without any.
+#: Columns for the horizontal axis of a cycle: the reference angle, or time in a mechanism without
+#: one.
 ANGLE = "crank_angle_deg"
 TIME = "time_s"
 
-#: Column of kinetic and strain energy, less those at the start.
+#: Column of kinetic and strain energy, less the energy at the start.
 STORED = "stored_energy_J"
 
-#: What the error budget of a run has of each component.
+#: Entry of the error budget of a run for each component.
 BUDGET = (
     "time_s",
     "max_pressure_Pa",
@@ -77,27 +78,27 @@ class ShownRun:
     Parameters
     ----------
     name
-        In legends.
+        Name in legends.
     directory
-        Of it.
+        Folder of the run.
 
     Attributes
     ----------
     cycle
-        Its steps, and one at its start if that is not the start of the run.
+        Steps of the cycle, and the step at its start if this is not the start of the run.
     time, angle
-        Of its steps [s], and of the crank [degrees], 0 where nothing turns.
+        Time of the steps [s], and reference angle [degrees], 0 if no body turns.
     starts
-        Whether it is that of an initial value problem from its start on.
+        Whether the cycle is an initial value problem from its start on.
     figures
-        Of joints in the summary, as far as they are of that cycle.
+        Figures of the joints in the summary, as far as they belong to this cycle.
     label
-        Label of a cycle that is not complete, for the axis; empty of a complete one.
+        Label of an incomplete cycle, for the axis; empty for a complete cycle.
 
     Raises
     ------
     InputError
-        It holds no history.
+        The folder contains no history.
     """
 
     def __init__(self, name: str, directory: str | Path):
@@ -116,7 +117,7 @@ class ShownRun:
         first = rows.start
         behind = rows.stop
         if first:
-            # It begins between two steps.
+            # The cycle begins between two steps.
             last = first - 1
             share = np.interp(start, time, np.arange(len(time))) - first + 1
             result = result.each(
@@ -129,15 +130,15 @@ class ShownRun:
         self.cycle = result
         self.time = self.cycle.run.time - start
         angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
-        # The end of the cycle before is that many turns ahead.
+        # The angle at the end of the cycle before is larger by this number of turns.
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
-        # Whole cycles are taken off: a turn of a cycle of two would be another stroke.
+        # Whole cycles are subtracted: one turn of a cycle of two turns would be another stroke.
         turn = 360.0 * max(1.0, np.round(np.ptp(angle) / 360.0))
         self.angle = angle - turn * np.floor(angle[:1] / turn + TURN_ROUNDING)
 
     @cached_property
     def joints(self) -> dict[str, ShownJoint]:
-        """Its lubricated joints by name."""
+        """Lubricated joints of the run by name."""
         return {
             name: ShownJoint(self, name, joint.columns | self._cycle_columns | self._errors(name))
             for name, joint in self.cycle.joints.items()
@@ -145,7 +146,7 @@ class ShownRun:
 
     @property
     def whole(self) -> ShownJoint:
-        """Itself, its energies too: works since the first step."""
+        """The run as a whole, with its energies: works since the first step."""
         columns = self.cycle.run.columns
         stored = columns["kinetic_energy_J"] + columns["strain_energy_J"]
         return ShownJoint(self, "", columns | self._cycle_columns | {STORED: stored - stored[0]})
@@ -176,14 +177,14 @@ class ShownRun:
 
 @dataclass(frozen=True, eq=False)
 class ShownJoint:
-    """A lubricated joint of a run, or a run as a whole, without a name.
+    """A lubricated joint of a run, or a run as a whole, which has no name.
 
     Attributes
     ----------
     run, name
-        Which.
+        Run, and name of the joint.
     columns
-        Of its history over the cycle.
+        Columns of the history over the cycle.
     """
 
     run: ShownRun
@@ -192,17 +193,17 @@ class ShownJoint:
 
     @cached_property
     def film(self) -> FilmResult:
-        """Its film."""
+        """Film of the joint."""
         return self.run.cycle.joints[self.name].film
 
     @cached_property
     def grid(self) -> FilmGrid:
-        """Mesh of its film."""
+        """Mesh of the joint's film."""
         return film_grid(self.film)
 
     @cached_property
     def contact(self) -> np.ndarray | None:
-        """Contact pressure at the nodes of its film, None between smooth surfaces [Pa]."""
+        """Contact pressure at the nodes of the joint's film [Pa]; None between smooth surfaces."""
         run = self.run
         if "contact_force" not in run.cycle.joints[self.name]:
             return None
@@ -215,7 +216,7 @@ class ShownJoint:
 
 
 def film_grid(film: FilmResult) -> FilmGrid:
-    """The mesh, whose cells begin with their corner of the first angle and height."""
+    """The mesh; the first node of a cell is its corner at the first angle and height."""
     corners = film.cells[:, :4]
     angles = np.unique(np.asarray(film.angle)[corners[:, 0]])
     heights = np.unique(np.asarray(film.height)[corners])
