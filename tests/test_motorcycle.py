@@ -9,6 +9,8 @@ import pytest
 from command_line import exit_of
 from csv_history import read_history
 
+from fenics_ehd.base.extremes import over_time
+
 PAGE = Path(__file__).parents[1] / "docs" / "tutorial-motorcycle.md"
 
 #: In place of what takes a minute.
@@ -50,7 +52,9 @@ def test_motorcycle_runs_from_an_empty_folder(folder, capfd):
     assert history["crank_angle_deg"][-1] == pytest.approx(36.0)
     summary = json.loads((folder / "answer" / "summary.json").read_text())
     largest_force = summary["joints"]["big_end"]["cycle_max_force_N"]
-    assert largest_force == pytest.approx(np.max(history["force_N"]), rel=1e-9)
+    between_steps, _ = over_time(history["time_s"], history["force_N"], None)
+    assert largest_force == pytest.approx(between_steps, rel=1e-9)
+    assert 0 < largest_force / np.max(history["force_N"]) - 1 < 0.005
     # 9000 rpm, the pin on a circle of half the stroke.
     assert summary["simulated_time_s"] == pytest.approx(0.1 / 150)
     assert history["rod.x_m"][-1] == pytest.approx(0.0275 * np.cos(np.radians(36)), abs=25e-6)
