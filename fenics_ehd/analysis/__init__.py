@@ -1,1 +1,1 @@
-"""A run once more: replays, error budgets, sensitivities, multipliers."""
+"""Analyses of runs: replays, error budgets, sensitivities, multipliers, and single bearings."""

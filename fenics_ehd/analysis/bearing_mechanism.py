@@ -127,7 +127,7 @@ class MeshedBearing:
         return bool(np.all((factor < LARGEST_FACTOR) & (factor > 1 / LARGEST_FACTOR)))
 
     def meshed_for(self, position: np.ndarray) -> MeshedBearing:
-        """A bearing with a mesh for an eccentricity: itself if its mesh is suited."""
+        """A bearing with a mesh for an eccentricity: the bearing itself if its mesh is suited."""
         return self if self.suits(position) else MeshedBearing(self.settings, position)
 
     def mechanism(self, position: np.ndarray, load: float | None) -> Mechanism:

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 #: Viscosity of the paper's oil, the default [Pa s].
 VISCOSITY = 0.01
 
-#: Most cells of a mesh: it is solved in minutes.
+#: Largest number of cells of a mesh: such a mesh is solved in minutes.
 MOST_CELLS = 100_000
 
 

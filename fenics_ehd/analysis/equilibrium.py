@@ -5,9 +5,9 @@ coordinates that do not follow them: an implicit step of infinite length, shift 
 journals rest in their bores or move at the rates of the start, every film's pressure balances
 its load. Where a bore turns, the eccentricity in its frame turns back.
 
-What varies with time has no equilibrium. Forces that rotate are left out, with a notice: they
-excite motions about the equilibrium. Tables over time, parts that are carried around, shapes and
-supplies that turn, and shafts without a drive are refused.
+A mechanism that varies with time has no equilibrium. Rotating forces are left out, with a notice:
+they excite motions about the equilibrium. Tables over time, parts that are carried around, shapes
+and supplies that turn, and shafts without a drive are refused.
 
 The same equations with shift s, linearised there, answer a generalised force f on the motions that
 the joints allow, spanned by the columns of Z, by ``Z^T dz = C(s) f``:
@@ -57,7 +57,8 @@ from fenics_ehd.multibody.quantities import JointStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 
-#: Of the last update: gaps relative, coordinates as the step control has them.
+#: Tolerance of Newton's last update: of gaps relative, of coordinates in the norm of the step
+#: control.
 TOLERANCE = 1e-10
 
 #: Weight of coordinates whose velocities are given; eccentricities follow and have weight 1.
@@ -78,17 +79,17 @@ class Equilibrium:
     Attributes
     ----------
     system
-        Where its coordinates are.
+        Equations of the mechanism, with the indices of its coordinates.
     x, rate
-        State of the integration, coordinates z first, and its rate.
+        State of the integration, coordinates z first, and the rate of the state.
     state
-        Films and forces.
+        State of films and forces.
     iterations
-        Of Newton's method.
+        Iterations of Newton's method.
     solver
-        At the solution.
+        Newton solver at the solution.
     notices
-        Forces that were left out, in words.
+        Descriptions of the forces that were left out.
     unknowns
         Solution of the step equations, from which a later search may continue.
     """
@@ -130,7 +131,7 @@ class Linearisation:
     stiffness: np.ndarray
 
     def along(self, places: np.ndarray) -> Linearisation:
-        """The same in k of the coordinates z, which must tell all motions apart."""
+        """The same motions in k of the coordinates z, which must determine all motions."""
         turn = np.linalg.inv(self.basis[places])
         parts = (turn.T @ part @ turn for part in (self.mass, self.damping, self.stiffness))
         return Linearisation(self.basis @ turn, *parts)
@@ -167,7 +168,7 @@ def equilibrium(
         The mechanism cannot be assembled, something of it varies with time, or the former
         equilibrium is of another mechanism.
     SolverError
-        None was found from there.
+        No equilibrium was found from the start.
     """
     require_class("mechanism", mechanism, Mechanism)
     if start is not None:
@@ -195,7 +196,7 @@ def equilibrium(
 def balanced(
     system: System, tolerance: float = TOLERANCE, former: Equilibrium | None = None
 ) -> Equilibrium:
-    """State of a mechanism in balance with its loads at time zero; later ones are not looked at.
+    """State of a mechanism in balance with its loads at time zero; later times are not considered.
 
     Parameters
     ----------
@@ -263,7 +264,7 @@ def _require_same(system: System, former: Equilibrium) -> None:
         )
 
 
-# What has no equilibrium
+# Mechanisms without an equilibrium
 
 
 def _without_rotating_forces(mechanism: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
@@ -284,7 +285,7 @@ def _without_rotating_forces(mechanism: Mechanism) -> tuple[Mechanism, tuple[str
 
 
 def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
-    """What keeps a mechanism from resting, in words."""
+    """Reasons why a mechanism has no equilibrium."""
     yield from _varying_loads(system, z, rates)
     instant = Instant(system, 0.0, z)
     yield from _moving_parts(system, instant, rates)
@@ -299,13 +300,13 @@ def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[st
         yield f"nothing holds body {name}: give it a drive (a Speed), whose rate it keeps"
 
 
-#: Times at which a function of the time that is no table is compared with its value at zero [s].
+#: Times at which a function of time without a table is compared with its value at time zero [s].
 SAMPLES = (1e-4, 0.0137, 0.711, 29.3)
 
 #: Most rows of a table that are compared.
 MOST_ROWS = 200
 
-#: Relative change of a load that is rounding.
+#: Relative change of a load that counts as rounding.
 UNCHANGED = 1e-9
 
 
@@ -348,12 +349,12 @@ def _differs(values: list[float] | list[np.ndarray]) -> bool:
     return bool(np.abs(array - array[0]).max() > UNCHANGED * np.abs(array).max())
 
 
-#: Offset of a centre of mass, or of a point, from the axis its body turns about that is none [m].
+#: Distance of a centre of mass, or of a point, from its body's axis that counts as zero [m].
 CENTRED = 1e-9
 
 
 def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterator[str]:
-    """Bodies that turn about another axis than their own, or that are elastic and turn."""
+    """Bodies that turn about an axis other than their own, and elastic bodies that turn."""
     carried = instant.rate_derivative(rates)[0] @ rates
     for name, marker in system.markers.items():
         turning = system.angles.get(name.partition(".")[0])

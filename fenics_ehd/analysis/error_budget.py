@@ -421,7 +421,7 @@ OVER_TIME = (
     "more_min_film_thickness_m",
 )
 
-#: Failures of an estimate, after which the run is complete all the same.
+#: Errors that end an estimate, and not the run.
 FAILURES = (EhdError, ArithmeticError, ValueError)
 
 

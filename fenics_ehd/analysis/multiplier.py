@@ -3,9 +3,9 @@
 The map from a cycle's start to its end is linear for small changes, and its eigenvalues are the
 multipliers: the solution is stable if all lie within the unit circle; a change along an eigenvector
 is multiplied by its multiplier in each cycle. Arnoldi's method finds the largest from a few cycles
-with moved starts (Saad, Numerical Methods for Large Eigenvalue Problems, chapter 6). All of them
-take the very steps of one cycle, so that what differs between two ends is not the step control's
-choice but the change.
+with moved starts (Saad, Numerical Methods for Large Eigenvalue Problems, chapter 6). All these
+cycles have the steps of one cycle, so that their ends differ by the changes and not by choices of
+the step control.
 
 Temperatures that are balanced over cycles stay as they are; the phase of a machine without an
 imposed speed is one of its changes.
@@ -51,11 +51,11 @@ class Multiplier:
     Attributes
     ----------
     value
-        Complex; of a pair the one with positive imaginary part.
+        Complex multiplier; of a conjugate pair the one with positive imaginary part [-].
     residual
-        By how much one cycle misses it.
+        Residual of the eigenvalue equation [-].
     cycles
-        That it took.
+        Number of cycles simulated.
     """
 
     value: complex
@@ -75,12 +75,12 @@ class Multiplier:
 def largest_multiplier(
     run: Run, period: float, between: Callable[[], object] = lambda: None
 ) -> Multiplier:
-    """Largest multiplier of the periodic solution that a run is on; the run stays where it is.
+    """Largest multiplier of the periodic solution of a run; the state of the run does not change.
 
     Parameters
     ----------
     run
-        At the end of a cycle.
+        Run at the end of a cycle.
     period
         [s].
     between
@@ -89,7 +89,7 @@ def largest_multiplier(
     Raises
     ------
     StepSizeError
-        A cycle with a moved start does not go through the steps of the one without.
+        A cycle with a moved start has no solution at the steps of the unchanged cycle.
     """
     cycle = _Cycle(copy(run), period, between)
     basis = [cycle.first()]
@@ -108,7 +108,7 @@ def largest_multiplier(
         if residual <= RESIDUAL * max(abs(value), LEAST) or norm <= LEAST:
             break
         basis.append(image / norm)
-    # That of the solution itself was gone through twice.
+    # The cycle of the solution itself was simulated twice.
     return Multiplier(value, residual, j + 3)
 
 
@@ -118,7 +118,7 @@ def multiplier(history: History) -> Multiplier:
     Raises
     ------
     InputError
-        The history was read from a folder, or is none of a periodic solution.
+        The history was read from a folder, or is not of a periodic solution.
     """
     solved = solved_run(history)
     if solved.cycles is None:
@@ -146,7 +146,7 @@ class _Cycle:
         norm = run.norm
         gaps = norm.gaps(self._start.observed[0])
         self._clearance = min(film.film.clearance for film in run.equations.system.films)
-        # Of what is observed, and of its rate.
+        # Observed quantities and their rates.
         scales = np.full(len(self._start.observed[0]), self._clearance)
         scales[: len(gaps)] = norm.lengths(gaps) * np.sqrt(len(gaps))
         self._scales = np.stack([scales, 2 * np.pi / period * scales])
@@ -167,7 +167,7 @@ class _Cycle:
         lengths = np.full(system.n, self._clearance)
         largest = 1.0 / measure[measure > 0.0].min(initial=1.0)
         np.divide(self._clearance / largest, measure, out=lengths, where=measure > 0.0)
-        # Any numbers, the same ones every time.
+        # Arbitrary numbers, the same in every run.
         rough = SIZE * lengths * np.cos(1.0 + 2.0 * np.arange(system.n))
         z = start.x[0][: system.n]
         v = start.rate[0][: system.n]

@@ -1,4 +1,4 @@
-"""Replay: the recorded steps of a run taken again by another mechanism, or in longer steps.
+"""Replay: the recorded steps of a run repeated by another mechanism, or with longer steps.
 
 A run leaves a trajectory, the solutions at its steps. Errors and derivatives are differences
 between it and the trajectory of a run that differs a little: longer steps, a finer film, a gap with

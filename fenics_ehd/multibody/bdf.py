@@ -25,13 +25,13 @@ from fenics_ehd.multibody.tabulated import (
     rows_missed,
 )
 
-#: An update may not take more than this fraction of the distance to the boundary.
+#: Largest fraction of the distance to the boundary that an update may use.
 BOUNDARY_FRACTION = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class ImplicitStep:
-    """Equations that a time integration formula asks for at the end of a step.
+    """Equations of a time integration formula at the end of a step.
 
     Attributes
     ----------
@@ -42,11 +42,11 @@ class ImplicitStep:
     start, predicted
         Values at the beginning of the step and extrapolated to its end.
     observed
-        What the step control observes, at the start and as predicted.
+        Quantities observed by the step control, at the start and as predicted.
     tolerance
-        On the last update of an iteration, in the problem's norm.
+        Tolerance on the last update of an iteration, in the problem's norm.
     error_share
-        Part of the distance from the extrapolation that the formula leaves as local error.
+        Local error of the formula over the distance of the solution from the extrapolation.
     """
 
     time: float
@@ -76,7 +76,7 @@ class Solved(Generic[Solution, Carried]):
     Attributes
     ----------
     x, rate
-        At the end of the step.
+        Solution x and its rate at the end of the step.
     observed
         See `Observed`.
     solution
@@ -106,8 +106,8 @@ StepSolver = Callable[[Any, ImplicitStep, Carried | None], Attempt[Solution, Car
 
 
 #: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
-#: 2.41 (k = 2) and 1.61 (k = 3) (Guglielmi and Zennaro, Numer. Math. 2001); for k = 4 only 1.28
-#: is left, too little to start a film from steps of 1e-8 s.
+#: 2.41 (k = 2) and 1.61 (k = 3) (Guglielmi and Zennaro, Numer. Math. 2001); for k = 4 the limit is
+#: 1.28, too small to start a film from steps of 1e-8 s.
 GROWTH = {1: 2.0, 2: 2.0, 3: 1.5}
 
 #: Smallest factor by which a failed step shrinks.
@@ -188,7 +188,7 @@ INTEGRATOR: Mapping[str, Value] = {
 
 @dataclass(frozen=True, eq=False)
 class IntegratorState(Generic[Carried]):
-    """All that an integration carries from step to step: it can be stored and gone on with.
+    """Complete state of an integration between steps, from which a stored run is resumed.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class IntegratorState(Generic[Carried]):
     step
         Length of the next step [s].
     solver
-        What the step solver carries.
+        State of the step solver.
     """
 
     times: np.ndarray
@@ -216,7 +216,7 @@ class IntegratorState(Generic[Carried]):
         rate: np.ndarray,
         control: IntegratorOptions,
     ) -> IntegratorState[Carried]:
-        """Before the first step."""
+        """State before the first step."""
         step = min(control.first, control.largest)
         return cls(np.array([time]), x[None], rate[None], problem.observe(x)[None], step)
 
@@ -228,7 +228,7 @@ class IntegratorState(Generic[Carried]):
     def after(
         self, new: Step[Solution], step: float, solver: Carried, keep: int
     ) -> IntegratorState[Carried]:
-        """With one more point."""
+        """State with one more point."""
 
         def rows(first: np.ndarray, others: np.ndarray) -> np.ndarray:
             return np.concatenate([first[None], others])[:keep]
@@ -247,7 +247,7 @@ class IntegratorState(Generic[Carried]):
         return max(1, min(order, len(self.times) - 1))
 
     def predict(self, problem: Observed, time: float, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """Extrapolation of x and what is observed, or along the initial rate."""
+        """Extrapolation of x and of the observed quantities; at first along the initial rate."""
         if len(self.times) == 1:
             x = self.x[0] + (time - self.times[0]) * self.rate[0]
             return x, problem.observe(x)
@@ -261,7 +261,7 @@ class IntegratorState(Generic[Carried]):
         return bool(loads) and rows_missed(loads, *self._ahead(time, x), nearest)[1]
 
     def _ahead(self, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and states of a next point and of those that a table is compared with."""
+        """Times and states of the next and of past points, for a comparison with tables."""
         times = np.concatenate([[time], self.times[:POINTS]])
         return times, np.vstack([x, self.x[:POINTS]])
 
@@ -273,7 +273,7 @@ class IntegratorState(Generic[Carried]):
         order: int,
         nearest: float,
     ) -> float:
-        """The time, or that of the last row before it that a step can reach and miss none [s]."""
+        """The time, or the time of the last row before it up to which a step misses no row [s]."""
         if not loads:
             return time
 

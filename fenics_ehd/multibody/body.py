@@ -307,7 +307,7 @@ class Body(ABC):
 
     @property
     def mobility(self) -> np.ndarray:
-        """Readiness of each coordinate to change in assembly, shape (n,)."""
+        """Compliance of each coordinate in assembly, shape (n,)."""
         return self.weights
 
     @property

@@ -1,11 +1,11 @@
-"""The last complete cycle of a run, which its figures, pictures and stresses are of.
+"""The last complete cycle of a run, from which its figures, pictures and stresses are computed.
 
 A search for a periodic solution numbers its cycles, and its last complete cycle is the last one
 that reached its end. The first cycle, in which the films build up, counts if there is no other.
 
 A run once through has no numbers. Its last complete cycle ends with the run, and begins where the
 reference angle was a cycle behind, or a period of the loads over time before, whichever is earlier
-(`Recurrence`). A run that is shorter than that has no complete cycle: figures are of all of it.
+(`Recurrence`). A shorter run has no complete cycle: its figures are of the complete run.
 
 The cycle is decided once, by the constructors `Cycle.of_search` and `Cycle.of_run`, and stored by
 its times with the history and in the summary. `Cycle.rows` finds its steps by these times, also in
@@ -31,7 +31,7 @@ FIRST_STEP = 1e-4
 #: Share of a cycle within which a step is at its start or end: rounding of stored times.
 TIME_ROUNDING = 1e-9
 
-#: Labels of figures that are of no complete cycle.
+#: Labels of figures without a complete cycle.
 BUILDS_UP = "first cycle: films build up"
 TOO_SHORT = "whole run: no full cycle"
 UNKNOWN = "whole run"

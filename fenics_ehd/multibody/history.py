@@ -78,8 +78,8 @@ RESUME = "resume"
 #: Group of the file with the last complete cycle.
 CYCLE = "cycle"
 
-#: In place of one unit where every column has its own: of coordinates and rates they are in the
-#: attribute ``units`` of the file; multipliers are forces [N] and torques [N m].
+#: Entry instead of a unit if every column has its own unit: units of coordinates and rates are in
+#: the attribute ``units`` of the file; multipliers are forces [N] and torques [N m].
 MIXED = "mixed"
 
 #: Units of fields by the last part of their path; the state has one for each coordinate.
@@ -98,7 +98,7 @@ FIELD_UNITS = {
     "cells": DIMENSIONLESS,
 }
 
-#: How paths begin of what has one number a step, unless it is of the nodes of a film.
+#: First parts of the paths of quantities with one number a step, nodal fields excepted.
 COLUMNS = ("time", "run/", "bodies/", "joints/")
 
 #: Arrays of the state whose attribute ``units`` has one unit for every column.
@@ -107,7 +107,8 @@ STATE_IN_UNITS = ("state/coordinates", "state/rates")
 _STEPS = Value("float", ("STEPS",), finite=False)
 _FIELD = Value("float", ("STEPS", "nodes"))
 
-#: Layout of ``history.h5``. A quantity may be undefined in a step; what a run starts from may not.
+#: Layout of ``history.h5``. A quantity may be undefined in a step; the state that a run starts from
+#: may not.
 LAYOUT = Group(
     {
         "time": Value("float", ("STEPS",)),
@@ -149,10 +150,10 @@ LAYOUT = Group(
     }
 )
 
-#: What a film has once.
+#: Data of a film that do not change.
 MESH = ("angle", "height", "cells", "radius", "clearance")
 
-#: How what is large is packed, once no rows come any more.
+#: Compression of large datasets after the last row.
 PACKED: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
@@ -496,7 +497,7 @@ class History:
         return self.changed(arrays)
 
     def save(self, folder: str | Path) -> None:
-        """Write ``history.h5``, ``history.csv`` and ``summary.json``, each whole or not at all.
+        """Write ``history.h5``, ``history.csv`` and ``summary.json``, each complete or not at all.
 
         Parameters
         ----------
@@ -525,7 +526,7 @@ class History:
         packing: Mapping[str, Any] | None = None,
         state: Mapping[str, Any] | None = None,
     ) -> None:
-        """Write all but the summary as ``history.h5``, fields packed if so wanted.
+        """Write all but the summary as ``history.h5``, with fields compressed or not.
 
         Parameters
         ----------
@@ -537,7 +538,7 @@ class History:
         Raises
         ------
         OutputError
-            It cannot be written; a former file stays.
+            The file cannot be written; a former file stays.
         """
         with sealed_hdf5(path, FORMAT, FORMAT_VERSION) as file:
             if state is not None:
@@ -558,12 +559,12 @@ class History:
 
 
 def _wanted(package: str, method: str) -> Any:
-    """A package that a method takes and nothing else does.
+    """Import a package that only one method needs.
 
     Raises
     ------
     InputError
-        It is not installed.
+        The package is not installed.
     """
     try:
         return import_module(package)
@@ -575,7 +576,7 @@ def _wanted(package: str, method: str) -> Any:
 
 
 def _text(value: str | list[str]) -> np.ndarray:
-    """Text of fixed length: of any length it lies where HDF5 has no checksums, and crashes it."""
+    """Text of fixed length: HDF5 has no checksums for other text, and crashes if it is damaged."""
     return np.char.encode(np.array(value, dtype=str), "utf-8")
 
 
@@ -607,7 +608,7 @@ def require_present_format(file: h5py.File) -> None:
     Raises
     ------
     ValueError
-        Naming the version that made it.
+        The message contains the version that made the file.
     """
     if file.attrs["format_version"] != FORMAT_VERSION:
         version = attribute(file, "fenics_ehd", Value("text"))
@@ -655,7 +656,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         return History(arrays, names, units, summary, scene, cycle)
 
 
-#: Its name in version 0.2.
+#: Former name of the function, of version 0.2.
 load_results = load_history
 
 
@@ -674,7 +675,7 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
         if path.startswith((f"{RESUME}/", f"{CYCLE}/")) or not (films or not of_film(path)):
             continue
         data = file[path]
-        # One for every column, of the state.
+        # The state has one unit for every column.
         mixed = path in STATE_IN_UNITS
         units = MIXED if mixed else attribute(data, "units", Value("text"))
         array = np.asarray(values(data))
@@ -685,7 +686,7 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
 
 
 def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
-    """Refuse cells of films that are of no family, or do not use each of their nodes."""
+    """Refuse cells of films of an unknown family, and films with nodes without a cell."""
     for path, cells in arrays.items():
         if not path.endswith("/film/cells"):
             continue
@@ -695,7 +696,7 @@ def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
             raise ValueError(f"/{path} of shape {cells.shape} are no cells of {nodes} nodes")
 
 
-#: Kinds of what is read of a summary.
+#: Types of the entries that are read from a summary.
 SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
     "status": (str,),
     "cycles": (int,),

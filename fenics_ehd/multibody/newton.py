@@ -21,7 +21,7 @@ Oil whose viscosity grows with the pressure without bound has its own error. Bet
 a film of Barus' oil bears a finite load only, however fast the gap closes: with ``dq = dp / r(p)``,
 r the ratio of viscosities, Reynolds' equation is that of constant viscosity for q, which stays
 below ``int_0^inf dp / r(p)``, 1 / alpha. Close to this limit pressures grow without bound within a
-moment, no step is short enough, and the errors of the solver differ from step to step. A coarse
+short time, no step is short enough, and the errors of the solver differ from step to step. A coarse
 mesh does not resolve the peak and continues with wrong pressures.
 """
 

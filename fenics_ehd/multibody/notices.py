@@ -1,14 +1,14 @@
-"""Notices of values that are hardly meant, one line each.
+"""Notices of values that are probably mistakes, one line each.
 
 Of a mechanism:
 
 - A centre of mass or an inertia far from the body's own, whose unit may be another: that of a part
-  is compared with its radius of gyration, that of a rigid body with the reach of its points.
-- A measured shape with a step.
+  is compared with its radius of gyration, that of a rigid body with the extent of its points. A
+  measured shape with a step.
 
 Of the pressures of a run:
 
-- A peak that no lining bears, and a pressure that is rounding.
+- A peak above the strength of any lining, and a pressure that is rounding.
 - A peak of a single step, and a start that rings.
 """
 
@@ -190,7 +190,7 @@ def resting_films(system: System, peaks: Mapping[str, float]) -> list[str]:
 
 
 def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
-    """One line for every largest pressure that no lining bears, or that is rounding.
+    """One line for every largest pressure above the strength of any lining, or that is rounding.
 
     Parameters
     ----------

@@ -174,11 +174,11 @@ class Recorder(Stateful):
     system
         Equations of the mechanism.
     recurrence
-        After what its loads recur.
+        Angle and time after which the loads recur.
     wall_time, processor_time
-        Of all steps so far [s].
+        Times of all steps so far [s].
     rows
-        Of the steps that are kept.
+        Rows of the steps that are kept.
     counts, rejected_because
         Steps, iterations and rejected steps, and rejected steps by reason; of all steps, also of
         those whose rows are not kept.

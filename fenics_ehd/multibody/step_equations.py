@@ -117,7 +117,7 @@ class Point:
     drift
         Multipliers m on velocity level, shape (m,).
     films
-        Every film.
+        Points of all films.
     motion
         See `Motion`.
     rest
@@ -219,7 +219,7 @@ class StepEquations:
         Parameters
         ----------
         step
-            Its formula.
+            Formula of the step.
         gap_changes
             Changes imposed on the gaps of all films, for sensitivities and error budgets.
         """

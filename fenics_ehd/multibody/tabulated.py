@@ -74,7 +74,7 @@ def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np
     Returns
     -------
     weights : numpy.ndarray
-        Of the new point, then of past points.
+        Weights of the new point, then of past points.
     share : float
         ``1 - b``, or 1 without the formula of order k + 1.
     """

@@ -1,1 +1,1 @@
-"""Pictures, imported only when one is asked for."""
+"""Pictures, imported only if one is drawn."""
