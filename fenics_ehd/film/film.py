@@ -127,7 +127,7 @@ class Film:
         Parameters
         ----------
         gap
-            At the Gauss points, shape (cells, points).
+            Gap at the Gauss points, shape (cells, points).
         guess
             Former state, whose pressure and active set are the start. Without a former state the
             start is a film without pressure, and SNES-VI moves the edge of the cavitated zone by

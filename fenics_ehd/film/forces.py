@@ -13,17 +13,17 @@ grooves and supply holes, which are deep. In the cavitated zone it follows one o
 
 ``streamers``
     The oil that leaves the full film crosses the zone in streamers that fill the
-    gap from wall to wall. Carried at the mean velocity, the flow stays what it
-    was at the rupture of the film, so ``theta = h_rupture / h`` at the same
-    height z, at most 1. The rupture lies upstream of the velocity of the oil relative to the
-    cavity, ``(v_1 + v_2) / 2 - Omega R``. Omega is the speed at which the gap turns: the one that
-    minimises ``dh/dt + Omega dh/dphi``. Between round surfaces that is the speed of the line of
-    centres, ``(e x e') / e^2``; the result is the same in every frame. Where that velocity changes
-    its sense, oil flows in from both sides. A section that has no full film counts as filled.
+    gap from wall to wall. Carried at the mean velocity, the flow equals the flow at the rupture of
+    the film, so that ``theta = h_rupture / h`` at the same height z, at most 1. The rupture lies
+    upstream of the velocity of the oil relative to the cavity, ``(v_1 + v_2) / 2 - Omega R``. Omega
+    is the speed at which the gap turns: the one that minimises ``dh/dt + Omega dh/dphi``. Between
+    round surfaces that is the speed of the line of centres, ``(e x e') / e^2``; the result is the
+    same in every frame. Where that velocity changes its sense, oil flows in from both sides. A
+    section that has no full film counts as filled.
 ``full``
-    The oil fills the gap there too.
+    The oil fills the gap in the cavitated zone, too.
 ``none``
-    There is no oil.
+    The cavitated zone contains no oil.
 
 If the cavitation condition determines the fluid fraction, ``streamers`` uses this fraction.
 
@@ -41,9 +41,9 @@ shaft about its own axis is ``R_1 int tau_1 dA`` up to c / R.
 
 Flow of oil through the borders of a film is evaluated from the discrete equation.
 
-The weak form of (1) tested with the shape function of a node leaves zero in the
-full film, the growth of the cavities at a cavitated node, and at a node of
-given pressure the flow that enters there. The functions sum to one, so
+The weak form of (1) tested with the shape function of a node is zero in the full film, the growth
+of the cavities at a cavitated node, and the inflow at a node of given pressure. The functions sum
+to one, so
 
     supply + cavities - lower - upper = squeeze
 
@@ -292,7 +292,7 @@ class FilmFlows:
 
     @cached_property
     def work(self) -> float:
-        """Power of the oil that enters, less that of what leaves, at the film's pressures [W]."""
+        """Power of the inflow less power of the outflow, at the film's pressures [W]."""
         return self._work_at_ends + (self.feed_power if self._fed is not None else 0.0)
 
     @cached_property
@@ -370,7 +370,7 @@ class FilmFlows:
 
 
 def under_pressure(film: Film) -> bool:
-    """True of a film that oil enters or leaves at a pressure above that of cavitation."""
+    """True of a film with inflow or outflow at a pressure above the cavitation pressure."""
     return bool(film.parameters.feeds) or bool(np.any(film.equation.given))
 
 

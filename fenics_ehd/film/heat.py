@@ -135,7 +135,7 @@ class TemperatureSearch(Stateful):
     Parameters
     ----------
     heat, oil
-        Of the film.
+        Settings of the heat, and oil of the film.
     telling
         Change of ln(viscosity) above which the exponent is computed from two temperatures.
 
@@ -174,11 +174,11 @@ class TemperatureSearch(Stateful):
 
     @property
     def viscosity(self) -> float:
-        """There [Pa s]."""
+        """Viscosity at the current temperature [Pa s]."""
         return self.oil.viscosity(self.temperature)
 
     def shift(self, change: float) -> None:
-        """Another temperature by a change [K], within the oil's limits and above the supply's."""
+        """Current temperature plus a change [K], within the oil's limits and above the supply's."""
         hottest = self.oil.hottest - ROUNDING
         wanted = self.temperature + change
         self.temperature = float(np.clip(wanted, self.heat.supply_temperature, hottest))

@@ -28,7 +28,7 @@ centre at ``e`` and its axis tilted by the small rotations ``psi_x, psi_y`` has 
 ``dh/dt`` is (2) evaluated on the shaft's surface: the two terms with omega_1
 that (2) contains cancel there, because a round shaft spinning about its centre
 does not change the gap. Taking ``d/dy`` with ``y = R_2 phi`` on both surfaces,
-as printed, leaves ``omega_1 e_t h / R_2``, a false squeeze of order c / R.
+as printed, yields an additional ``omega_1 e_t h / R_2``, a false squeeze of order c / R.
 
 All terms with ``e_t`` are kept; ``R_1 - s = e_t^2 / (R_1 + s)`` is formed without
 cancellation. Left out, each smaller than what is kept by a factor c / R: the

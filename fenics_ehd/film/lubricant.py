@@ -10,9 +10,9 @@ viscosity is their product.
 
 **Grades.** A grade has two nominal kinematic viscosities. The standard specifies one of them:
 ISO 3448 the number of an ISO VG grade at 40 C, SAE J300 a range at 100 C, whose middle is taken
-(fuchs.com, "Viscosity charts"; "SAE 10", a winter grade, goes from 4.1 mm2/s to where 15W begins).
-The other follows from an assumed viscosity index by ASTM D2270, whose formulas are at
-dgaequipment.com and whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals).
+(fuchs.com, "Viscosity charts"; "SAE 10", a winter grade, has the range from 4.1 mm2/s to the lower
+limit of 15W). The other follows from an assumed viscosity index by ASTM D2270, whose formulas are
+at dgaequipment.com and whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals).
 Indices replace a product's data sheet: 95 for ISO and single grades, as in the chart at
 noco.ca/viscosity-chart, and the values of `GRADES` for multigrade oils. Density and specific heat
 are the defaults of `Oil`.
@@ -418,7 +418,7 @@ class PressureLaw(Law):
 
 @dataclass(frozen=True)
 class Constant(PressureLaw):
-    """The same at every pressure."""
+    """Law of a property that is the same at every pressure."""
 
     constant: ClassVar[bool] = True
 

@@ -15,7 +15,7 @@ the void fraction s, a flow carries the fraction c at the middle of its cell,
 In a full film (s = 0) the term is zero; in an empty film (s = 1) it cancels the Couette term to
 round-off. No oil is lost between nodes, and strips do not mix.
 
-**Limiter.** c is extrapolated from the node u that the flow comes from, by the harmonic mean of
+**Limiter.** c is extrapolated from the upstream node u of the flow, by the harmonic mean of
 the slopes on both sides of it (van Leer, J. Comput. Phys. 14, 1974, 361). With b the node before u
 and a the node after u in the direction of the flow, and l the lengths of their cells,
 
@@ -26,7 +26,7 @@ oil flows out of an empty node, and no more than its content out of a full node.
 Harten (J. Comput. Phys. 49, 1983, 357), ``F (c_i - c_(i-1)) = C F (s_i - s_(i-1))`` with C >= 0:
 implicit Euler adds no variation and no extreme, for any step.
 
-**Derivative.** The node that a flow comes from held, with kinks of c where x y = 0,
+**Derivative.** With the upstream node of a flow held, and with kinks of c where x y = 0,
 
     dc = ds_u + (y / (x + y))^2 dx + (x / (x + y))^2 dy,
 
@@ -181,7 +181,7 @@ class Transport:
     Attributes
     ----------
     strips
-        Where.
+        Strips of the film.
     flows, storage
         ``F_i`` and ``int rho H N_i`` over the time step, shape (nodes,) each.
     void
@@ -396,7 +396,7 @@ class OilBalance:
     def gap_derivatives(
         self, step: OilStep, nodal: np.ndarray, carried: Transport
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
-        """Derivatives of the balance, where flows come from held, see `ReynoldsEquation`."""
+        """Derivatives of the balance with upstream nodes held, see `ReynoldsEquation`."""
         slope = step.flow.slope / self.film.parameters.clearance
         slope = np.broadcast_to(slope, step.gap.thickness.shape)
         full = self.film.equation.gap_derivatives(step.gap, nodal, inputs=step.inputs)

@@ -101,9 +101,9 @@ class FilmParameters:
         return 12 * self.lubricant.viscosity * self.rate * ratio**2
 
 
-#: ``C = kappa d^2`` over the film's mobility for which an edge is where it should be: with
-#: ``q = p_s - p``, ``q'' = C w q`` decays into the region, and the straight line that it leaves
-#: with meets q = 0 at the edge for C = 33.1. A quarter of it moves the edge by 0.24 d inward, four
+#: ``C = kappa d^2`` over the film's mobility for which the effective edge is the given edge: with
+#: ``q = p_s - p``, ``q'' = C w q`` decays into the region, and the tangent of q outside of the
+#: region is zero at the edge for C = 33.1. A quarter of it moves the edge by 0.24 d inward, four
 #: times by 0.15 d outward. Load error of the groove of `BLUR` on 40 x 10, 80 x 20, 160 x 40 and 320
 #: x 80 cells: 0.9, 0.27, 0.08, 0.02 %; with 1000 in its place 9.3, 4.6, 2.3, 1.2 %. Bilinear cells,
 #: which resolve the decay less, need what is measured next to a groove all around: within 0.012 d

@@ -19,9 +19,9 @@ exact to 1e-12 of the value (`tests/test_asperities.py`). Pressure and its slope
 same polynomial, so that the pressure is conservative to round-off.
 
 **The gap.** The nominal gap h is the distance of the mean planes. Oil flows in the average gap
-``h_T(h)``, which is positive however far the mean planes overlap: it takes the place of h in the
-Couette and squeeze terms (and, without flow factors, in the mobility ``h_T^3``). With flow factors
-the mobility is ``h^3 phi_p`` and the mean velocity
+``h_T(h)``, which is positive however far the mean planes overlap: it replaces h in the Couette and
+squeeze terms (and, without flow factors, in the mobility ``h_T^3``). With flow factors the mobility
+is ``h^3 phi_p`` and the mean velocity
 
     V + (U / 2) sigma w phi_s / h_T,
 
@@ -39,7 +39,7 @@ direction (gamma = 1), the mean flow and stress are
     tau = phi_f eta U / h,                         of the pressure: phi_fp (h / 2) grad p
 
 with V mean and ``U = v_1 - v_2`` sliding velocity, ``w = (sigma_1^2 - sigma_2^2) / sigma^2``:
-the rougher surface takes more oil with it. Factors as they are coded in R. Boman's program
+the rougher surface drags more oil. The factors are those of R. Boman's program
 (github.com/rboman/progs, apps/EHD/EHD/ehd_flow_cisail.c: phi_f, phi_fs, phi_fp); phi_p and phi_s
 by the coefficients ``C = 0.9, r = 0.56`` and ``A_1 = 1.899, alpha_1 = 0.98, alpha_2 = 0.92,
 alpha_3 = 0.05, A_2 = 1.126`` of the papers' tables. They are published for H above 0.5
@@ -50,7 +50,7 @@ positive, however far they overlap. Deep below, where the terms of ``H Phi(H) + 
 is taken from the even part of Laplace's continued fraction of ``Phi(-x) / f(x)``: exact to 6e-12
 at H = -4, 3e-14 at -5.
 
-What the Reynolds equation contains is written in `Functions`, for arrays and for symbols.
+Terms of the Reynolds equation are written with `Functions`, for arrays and for symbols.
 """
 
 from __future__ import annotations
@@ -335,7 +335,7 @@ class RoughSurfaces(Roughness):
         return self.flow_factors and self.weight != 0.0
 
     def excess(self, thickness: np.ndarray) -> np.ndarray:
-        """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``: nothing cancels."""
+        """``h_T - h`` of nominal gaps [m], which is ``h_T(-h)``, free of cancellation."""
         return self.roughness * mean_gap(-thickness / self.roughness)[0]
 
     def boundary_friction_factor(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
 """Supplies of a film: sides and axial grooves of given pressure, regions that conduct oil.
 
-Where the pressure is given: sides and axial grooves, (9) and (10).
+Boundaries of given pressure: sides and axial grooves, (9) and (10).
 
 Regions of the bore or of the journal through which oil is supplied: the share of the surface that
 they cover at every point. Angles are counted from the x axis of the body with the bore, or with the
@@ -120,7 +120,7 @@ def given_pressures(
     fixed : numpy.ndarray of bool
         shape (nodes,).
     pressure : numpy.ndarray
-        Their pressure [Pa], zero elsewhere, shape (nodes,).
+        Pressure of these nodes [Pa], zero at other nodes, shape (nodes,).
 
     Raises
     ------
@@ -158,7 +158,7 @@ def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
     return t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / blur
 
 
-#: What may be outside the sides of a film without ambient pressure.
+#: Surroundings of the sides of a film without ambient pressure.
 AMBIENTS = ("air", "oil")
 
 #: Surfaces that a supply may be in.

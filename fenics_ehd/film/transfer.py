@@ -35,7 +35,7 @@ TURN = 2 * np.pi
 #: Largest distance of a node from its position in the affine cell, in reference coordinates.
 SHAPE_TOLERANCE = 1e-6
 
-#: The same as the first for nodes in the middle of the edges of a hole: they lie on its rim.
+#: The same distance for nodes in the middle of the edges of a hole, which lie on its rim.
 RIM_TOLERANCE = 0.2
 
 

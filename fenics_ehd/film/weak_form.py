@@ -387,13 +387,13 @@ class FilmForms:
         return values
 
     def matrix(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
-        """Entries of its derivative along the pressure, see `places`."""
+        """Entries of the residual's derivative along the pressure, see `places`."""
         return self._entries("pressure", "nodes", inputs, nodal)
 
     def along_gap(
         self, inputs: Inputs, nodal: np.ndarray
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix | None]:
-        """Its derivatives along thickness and sliding velocity, (nodes, points) each.
+        """Derivatives of the residual along thickness and sliding velocity, (nodes, points) each.
 
         The thickness rate follows the thickness, see `Numbers`. The last derivative is None for
         laws that do not depend on sliding.

@@ -3,8 +3,8 @@
 Of a mechanism:
 
 - A centre of mass or an inertia far from the body's own, whose unit may be another: that of a part
-  is compared with its radius of gyration, that of a rigid body with the extent of its points. A
-  measured shape with a step.
+  is compared with its radius of gyration, that of a rigid body with the extent of its points.
+- A measured shape with a step.
 
 Of the pressures of a run:
 

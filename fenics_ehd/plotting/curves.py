@@ -49,7 +49,7 @@ class Panel:
     Attributes
     ----------
     label
-        Of the axis, its unit in brackets.
+        Label of the axis, its unit in brackets.
     columns
         Labels by name of column, or by pattern; an empty label is replaced by the text that matches
         the star.

@@ -1,4 +1,4 @@
-"""Maps over the unwrapped bore, the deformed bore seen along its axis, enlarged; one bearing."""
+"""Maps over the unwrapped bore, the enlarged deformed bore viewed along its axis; one bearing."""
 
 from __future__ import annotations
 
@@ -291,7 +291,7 @@ def draw_section(
     centre: Sequence[float] | np.ndarray = (0.0, 0.0),
     radius: float = 1.0,
 ) -> None:
-    """Bore, journal and pressure seen along the axis.
+    """Bore, journal and pressure, viewed along the axis.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from fenics_ehd.plotting.maps import Bores, Map
 from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, plt, save_in_formats
 from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
 
-#: In the order of `fenics_ehd.base.files.PICTURES`.
+#: All pictures, in the order of `fenics_ehd.base.files.PICTURES`.
 QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
     "max_pressure": Curves(
         (
