@@ -278,7 +278,7 @@ def missing_in_basis(body: FlexibleBody, binding: FilmBinding) -> Missing:
     Raises
     ------
     SettingsError
-        Its missing flexibility is not known.
+        The missing flexibility of the body is not known.
     """
     estimate = estimate_at(body, binding.bore)
     bore = binding.film.bore
@@ -329,7 +329,8 @@ def missing_gaps(
     Returns
     -------
     list
-        Of every film where its gap is observed, shape (k, w) [m]; 0 for rigid bores.
+        Changes at the points of every film where its gap is observed, shape (k, w) [m]; 0 for rigid
+        bores.
 
     Raises
     ------
@@ -432,8 +433,8 @@ class ErrorBudget:
     Attributes
     ----------
     joints
-        By name: by quantity, extreme and ``largest_over_cycle``, a relative error of every
-        component and in total, or the reason that there is none.
+        Relative errors by name of joint, then by quantity, extreme and ``largest_over_cycle``: of
+        every component and in total, or the reason why an error is missing.
     curves
         Of the run.
     changes
@@ -441,12 +442,12 @@ class ErrorBudget:
     notes
         Reason by component that is not estimated.
     left_out
-        By component, share of the time at which it is not known because no solution to compare the
-        run with was found.
+        Share of the time without an error, by component, because no solution for the comparison was
+        found.
     iterations
         Newton iterations of the estimate.
     seconds
-        Its processor time [s].
+        Processor time of the estimate [s].
     """
 
     joints: dict[str, dict[str, Any]]

@@ -140,7 +140,7 @@ class Trajectory(History):
         Parameters
         ----------
         changes
-            Of the gap of every film where it is observed, shape (k, w) [m].
+            Changes of the gap of every film where it is observed, shape (k, w) [m].
         """
         gaps = {}
         for (name, joint), change in zip(self.joints.items(), changes, strict=True):
@@ -264,7 +264,8 @@ def with_finer_films(mechanism: Mechanism) -> Mechanism:
 def interpolations(source: Run, target: Run) -> list[sparse.spmatrix]:
     """Matrices from nodal values of the films of one run to the same films of another run.
 
-    Of films with equally many nodes, which are the same nodes, perhaps moved, it is the identity.
+    For films with the same number of nodes, which are the same nodes and may have moved, the matrix
+    is the identity.
     """
     matrices = []
     for films in zip(source.equations.system.films, target.equations.system.films, strict=True):
@@ -324,9 +325,9 @@ class Replay(Run):
     Parameters
     ----------
     run
-        Its equations are solved; its state does not change.
+        Run whose equations are solved; its state does not change.
     trajectory
-        Of a run of the same mechanism, or of one that differs a little from it.
+        Trajectory of a run of the same mechanism, or of a slightly different one.
     tolerance
         On Newton's last update.
     start
@@ -456,7 +457,7 @@ class Replay(Run):
         Parameters
         ----------
         times
-            Of all rows, shape (k,) [s].
+            Times of all rows, shape (k,) [s].
         row, last_size
             Row at the end of the last step, and its length [s].
         """
@@ -532,7 +533,7 @@ class _Guess:
     run
         Follows the trajectory.
     trajectory
-        Of the steps.
+        Trajectory of the steps.
 
     Attributes
     ----------

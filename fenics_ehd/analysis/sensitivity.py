@@ -83,7 +83,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
     times, values
         At the steps, from the start of the run or the cycle, shape (steps,).
     period
-        Of a cycle whose last step is its start; None: it does not repeat.
+        Period of a cycle whose last step is its start [s]; None: the curve is not periodic.
     """
     if period is not None:
         # The end of a cycle is its start, too.
@@ -157,7 +157,7 @@ class Parameter:
     name
         For messages.
     scale
-        Its changes are shares of this number, in its unit.
+        Number, in the unit of the parameter, that changes are shares of.
     make
         Returns the mechanism with the parameter changed by a share of its scale, and the time to
         simulate, or the period, over that of the unchanged mechanism.
@@ -244,7 +244,7 @@ def _repeated(
     Parameters
     ----------
     trajectory, mechanism
-        Of the run; to take the steps.
+        Trajectory of the run, and mechanism that repeats its steps.
     span
         Time to simulate, or period, over that of the run.
     same_coordinates
@@ -281,7 +281,8 @@ def sensitivity(
     Parameters
     ----------
     history
-        Of the run, or of its periodic solution, whose period does not depend on the parameters.
+        History of the run, or of its periodic solution, whose period must not depend on the
+        parameters.
     make
         Returns the mechanism with the same coordinates for parameters by name.
     parameters
@@ -292,7 +293,7 @@ def sensitivity(
     Returns
     -------
     dict
-        By objective, then by parameter.
+        Derivatives by objective, then by parameter.
 
     Raises
     ------
@@ -341,7 +342,7 @@ def check_periods(
     Parameters
     ----------
     mechanism, period
-        Of the run [s]; None: it is not periodic.
+        Mechanism and period of the run [s]; None: the run is not periodic.
     parameters
         To differentiate along.
 
@@ -376,9 +377,9 @@ def objective_of(name: str, paths: Collection[str]) -> Objective:
     Parameters
     ----------
     name
-        Of the objective.
+        Name of the objective.
     paths
-        Of the columns of a run: ``joints/big_end/min_film_thickness_m``.
+        Paths of the columns of a run: ``joints/big_end/min_film_thickness_m``.
 
     Raises
     ------

@@ -185,7 +185,7 @@ class ChangedSystem:
     former
         The factorised system.
     changes
-        Of every film, the nodes that filled and those that emptied.
+        Nodes that filled and nodes that emptied, for every film.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What a film stores in the state of the time integration: nothing, or its oil content.
+"""Values that a film stores in the state of the time integration: none, or its oil content.
 
 The state x of the integration consists of the coordinates z, the amplitudes y of the residual
 patterns, and the values that every film stores (`FilmContent`). The integrator differentiates them
@@ -50,7 +50,7 @@ class FilmContent:
     size
         Number of values.
     indices
-        Their indices in the state.
+        Indices of the values in the state.
     """
 
     def __init__(self, first: int, size: int = 0):

@@ -334,9 +334,9 @@ class MassConservingFilm(FilmModel[OilPoint]):
     Attributes
     ----------
     balance
-        Its oil balance.
+        Oil balance of the film.
     content
-        Its oil content.
+        Oil content of the film.
     """
 
     conserves_oil = True

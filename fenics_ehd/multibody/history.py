@@ -461,8 +461,8 @@ class History:
     def angle_of(self, body: str) -> np.ndarray | None:
         """Angle of a body at the steps [degrees], continuous; None of a body without one.
 
-        That of the run's reference angle, `run.crank_angle`, if the body turns with it; another
-        one begins in 0 to 360 degrees.
+        It is the run's reference angle, `run.crank_angle`, if the body turns with it; the angle of
+        any other body begins in 0 to 360 degrees.
         """
         radians = self.values.get(f"bodies/{body}/angle")
         if radians is None:
@@ -533,7 +533,7 @@ class History:
         path, packing
             The file, and how h5py packs a dataset.
         state
-            Of a run that can go on, see `put_tree`.
+            State of a run that can be resumed, see `put_tree`.
 
         Raises
         ------
@@ -624,7 +624,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
     Parameters
     ----------
     directory
-        Of the run.
+        Folder of the run.
     films
         Whether to read pressures and gaps at all nodes, most of the file.
 

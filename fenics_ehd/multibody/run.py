@@ -176,11 +176,11 @@ def touching_film(name: str, share: float, clearance: float) -> tuple[float, str
     Parameters
     ----------
     name
-        Of the joint.
+        Name of the joint.
     share
         `smallest_film` of the joint, relative to the clearance.
     clearance
-        Of the joint [m].
+        Radial clearance of the joint [m].
     """
     thickness = share * clearance
     if share <= MEANT and thickness > TOUCHING:

@@ -43,7 +43,7 @@ from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import Instant, Motion, System, consecutive
 from fenics_ehd.multibody.static_correction import BoreResponses
 
-#: Of every film: change of the gap at the Gauss points and its rate [m], [m/s].
+#: Change of the gap at the Gauss points of every film [m], and its rate [m/s].
 GapChanges = Sequence[tuple[np.ndarray, np.ndarray]]
 
 
@@ -383,7 +383,7 @@ class StepEquations:
         Returns
         -------
         changes
-            Of the gap at every film's Gauss points [m].
+            Changes of the gap at the Gauss points of every film [m].
         residuals
             Changes of every film's equations by the patterns that the derivatives do not retain;
             None: all are retained.

@@ -67,9 +67,9 @@ def extremes_of(columns: Columns, period: float | None = None) -> dict[str, Extr
     Parameters
     ----------
     columns
-        Of all steps of a run, or of one cycle.
+        Columns of all steps of a run, or of one cycle.
     period
-        Of a search for a periodic solution [s]; None: there is none.
+        Period of a search for a periodic solution [s]; None without a search.
     """
     extremes: dict[str, Extremes] = {}
     clock = columns.get("run/cycle_time_s", columns.get("time_s"))

@@ -75,7 +75,7 @@ def energy_row(
     former
         Rows of the steps before, none at the first one; the last three count.
     time, powers
-        Of the step [s], see `step_powers`.
+        Time of the step [s], and powers, see `step_powers`.
     begins
         Whether the step is the first of a cycle, in which works begin at zero. Energy that a moved
         start of the cycle has added is no defect.
@@ -169,7 +169,7 @@ class BasisErrorEstimate(Stateful):
 
     At the start of a run, patterns without mass accelerate for microseconds, in which the
     neglected inertia could not have moved the bore. Patterns of little damping ring after that, and
-    their estimate means nothing. Estimates count from `start` on, when the ringing is over.
+    their estimate is meaningless. Estimates count from `start` on, when the ringing is over.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ class BasisErrorEstimate(Stateful):
         Outward bore displacement per acceleration of the residual amplitudes, shape (m, r); no
         rows if no inertia is neglected.
     inertia_time
-        Of the slowest of the patterns [s], see `slowest_pattern`.
+        Time constant of the slowest pattern [s], see `slowest_pattern`.
 
     Attributes
     ----------

@@ -28,13 +28,13 @@ def verdict(summary: RunSummary, limit: float = np.inf) -> str:
     Parameters
     ----------
     summary
-        Of a run that has ended, with its error budget if there is one.
+        Summary of a run that has ended, with its error budget if one was estimated.
     limit
         Largest relative error of a figure.
     """
     films = summary.recorder.system.films
     if films and len(resting_films(summary.recorder.system, summary.peaks)) == len(films):
-        return COMPLETE  # relative errors of rounding mean nothing
+        return COMPLETE  # relative errors of rounding are meaningless
     reason = exceeding_limit(summary.error_budget, limit)
     if not reason and reported_error(summary.error_budget, "film_mesh") is None:
         reason = _unresolved_film(summary)
