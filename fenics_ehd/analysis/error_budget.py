@@ -105,7 +105,7 @@ class ErrorCurves:
     Attributes
     ----------
     trajectory
-        Of the run.
+        Trajectory of the run.
     """
 
     trajectory: Trajectory
@@ -436,7 +436,7 @@ class ErrorBudget:
         Relative errors by name of joint, then by quantity, extreme and ``largest_over_cycle``: of
         every component and in total, or the reason why an error is missing.
     curves
-        Of the run.
+        Curves of the run.
     changes
         Errors over time (exact minus computed) by component, of those that are known over time.
     notes

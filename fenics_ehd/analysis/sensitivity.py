@@ -81,7 +81,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
     Parameters
     ----------
     times, values
-        At the steps, from the start of the run or the cycle, shape (steps,).
+        Times of the steps from the start of the run or the cycle [s], and values, shape (steps,).
     period
         Period of a cycle whose last step is its start [s]; None: the curve is not periodic.
     """
@@ -197,7 +197,7 @@ def derivatives(
     Parameters
     ----------
     trajectory
-        Of the run.
+        Trajectory of the run.
     parameter, objectives
         To differentiate along, and to differentiate.
     share

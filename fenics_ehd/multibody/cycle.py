@@ -125,7 +125,7 @@ class Cycle:
         times, angles
             Time [s] and reference angle [degrees] of every step, shape (steps,).
         recurrence
-            Of the loads.
+            Angle and time after which the loads recur.
         """
         end = float(times[-1])
         turned = np.abs(angles[-1] - angles)
@@ -155,9 +155,9 @@ class Cycle:
         Parameters
         ----------
         columns
-            By path with unit, each of shape (steps,); of a search of its last two cycles at least.
+            Columns by path with unit, shape (steps,) each; of a search its last two cycles or more.
         recurrence
-            Of the loads.
+            Angle and time after which the loads recur.
         """
         times = columns["time_s"]
         if "run/cycle" in columns:
@@ -203,7 +203,7 @@ class Cycle:
         Parameters
         ----------
         times
-            Of the steps of a history since the start of the run, ascending, shape (steps,) [s].
+            Times of the steps of a history since the start of the run, ascending, (steps,) [s].
         """
         rounding = TIME_ROUNDING * self.period
         first = int(np.searchsorted(times, self.start + rounding, side="right"))

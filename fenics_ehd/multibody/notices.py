@@ -152,7 +152,7 @@ def turning_points(values: np.ndarray, least: float) -> list[float]:
     Parameters
     ----------
     values
-        Of the curve, shape (k,).
+        Values of the curve, shape (k,).
     least
         Smallest change between two extremes that counts.
     """
@@ -217,7 +217,7 @@ def unusual_peaks(name: str, pressures: np.ndarray, *, may_ring: bool) -> list[s
     Parameters
     ----------
     name
-        Of the joint.
+        Name of the joint.
     pressures
         Largest pressure at every step, shape (steps,) [Pa].
     may_ring

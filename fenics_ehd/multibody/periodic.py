@@ -307,7 +307,7 @@ class PeriodicSolver(Stateful):
     Parameters
     ----------
     run
-        At its start.
+        Run at its start.
     period
         Common period of all drives and forces [s].
     periodicity
@@ -389,7 +389,7 @@ class PeriodicSolver(Stateful):
         Parameters
         ----------
         run
-            At the end of a cycle, whose start the next cycle is compared with.
+            Run at the end of a cycle, which is compared with the end of the next cycle.
         period, periodicity
             As for `PeriodicSolver`.
         most

@@ -163,7 +163,7 @@ class Recorder(Stateful):
     Parameters
     ----------
     run
-        At its start.
+        Run at its start.
     end
         Time at which a run once through stops [s].
     cycles

@@ -267,7 +267,7 @@ def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.
     system
         The mechanism.
     pressures
-        At the nodes of every film [Pa].
+        Pressures at the nodes of every film [Pa].
     """
     loads: dict[str, np.ndarray] = {}
     for binding, pressure in zip(system.films, pressures, strict=True):

@@ -74,14 +74,14 @@ class Bearing:
     replay, binding
         Replay of the run, and binding of the joint's film.
     bodies
-        As drawn.
+        Bodies as drawn.
     scale
         Enlargement of clearances and displacements [-].
 
     Attributes
     ----------
     body, journal_body
-        As drawn.
+        Drawn bodies with the bore and with the journal.
     elastic
         Whether the bore is drawn as part of a flexible body.
     radius, clearance
