@@ -57,6 +57,8 @@ OIL = ("min_film_thickness", "max_pressure", "mean_side_flow", "mean_oil_content
 
 #: Scene, changes, figures, numbers, and elasticities by number and figure. The place of the rod's
 #: mass hardly matters to the peak: runs in steps of their own do not tell that derivative's sign.
+#: Peaks of the rotors lie between the nodes of coarse films: central differences of whole runs,
+#: parameters 1 % lower and higher, step tolerance 3e-4.
 MODELS = {
     "slider-crank": (
         "slider-crank",
@@ -105,14 +107,14 @@ MODELS = {
         TWO_BEARINGS,
         ("left.min_film_thickness", "right.max_pressure"),
         ("left.clearance", "unbalance.amplitude"),
-        ((-0.43319, 0.08558), (-0.37497, 0.21186)),
+        ((-0.43319, 0.15745), (-0.37497, 0.28076)),
     ),
     "rotor whose films still change by 5 %": (
         "rotor-two-bearings",
         TWO_BEARINGS | {"time.periodicity": 0.05},
         ("left.min_film_thickness", "right.max_pressure"),
         ("left.clearance",),
-        ((-0.43472, 0.08567),),
+        ((-0.43472, 0.15745),),
     ),
     "engine of three films": (
         "engine",
