@@ -158,7 +158,7 @@ class ProcessPool(Executor):
 
     def submit(self, function: Callable[..., R], /, *arguments: Any, **keywords: Any) -> Future[R]:
         """Call a function in the next process that is free."""
-        future = self._threads.submit(partial(self._call, function, *arguments, **keywords))
+        future = self._threads.submit(self._call, function, *arguments, **keywords)
         self._futures.append(future)
         return future
 

@@ -206,8 +206,7 @@ def run_case(task: CaseTask) -> CaseResult:
             summary = _summary(task, directory)
             outcome = Outcome(str(summary["status"]), summary)
         except Exception as error:
-            outcome = failed(error)
-            outcome = Outcome(outcome.status.replace(f"{directory}/", ""), outcome.figures)
+            outcome = Outcome(failed(error).status.replace(f"{directory}/", ""))
         return CaseResult(outcome, _files(directory) if task.keep else {})
 
 
