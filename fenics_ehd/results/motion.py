@@ -14,7 +14,7 @@ from fenics_ehd.multibody.history import FIELDS_NAME, History
 from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.trust import bore_loads
+from fenics_ehd.multibody.trust import surface_loads
 from fenics_ehd.reduction.body import ReducedBody
 
 
@@ -229,4 +229,5 @@ class RecordedMotion:
         none = np.zeros(self.part(body).load_projection.shape[1])
         films = [self.motion.pressures[binding.name] for binding in self.system.films]
         steps = ([pressures[i] for pressures in films] for i in range(len(self.time)))
-        return np.array([bore_loads(self.system, step).get(body, none) for step in steps])
+        each = zip(steps, self.motion.coordinates, strict=True)
+        return np.array([surface_loads(self.system, *step).get(body, none) for step in each])
