@@ -35,7 +35,12 @@ from fenics_ehd.multibody.surface import (
     SurfaceRows,
     observed_positions,
 )
-from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody, ResidualFlexibility
+from fenics_ehd.reduction.body import (
+    TRANSLATIONS,
+    ReducedBody,
+    ResidualFlexibility,
+    bore_fields,
+)
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
 from fenics_ehd.reduction.mesh_error import smooth_part
 
@@ -212,6 +217,8 @@ class ElasticBore(Surface):
     ----------
     body, point, damping_time
         As given.
+    centre
+        Centre of the undeformed bore in the frame of the part, shape (3,) [m].
     part
         Reduced body with this bore alone.
     maps
@@ -225,6 +232,7 @@ class ElasticBore(Surface):
         self.body = body
         self.point = point
         self.part = body.at_bore(point)
+        self.centre = self.part.bore.centre
         self.damping_time = damping_time
         self.maps = BoreFilm(self.part, side.film, side.transfer)
 
@@ -312,6 +320,24 @@ class ElasticBore(Surface):
         surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
         to_observed = interpolation_matrix(surface, *observed_positions(self.side.film))
         return MissingFlexibility(error, to_observed, self.damping_time)
+
+    def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+        """Displacement of the bore by elastic coordinates and amplitudes, see `Surface`."""
+        bore = self.part.bore
+        surface = bore_surface(bore.coordinates, bore.cells, bore.family)
+        fields = bore_fields(self.part)
+        moved = interpolation_matrix(surface, angle, height) @ fields.reshape(len(fields), -1)
+        return moved.reshape(len(angle), 3, -1)
+
+    def nodal_forces(
+        self, pressure: np.ndarray, contact: np.ndarray | float, angles: np.ndarray
+    ) -> np.ndarray:
+        """Forces on the nodes of the bore by the film's integrals, see `Surface`."""
+        forces = self.side.film.pressure_areas @ pressure
+        if self.maps.solid is not None:
+            forces *= self.maps.solid.reshape(-1, 1)
+        forces += contact
+        return (self.maps.normal.T @ forces).T.reshape(len(angles), -1, 3)
 
     def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray:
         """Pressures at the pressure nodes of all bores of the part, see `Surface`."""

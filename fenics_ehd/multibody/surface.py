@@ -238,6 +238,10 @@ class Surface:
     #: Whether pressures reach the body by a mortar, which does not transfer forces at Gauss points.
     mortar = False
 
+    #: Centre of the undeformed surface on the mesh of the body, shape (3,) [m]; None: there is no
+    #: mesh.
+    centre: np.ndarray | None = None
+
     def __init__(self, side: Side, modes: int = 0):
         self.side = side
         self.modes = modes
@@ -326,6 +330,44 @@ class Surface:
         numpy.ndarray or None
             Pressures at the pressure nodes of all surfaces of the body, 0 at those of other films,
             shape (k,) [Pa]; None: the body has no such nodes.
+        """
+        return None
+
+    def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray | None:
+        """Displacement of the surface by elastic coordinates and residual amplitudes, for pictures.
+
+        Parameters
+        ----------
+        angle, height
+            Positions in the frame of the body [rad], [m], shape (p,).
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Components x, y, z for unit coordinates, then for unit amplitudes, shape (p, 3, n + r);
+            None: the surface is rigid, or the displacement is not known.
+        """
+        return None
+
+    def nodal_forces(
+        self, pressure: np.ndarray, contact: np.ndarray | float, angles: np.ndarray
+    ) -> np.ndarray | None:
+        """Forces of a film on the nodes of the surface at t instants, for stresses.
+
+        Parameters
+        ----------
+        pressure
+            Pressures at the film's nodes, shape (nodes, t) [Pa].
+        contact
+            Forces of contact at the Gauss points, shape (g, t) [N]; 0 between smooth surfaces.
+        angles
+            Angles of the surface relative to the bore, shape (t,) [rad].
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Components x, y, z in the frame of the body, shape (t, m, 3) [N]; None: there are no
+            nodes.
         """
         return None
 
