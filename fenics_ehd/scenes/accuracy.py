@@ -385,7 +385,9 @@ def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -
     free = set(choosable(scene)) - set(search.kept)
     refinements: dict[str, tuple[float, str, FilmBinding]] = {}
     for (joint, _), parts in errors.items():
-        keys = {component: free.intersection(_settings(component, films[joint])) for component in parts}
+        keys = {
+            component: free.intersection(_settings(component, films[joint])) for component in parts
+        }
         reducible = {component: parts[component] for component in parts if keys[component]}
         fixed = sum(parts.values()) - sum(reducible.values())
         total = max(AIM * search.asked - fixed, LITTLE * fixed)
@@ -444,7 +446,7 @@ def _value(
     component: str,
     film: FilmBinding,
 ) -> Any:
-    """Value of the setting of a key that reduces a component to a share of itself, within limits."""
+    """Value of a setting that reduces a component to a share of itself, within limits."""
     if component == "step_size":
         order = recorded.run.control.order
         tolerance = scene.time.tolerance
