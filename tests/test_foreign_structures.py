@@ -159,7 +159,7 @@ def test_other_petsc_formats_become_aij(arguments):
     assert as_matrix(blocked, MPI.COMM_SELF).getType() == "seqaij"
     assert blocked.getType() == "seqbaij"
     shell = PETSc.Mat().createPython(matrix.size, comm=PETSc.COMM_SELF)
-    with pytest.raises(ehd.errors.StructureError, match="mass: a PETSc matrix of type python"):
+    with pytest.raises(ehd.errors.StructureError, match="a matrix of type python to AIJ"):
         as_matrix(shell, MPI.COMM_SELF, "mass")
 
 
@@ -222,9 +222,9 @@ BAD = {
     "type": ({"stiffness": np.eye(3)}, "stiffness is a ndarray: give a PETSc matrix"),
     "rows": ({"stiffness": sparse.eye(10)}, "stiffness has 10 rows, not 3 for every node"),
     "mass": ({"mass": sparse.eye(30)}, "mass has 30 rows, but the stiffness matrix has 216"),
-    "complex": ({"mass": 1j * sparse.eye(216)}, "mass is complex"),
+    "complex": ({"mass": 1j * sparse.eye(216)}, "mass has complex numbers"),
     "coordinates": ({"coordinates": np.zeros((50, 3))}, r"coordinates have shape \(50, 3\)"),
-    "flat": ({"coordinates": np.zeros(216)}, r"coordinates have shape \(216,\).*one of 72 nodes"),
+    "flat": ({"coordinates": np.zeros(216)}, r"coordinates have shape \(216,\).*has 72 nodes"),
     "file": ({"mass": "mass.xyz"}, r"mass, file mass.xyz: its name ends in none of \.mtx"),
     "node": ({"attachments": {"pin": [3, 72]}}, "'pin': node 72 is not one of 0 to 71"),
     "negative": ({"attachments": {"pin": [-1]}}, "'pin': node -1 is not one of 0 to 71"),
@@ -236,7 +236,7 @@ BAD = {
         r"weights have shape \(1,\), but there are 2 nodes",
     ),
     "sum": ({"attachments": {"pin": ([1, 2], [1, -1])}}, "'pin': the sum of the weights is 0"),
-    "infinite": ({"attachments": {"pin": ([1], [np.inf])}}, "'pin': the weights sum to inf"),
+    "infinite": ({"attachments": {"pin": ([1], [np.inf])}}, "'pin': the sum of the weights is inf"),
     "columns": ({"attachments": {"pin": sparse.eye(216, 2)}}, "'pin' has 2 columns, not 3"),
 }
 

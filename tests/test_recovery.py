@@ -205,7 +205,7 @@ def test_equivalent_stress_is_that_of_the_deviator(stress):
 def test_what_does_not_fit_is_refused(basis_file, rod_structure, columns, tmp_path):
     with (
         BasisFile(basis_file) as basis,
-        pytest.raises(ehd.errors.SettingsError, match=r"shape \(39,\) for the 40 modes"),
+        pytest.raises(ehd.errors.SettingsError, match=r"shape \(39,\), but the basis has 40 modes"),
     ):
         basis.displacement(np.zeros(39))
     for wrong in (columns[:-3], columns[:, 0]):
