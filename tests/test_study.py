@@ -285,7 +285,7 @@ def test_folder_of_another_scene_or_process_is_refused(studied, tmp_path):
         StudyFolder(directory, make_study("rotor-paper", quick=True))
     claim(tmp_path, ["study.json"])
     (tmp_path / "study.json").write_text("[]")
-    with pytest.raises(ehd.errors.InputError, match="scene = None there"):
+    with pytest.raises(ehd.errors.InputError, match="scene is None in the folder"):
         StudyFolder(tmp_path, study)
     with StudyFolder(directory, study), pytest.raises(ehd.errors.InUseError):
         StudyFolder(directory, study)
