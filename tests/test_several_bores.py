@@ -178,7 +178,7 @@ def test_the_bore_of_several_must_be_named(structure, bodies):
 
 
 def test_snapshots_of_a_run_are_those_of_one_bore(structure):
-    with pytest.raises(ehd.errors.SettingsError, match="those of one bore, the part has bore, pin"):
+    with pytest.raises(ehd.errors.SettingsError, match="one bore, but the part has the bores bore"):
         reduce_structure(structure, ReductionSettings(method="m3", snapshots="run"))
 
 
