@@ -101,7 +101,7 @@ def test_a_run_meets_its_accuracy_and_says_how(tight_run, capsys):
     assert found["estimate"] == max(budget[quantity]["total"] for quantity in QUANTITIES)
     assert found["pilot_processor_time_s"] > 0.0
     lines = "\n".join(accuracy_lines(summary))
-    assert "accuracy, 0.5 % asked" in lines
+    assert "accuracy, 0.5 % requested" in lines
     assert "largest by step size" in lines
 
 
