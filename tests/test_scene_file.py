@@ -487,7 +487,9 @@ def test_both_bores_of_the_rod_are_elastic():
     coarse = {f"bodies.rod.geometry.{key}": number for key, number in geometry.items()}
     built = made(BOTH_ENDS, coarse)
     films = {place.name: place for place in System(built.mechanism).films}
-    assert {place.bore for place in films.values()} == {"bore", "pin"}
+    bores = [place.surfaces[0] for place in films.values()]
+    assert all(bore.surface.elastic for bore in bores)
+    assert {bore.point for bore in bores} == {"bore", "pin"}
     cells = [len(films[n].film.film.parameters.grid.cell_nodes) for n in ("big_end", "small_end")]
     assert cells == [10, 8]
     assert built.bodies["rod"].residual.rank > 100
@@ -499,8 +501,8 @@ def test_a_bore_that_is_not_listed_is_rigid(reduced_at_once):
         made(BOTH_ENDS, alone)
     size = {"joints.small_end.radius": 0.012, "joints.small_end.width": 0.022}
     built = made(BOTH_ENDS, alone | size, "rigid")
-    bores = {place.name: place.bore for place in System(built.mechanism).films}
-    assert bores == {"big_end": "bore", "small_end": ""}
+    elastic = {place.name: place.film.elastic for place in System(built.mechanism).films}
+    assert elastic == {"big_end": True, "small_end": False}
 
 
 @pytest.mark.parametrize(
