@@ -79,7 +79,7 @@ VALUES = [
     (lambda: parameters(clearance=NAN), "clearance = nan must be a finite number"),
     (lambda: ehd.Film(parameters(), tolerance=NAN), "tolerance = nan must be a finite number"),
     (lambda: ehd.Shape(barrel=1e-6, half_width=NAN), "half_width = nan must be a finite number"),
-    (lambda: ehd.ShapeTable([0, 1, 2, 3], [0], [[1], [2]]), r"deviations of shape \(2, 1\) for 4"),
+    (lambda: ehd.ShapeTable([0, 1, 2, 3], [0], [[1], [2]]), r"shape \(2, 1\), not \(4, 1\)"),
     (lambda: ehd.ShaftMotion((NAN, 0), 1.0), "eccentricity = .* must be two finite numbers"),
     (lambda: ehd.Lubricant(0.01, temperature=NAN), "temperature = nan must be a finite number"),
     (lambda: ehd.AxialGroove(NAN, 0.1), "angle of a groove = nan must be a finite number"),
