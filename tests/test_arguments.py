@@ -189,7 +189,7 @@ def test_totals_that_a_part_hardly_has_are_notices():
     assert unusual_totals({"rod": part(), "other": like, "ground": ehd.ground()}) == []
     far, heavy = unusual_totals({"rod": part(centre=(5.0, 0.0), inertia=1e9)})
     assert far.startswith("bodies.rod.centre = [5.0, 0.0] m is 4.93 m from the centre of mass of")
-    assert "is a radius of gyration of 3.21e+04 m, the part has 0.0641 m" in heavy
+    assert "radius of gyration of 3.21e+04 m, that of the part is 0.0641 m" in heavy
     crank = ehd.RigidBody(1.0, 1e-3, {"pin": (0.048, 0.0)})
     assert unusual_totals({"crank": crank}) == []
     off = ehd.RigidBody(1.0, 1e3, {"pin": (0.048, 0.0)}, (5.0, 0.0))

@@ -180,7 +180,7 @@ class Supply:
         usual=(1e3, 1e9),
         example="3e5 for 3 bar",
     )
-    table: str = text(NONE, "in its place: CSV file time_s,pressure_Pa, or none")
+    table: str = text(NONE, "in place of pressure: CSV file time_s,pressure_Pa, or none")
     resistance: float = number(
         0.0,
         "of the passage to the region, pressure over flow [Pa s/m3], 0: none",
