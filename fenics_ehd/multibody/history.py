@@ -312,7 +312,7 @@ class History:
 
     @staticmethod
     def _owners(kind: str, paths: Iterable[str]) -> list[str]:
-        """Names of the joints or bodies, as `kind` says, that occur in paths."""
+        """Names of the joints or bodies, depending on `kind`, that occur in paths."""
         parts = [path.split("/") for path in paths]
         return list(dict.fromkeys(path[1] for path in parts if path[0] == kind))
 

@@ -206,9 +206,9 @@ def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
         Largest pressure by joint [Pa].
     """
     lines = [
-        f"{name}: the largest pressure is {1e-6 * peak:.6g} MPa, above {1e-6 * HIGHEST:g} MPa, the "
-        "strength of any lining and the limit of the models: check loads, units, sizes and whether "
-        "the bore is meant to be rigid"
+        f"{name}: the largest pressure is {1e-6 * peak:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa, "
+        "the strength of any lining and the limit of the models: check loads, units, sizes and "
+        "whether the bore is meant to be rigid"
         for name, peak in peaks.items()
         if peak > HIGHEST
     ]
