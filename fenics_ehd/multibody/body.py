@@ -323,6 +323,9 @@ class Body(ABC):
     def point_names(self) -> tuple[str, ...]:
         """Names of the body's points, except for the origin."""
 
+    #: Reduced part whose elastic motion the body has; None: it has none.
+    reduced: ReducedBody | None = None
+
     @abstractmethod
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
         """Marker of a point at given coordinates, shape (n,); an empty name is the origin."""
@@ -709,5 +712,5 @@ class FlexibleBody(PlanarBody):
         from fenics_ehd.multibody.elastic_bore import ElasticBore
 
         if side.sign == BORE and point in self.reduced.bores:
-            return ElasticBore(self.reduced.at_bore(point), side, self.damping_time)
+            return ElasticBore(self.reduced, point, side, self.damping_time)
         return Surface(side)

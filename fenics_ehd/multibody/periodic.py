@@ -47,7 +47,7 @@ def reference_angle(system: System) -> int | None:
         yield from (angles.get(name) for name in sorted(mechanism.drives))
         forces = (mechanism.forces[name] for name in sorted(mechanism.forces))
         yield from (angles.get(force.turned_body) for force in forces)
-        yield from (film.journal_angle for film in system.films)
+        yield from (journal.angle for _, journal in (film.surfaces for film in system.films))
         yield from angles.values()
 
     return next((index for index in candidates() if index is not None), None)
