@@ -230,7 +230,13 @@ OTHER_NUMPY = {
 }
 
 
-@pytest.mark.parametrize("text", OTHER_NUMPY)
+@pytest.mark.parametrize(
+    "text",
+    [
+        text if "import" in text else pytest.param(text, marks=pytest.mark.slow)
+        for text in OTHER_NUMPY
+    ],
+)
 def test_a_numpy_that_does_not_work_is_explained(text, tmp_path):
     place = tmp_path / "numpy" / "__init__.py"
     place.parent.mkdir()
@@ -277,7 +283,7 @@ def test_a_python_without_debians_packages_is_told_what_to_install(command, tmp_
     assert f"lacks Debian's packages {packages}: install them" in line
 
 
-@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", [pytest.param(">&-", marks=pytest.mark.slow), "<&- >&- 2>&-"])
 def test_streams_that_are_closed_take_no_file(closed, tmp_path):
     scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", START)
     options = ["--no-plots", "--no-error-budget", "-o", "out"]

@@ -140,6 +140,7 @@ def test_closed_surfaces_are_sewn_and_open_ones_refused(tmp_path):
         read_drawing(drawn(tmp_path / "open.step", bored_plate))
 
 
+@pytest.mark.slow
 def test_faces_of_one_plane_are_merged(tmp_path):
     file = drawn(tmp_path / "rod.step", rod(), unify=False)
     drawing = read_drawing(file)
@@ -268,6 +269,7 @@ def refusing(monkeypatch, count):
     return cells
 
 
+@pytest.mark.slow
 def test_cells_inside_out_make_them_finer(monkeypatch):
     ring = read_drawing(RING)
     # Each size is judged again after nodes were moved.
@@ -285,6 +287,7 @@ def test_cells_inside_out_make_them_finer(monkeypatch):
     assert len(cells) == 2 * len(TRIED_SIZES)
 
 
+@pytest.mark.slow
 def test_size_that_passed_is_printed(monkeypatch, tmp_path):
     def here(drawing, sizes):
         return drawing_module._mesh(drawing.path, drawing.shape, drawing.scale, sizes)

@@ -230,6 +230,7 @@ def test_mesh_with_an_oil_hole_yields_as_its_drawing(parts, tmp_path, figure):
     )
 
 
+@pytest.mark.slow
 def test_cells_cut_in_eight_are_the_same_solid(parts):
     for name in ("rod.inp", "turned.msh"):
         part = opened(parts / name, "mm")

@@ -102,6 +102,7 @@ def test_a_rank_with_another_command_ends_all_with_one_line(other, folder):
     assert not (folder / "x.h5").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", ["1", "2"])
 def test_an_own_model_is_meshed_in_a_process_that_is_no_rank(ranks, folder):
     (folder / "own.geo").write_text(ehd.model_path("conrod").read_text())
