@@ -395,7 +395,7 @@ OF_A_LINKAGE = [
     ({f"{JOURNAL}.radius": None}, "joints.rocker_end.radius is missing: that of a rigid bore"),
     ({f"{JOURNAL}.clearance": 2e-3}, "rocker_end.clearance = 0.002 m must be"),
     ({f"{JOURNAL}.clearance": 20e-9}, "at least 1e-05 and below 0.1 of the bore radius"),
-    ({f"{JOURNAL}.eccentricity": [0.8, 0.8]}, "lies on the bore or beyond"),
+    ({f"{JOURNAL}.eccentricity": [0.8, 0.8]}, "would touch or penetrate the bore"),
     ({f"{JOURNAL}.grooves": [[90, 1e9, 3e5]]}, "joints.rocker_end.grooves: .*degrees wide"),
     ({f"{JOURNAL}.grooves": [[90, 1e-3, 3e5]]}, "rocker_end.grooves: .*cannot resolve groove"),
     # times
