@@ -25,7 +25,6 @@ from typing import Any
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.bearing_gap import minimum_film
 from fenics_ehd.analysis.bearing_mechanism import (
     NO_PRESSURE,
     MeshedBearing,
@@ -48,10 +47,10 @@ from fenics_ehd.base.errors import (
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import MOST_WITHIN_A_CELL, Film, FilmState, steepest_thickening
 from fenics_ehd.film.forces import FlowBalance
-from fenics_ehd.film.heat import Heat, TemperatureSearch, require_graded, run_away
+from fenics_ehd.film.heat import TemperatureSearch, require_graded
 from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.multibody.lubricated_joint import QUARTER
-from fenics_ehd.multibody.quantities import film_power
+from fenics_ehd.multibody.quantities import film_power, min_film_thickness
 
 #: Most meshes of one search.
 MOST_MESHES = 60
@@ -70,9 +69,6 @@ STRAIGHT = 1e-6
 
 #: Additional cells around of the other three meshes of the coefficients.
 EXTRA_CELLS = (2, 4, 6)
-
-#: Tolerance of the effective temperature [K].
-TEMPERATURE_TOLERANCE = 1e-6
 
 #: Least change of ln(viscosity) between two operating points from which the exponent of power over
 #: flow is computed: nothing but the temperature changes between them.
@@ -136,7 +132,7 @@ def _at_load(settings: BearingSettings, load: float) -> OperatingPoint:
                 ) from error
             aim = float(np.sqrt(aim * reached))
             continue
-        film = minimum_film(settings, point.position)
+        film = min_film_thickness(point.joint)
         if not settings.roughness and film < THINNEST_FILM * settings.clearance:
             raise SettingsError(
                 f"load = {load:g} N is too high: a film of {film / settings.clearance:.3g} "
@@ -251,42 +247,37 @@ def _with_balanced_heat(
     HeatError
         There is no such temperature.
     """
-    supply = settings.supply_temperature
+    heat = settings.heat
+    supply = heat.supply_temperature
     require_graded(
         settings.graded, key=f"supply_temperature = {supply:g} C", lubricant="the bearing"
     )
-    heat = Heat(
-        supply_temperature=supply,
-        conducted_share=settings.conducted,
-        outlet_weight=settings.mixing,
-        tolerance=TEMPERATURE_TOLERANCE,
-    )
     oil = make_lubricant(attrs.evolve(settings, temperature=supply), 0.0).oil
     assert oil is not None
-    search = TemperatureSearch(heat, oil, telling=LEAST_CHANGE)
+    search = TemperatureSearch(heat, oil, "bearing", least_change=LEAST_CHANGE)
     for _ in range(MOST_POINTS):
         temperature = search.temperature
         try:
             point = solve(attrs.evolve(settings, temperature=temperature))
         except EhdError as error:
-            if search.without_balance:
-                raise run_away("bearing", search, error) from error
-            if temperature > supply:
-                raise type(error)(
+            cause: EhdError | None = search.cause_of(error)
+            if cause is None and temperature > supply:
+                cause = type(error)(
                     f"at {temperature:.4g} C, the oil's effective temperature by its balance: "
                     f"{error}"
-                ) from error
-            raise
+                )
+            if cause is None:
+                raise
+            raise cause from error
         power = point.joint.dissipated
         flow = point.joint.flows.leaving
-        if abs(search.defect(power, flow)) <= TEMPERATURE_TOLERANCE:
+        if search.settled(power, flow):
             outlet = heat.outlet(oil, temperature, power, flow)
             return BearingHeat(temperature, outlet, flow), point
-        if not search.move(power, flow):
-            raise run_away("bearing", search)
+        search.move(power, flow)
     raise HeatError(
         f"supply_temperature = {supply:g} C: the effective temperature, "
-        f"{search.temperature:.6g} C, is not within {TEMPERATURE_TOLERANCE:g} K of its balance "
+        f"{search.temperature:.6g} C, is not within {heat.tolerance:g} K of its balance "
         f"after {MOST_POINTS} operating points"
     )
 
@@ -570,7 +561,7 @@ def _result(
         attitude=direction_of(position) if load and position.any() else None,
         max_pressure=pressure,
         max_pressure_angle=pressure_angle,
-        min_film_thickness=minimum_film(settings, position),
+        min_film_thickness=min_film_thickness(joint),
         eccentricity_ratio=float(np.hypot(*position)) / settings.clearance,
         sommerfeld_number=unit / load if load else None,
         # 0.0 + x: zero without a minus sign.
@@ -599,14 +590,14 @@ def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
     return ContactFigures(force, share, joint.touch.pressure.max(), joint.rubbed)
 
 
-def _peak(found: OperatingPoint) -> tuple[float, float | None]:
-    """Peak pressure between the nodes, and its angle from the maximum film."""
-    film = found.bearing.film
-    nodal = found.state.pressure
-    if not float(nodal.max()) > NO_PRESSURE * film.parameters.pressure_scale:
+def _peak(point: OperatingPoint) -> tuple[float, float | None]:
+    """Peak pressure between the nodes [Pa], and its angle from the maximum film [rad]."""
+    joint = point.joint
+    scale = point.bearing.film.parameters.pressure_scale
+    if not float(joint.pressure.max()) > NO_PRESSURE * scale:
         return 0.0, None
-    (highest,), (angle,), _ = film.parameters.grid.rows.largest(nodal[None])
-    if not found.position.any():
+    (highest,), (angle,), _ = joint.rows.largest(joint.pressure[None])
+    if not point.position.any():
         return float(highest), None
-    centre = direction_of(found.position) - found.bearing.angle
+    centre = direction_of(point.position) - point.bearing.angle
     return float(highest), float(np.mod(angle - centre - np.pi, 2 * np.pi))

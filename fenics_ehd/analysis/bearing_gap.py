@@ -11,8 +11,7 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.kinematics import Shape
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
 
-#: Angles and heights at which the gap is sampled. A parabola in either direction gives the minimum
-#: between them, with an error of 1e-5 if it lies askew.
+#: Angles and heights at which the gap is sampled before the film has a mesh.
 ANGLES = 720
 HEIGHTS = 41
 AROUND = np.linspace(0.0, 2 * np.pi, ANGLES, endpoint=False)
@@ -44,8 +43,8 @@ def gaps(settings: BearingSettings, position: np.ndarray) -> np.ndarray:
     return round_gap[:, None] + shape.radial(AROUND[:, None], height)
 
 
-def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
-    """Minimum film thickness for an eccentricity, shape (2,), from the load line [m].
+def open_gaps(settings: BearingSettings, position: np.ndarray) -> np.ndarray:
+    """Film thickness for an eccentricity, see `gaps`, of a journal that does not touch the bore.
 
     Raises
     ------
@@ -53,10 +52,7 @@ def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
         The thickness is not positive; rough surfaces may overlap, up to a limit.
     """
     film = gaps(settings, position)
-    i, k = np.unravel_index(int(np.argmin(film)), film.shape)
-    around = film[np.arange(i - 1, i + 2) % ANGLES, k]
-    along = film[i, k - 1 : k + 2] if 0 < k < HEIGHTS - 1 else film[i, [k, k, k]]
-    thinnest = float(film[i, k]) - _vertex_depth(around) - _vertex_depth(along)
+    thinnest = float(film.min())
     least = DEEPEST_CONTACT * settings.roughness
     if not thinnest > least:
         also = ", or the deviations of the bore" if settings.bore_shape is not None else ""
@@ -65,11 +61,4 @@ def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
             f"{f'above {least * 1e6:.3g} um' if least else 'positive'}: "
             f"lower the eccentricity or the tilt{also}"
         )
-    return thinnest
-
-
-def _vertex_depth(values: np.ndarray) -> float:
-    """Depth of the parabola through three values below the middle one, which is the least."""
-    curvature = values[0] - 2 * values[1] + values[2]
-    slope = 0.5 * (values[2] - values[0])
-    return float(0.5 * slope**2 / curvature) if curvature > 0 else 0.0
+    return film

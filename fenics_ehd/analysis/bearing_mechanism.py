@@ -14,7 +14,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.bearing_gap import AROUND, gaps, minimum_film, shape_of
+from fenics_ehd.analysis.bearing_gap import AROUND, gaps, open_gaps, shape_of
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.analysis.equilibrium import Equilibrium, balanced
 from fenics_ehd.base.plane import rotation
@@ -79,11 +79,10 @@ class MeshedBearing:
     """
 
     def __init__(self, settings: BearingSettings, position: np.ndarray):
-        minimum_film(settings, position)
         self.settings = settings
         self.angle = 0.0 if settings.bore_shape is not None else direction_of(position)
         self._surfaces = RoughSurfaces.of(settings, settings.contact_modulus)
-        self._made_for = self._profile(position)
+        self._made_for = self._profile(open_gaps(settings, position))
         self.film = self._film()
 
     def _film(self) -> Film:
@@ -108,9 +107,9 @@ class MeshedBearing:
         cells = s.cells_around, s.cells_along
         return gap_graded_grid(s.radius, s.width, cells, s.element, self._thickness, edges)
 
-    def _profile(self, position: np.ndarray) -> np.ndarray:
+    def _profile(self, film: np.ndarray) -> np.ndarray:
         """Thickness that the mesh follows, by angle: the smallest, or the length of rough ones."""
-        thickness = gaps(self.settings, position).min(axis=1)
+        thickness = film.min(axis=1)
         return thickness if self._surfaces is None else self._surfaces.length(thickness)
 
     def _thickness(self, angle: np.ndarray) -> np.ndarray:
@@ -123,7 +122,7 @@ class MeshedBearing:
             off = direction_of(rotation(-self.angle) @ position)
             if abs(off) > (ALIGNED_WITH_LINE if self.settings.line_at_max_film else ALIGNED):
                 return False
-        factor = self._profile(position) / self._made_for
+        factor = self._profile(gaps(self.settings, position)) / self._made_for
         return bool(np.all((factor < LARGEST_FACTOR) & (factor > 1 / LARGEST_FACTOR)))
 
     def meshed_for(self, position: np.ndarray) -> MeshedBearing:

@@ -40,11 +40,15 @@ from fenics_ehd.base.shared_settings import (
 )
 
 if TYPE_CHECKING:
+    from fenics_ehd.film.heat import Heat
     from fenics_ehd.film.kinematics import Shape
     from fenics_ehd.film.supply import AxialGroove
 
 #: Viscosity of the paper's oil, the default [Pa s].
 VISCOSITY = 0.01
+
+#: Tolerance of the effective temperature [K].
+TEMPERATURE_TOLERANCE = 1e-6
 
 #: Largest number of cells of a mesh: such a mesh is solved in minutes.
 MOST_CELLS = 100_000
@@ -100,6 +104,18 @@ class BearingSettings(OilSettings, Roughness):
     def heated(self) -> bool:
         """True if the temperature of the oil follows from the balance of its heat."""
         return self.supply_temperature > NO_TEMPERATURE
+
+    @property
+    def heat(self) -> Heat:
+        """Balance of the heat; without a supply temperature there is none."""
+        from fenics_ehd.film.heat import Heat
+
+        return Heat(
+            supply_temperature=self.supply_temperature,
+            conducted_share=self.conducted,
+            outlet_weight=self.mixing,
+            tolerance=TEMPERATURE_TOLERANCE,
+        )
 
     @property
     def plain(self) -> bool:

@@ -42,7 +42,7 @@ EXPONENTS = (0.0, 2.0)
 
 #: Least change of ln(viscosity) from which n is computed: over a cycle the film still depends on
 #: the temperature before, so that power and flow are off by 0.1 % per K of the last change.
-TELLING = 0.05
+LEAST_CHANGE = 0.05
 
 #: Distance from the oil's limits [K].
 ROUNDING = 1e-9
@@ -136,7 +136,9 @@ class TemperatureSearch(Stateful):
     ----------
     heat, oil
         Settings of the heat, and oil of the film.
-    telling
+    name
+        Name of the film or key of its heat, for messages.
+    least_change
         Change of ln(viscosity) above which the exponent is computed from two temperatures.
 
     Attributes
@@ -161,10 +163,18 @@ class TemperatureSearch(Stateful):
         "last": Value("float", (2,), required=False),
     }
 
-    def __init__(self, heat: Heat, oil: TemperatureLaw, *, telling: float = TELLING):
+    def __init__(
+        self,
+        heat: Heat,
+        oil: TemperatureLaw,
+        name: str = "heat",
+        *,
+        least_change: float = LEAST_CHANGE,
+    ):
         self.heat = heat
         self.oil = oil
-        self._telling = telling
+        self._name = name
+        self._least_change = least_change
         oil.viscosity(heat.supply_temperature)  # refused here if it is out of range
         self.temperature = heat.supply_temperature
         self.without_balance = False
@@ -187,14 +197,17 @@ class TemperatureSearch(Stateful):
         """Temperature in balance less the current temperature [K]."""
         return self.heat.balanced(self.oil, self.temperature, power, flow) - self.temperature
 
-    def move(self, power: float, flow: float) -> bool:
+    def settled(self, power: float, flow: float) -> bool:
+        """True if the heat is balanced within its tolerance."""
+        return abs(self.defect(power, flow)) <= self.heat.tolerance
+
+    def move(self, power: float, flow: float) -> None:
         """Set the next temperature, from power [W] and flow [m3/s] at the current one.
 
-        Returns
-        -------
-        bool
-            False if the current temperature is the oil's highest and the balance requires a higher
-            one.
+        Raises
+        ------
+        HeatError
+            The current temperature is the oil's highest, and the balance requires a higher one.
         """
         heat = self.heat
         oil = self.oil
@@ -208,7 +221,7 @@ class TemperatureSearch(Stateful):
         if not rise > 0.0:
             self.temperature = supply
             self.last = None
-            return True
+            return
         viscosity = oil.viscosity(here)
         if rise < np.inf:
             self._learn(float(np.log(viscosity)), float(np.log(rise)))
@@ -219,14 +232,28 @@ class TemperatureSearch(Stateful):
 
         if excess(hottest) > 0.0:
             self.without_balance = True
+            if here >= hottest:
+                raise self._run_away(", the highest at which the viscosity of the oil is known")
             self.temperature = min(_thinner(oil, here, hottest), hottest)
-            return here < hottest
+            return
         self.temperature = _root(excess, supply, hottest)
-        return True
+
+    def cause_of(self, error: Exception) -> HeatError | None:
+        """Heat error that has caused the failure of a film; None if its heat can leave."""
+        return self._run_away(f" ({error})") if self.without_balance else None
+
+    def _run_away(self, last: str) -> HeatError:
+        """Error of a film without a balanced temperature; `last` is about the last temperature."""
+        return HeatError(
+            f"{self._name}: the heat cannot leave: {self.power:.3g} W with a flow of "
+            f"{1e6 * self.flow:.3g} cm3/s find no balance up to {self.temperature:.4g} C{last}: "
+            "raise the clearance, the supply or conducted_share, or lower supply_temperature or "
+            "the speed"
+        )
 
     def _learn(self, viscosity: float, rise: float) -> None:
         """Exponent from the logarithms of viscosity and of a quantity proportional to P / Q."""
-        if self.last is not None and abs(viscosity - self.last[0]) > self._telling:
+        if self.last is not None and abs(viscosity - self.last[0]) > self._least_change:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])
             self.exponent = float(np.clip(slope, *EXPONENTS))
         self.last = np.array([viscosity, rise])
@@ -244,24 +271,3 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     from scipy.optimize import brentq
 
     return float(brentq(function, low, high, xtol=1e-12))
-
-
-def run_away(name: str, search: TemperatureSearch, error: Exception | None = None) -> HeatError:
-    """Make the error of a film without a balanced temperature.
-
-    Parameters
-    ----------
-    name
-        Name of the film, to which its keys are appended.
-    search
-        Search after its last temperature.
-    error
-        Failure of the film at the last temperature; None: the oil has no higher temperature.
-    """
-    last = f" ({error})" if error else ", the highest at which the viscosity of the oil is known"
-    return HeatError(
-        f"{name}: the heat cannot leave: {search.power:.3g} W with a flow of "
-        f"{1e6 * search.flow:.3g} cm3/s find no balance up to {search.temperature:.4g} C{last}: "
-        "raise the clearance, the supply or conducted_share, or lower supply_temperature or the "
-        "speed"
-    )
