@@ -11,7 +11,7 @@ import pytest
 from command_line import exit_of
 
 import fenics_ehd as ehd
-import fenics_ehd.analysis.bearing
+import fenics_ehd.scenes.bearing
 from fenics_ehd.base.files import keeping_failed_film
 
 PROMISED = {
@@ -249,7 +249,7 @@ def test_failed_film_is_kept(call, tmp_path, monkeypatch):
         )
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(fenics_ehd.analysis.bearing, "solve_bearing", fail)
+    monkeypatch.setattr(fenics_ehd.scenes.bearing, "solve_bearing", fail)
     status, _, err = call("--eccentricity", 0.5)
     assert status == 1
     assert "no solution; the film is saved in failed_film.h5" in err

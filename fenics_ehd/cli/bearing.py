@@ -369,7 +369,7 @@ def bearing(
             "--temperature and --supply-temperature exclude each other: the effective one is "
             "given, or it follows"
         )
-    from fenics_ehd.analysis.bearing import solve_bearing
+    from fenics_ehd.scenes.bearing import solve_bearing
 
     if plot:
         from fenics_ehd.plotting.maps import plot_bearing

@@ -42,7 +42,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import attrs
 import numpy as np
@@ -279,6 +279,11 @@ class Shape(Deviations):
         return total
 
 
+def is_shape(value: Any) -> TypeGuard[Shape]:
+    """True of a `Shape` and of a user's object with its `radial`."""
+    return hasattr(value, "radial")
+
+
 def require_shape(name: str, value: Any) -> None:
     """Refuse a value that is neither a `Shape`, None, nor a user's object with `radial`.
 
@@ -287,7 +292,7 @@ def require_shape(name: str, value: Any) -> None:
     SettingsError
         The message contains the argument and its class.
     """
-    if not hasattr(value, "radial"):
+    if not is_shape(value):
         require_class(name, value, Shape, optional=True)
 
 

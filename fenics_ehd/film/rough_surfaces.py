@@ -118,6 +118,12 @@ def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
     )
 
 
+def length_scale(gap: np.ndarray, roughness: float) -> np.ndarray:
+    """``h_T / (dh_T / dh)`` of nominal gaps at a combined roughness, all in [m]; above 0."""
+    value, share = mean_gap(gap / roughness)
+    return roughness * value / np.maximum(share, np.finfo(float).tiny)
+
+
 def pressure_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
     """phi_p, as published."""
     c, r = PRESSURE
@@ -366,5 +372,4 @@ class RoughSurfaces(Roughness):
 
     def length(self, gap: np.ndarray) -> np.ndarray:
         """``h_T / (dh_T / dh)`` of nominal gaps [m]: above 0 however far they overlap."""
-        value, share = mean_gap(gap / self.roughness)
-        return self.roughness * value / np.maximum(share, np.finfo(float).tiny)
+        return length_scale(gap, self.roughness)
