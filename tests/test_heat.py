@@ -189,7 +189,7 @@ def by_bisection(settings, low, high, conducted=0.0, mixing=0.5, **given):
     ("given", "shares"),
     [
         ({"load": 3000.0}, {}),
-        ({"eccentricity": 0.6}, {"conducted": 0.3}),
+        pytest.param({"eccentricity": 0.6}, {"conducted": 0.3}, marks=pytest.mark.slow),
         pytest.param({"load": 20000.0}, {"mixing": 1.0}, marks=pytest.mark.slow),
     ],
 )

@@ -137,6 +137,7 @@ def test_a_step_that_fails_with_thick_oil_says_so():
         )
 
 
+@pytest.mark.slow
 def test_pressures_that_are_the_mesh_s_own_are_not_trusted():
     # 6 times the load of eccentricity 0.6 is beyond what the oil can bear; so coarse a mesh does.
     _, tracker = stages(OILS["Barus"], 6.0)

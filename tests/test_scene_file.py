@@ -6,7 +6,7 @@ from types import MappingProxyType
 import attrs
 import numpy as np
 import pytest
-from mechanism_cases import GOLDEN, deviation
+from mechanism_cases import GOLDEN, deviation, simulated_at_nodes
 from mpi4py import MPI
 from scene_cases import tables_of
 
@@ -127,7 +127,7 @@ GOLDEN_CURVES = [
 @pytest.mark.parametrize(("scene", "curve", "method", "steps", "largest"), GOLDEN_CURVES)
 def test_translated_scenes_give_the_golden_curves(scene, curve, method, steps, largest):
     built = made(scene, method=method)
-    result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
+    result = simulated_at_nodes(built.mechanism, built.end, **vars(built.steps))
     (joint,) = result.joints.values()
     found = deviation(curve, result.time, joint)
     assert max(found.values()) < largest, found
@@ -145,7 +145,7 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
         "forces.gas": gas | {"file": str(GOLDEN / "slider-crank-driven-gas.csv")},
     }
     built = made(SLIDER_CRANK, changes, "m4")
-    result = ehd.simulate(built.mechanism, built.end, **vars(built.steps))
+    result = simulated_at_nodes(built.mechanism, built.end, **vars(built.steps))
     found = deviation("slider-crank-driven", result.time, result.joints["big_end"])
     assert max(found.values()) < 0.004, found
     # The golden run looked for ruptures in the frame of the bore, which brakes a little more.
@@ -155,7 +155,7 @@ def test_a_torque_gas_and_friction_give_the_golden_curves():
 @pytest.mark.slow
 def test_the_translated_loaded_journal_gives_the_golden_orbit():
     built = made("loaded-journal")
-    result = ehd.simulate(built.mechanism, **built.options)
+    result = simulated_at_nodes(built.mechanism, **built.options)
     assert len(result.time) <= 1.05 * 258
     found = deviation("loaded-journal", result.time, result.joints["bearing"])
     # The gap leaves out terms of clearance over radius, 1e-3.
@@ -200,7 +200,7 @@ def test_a_part_may_come_from_a_file(rod_structure, tmp_path):
     assert built.seconds == 0.0
     both = {"bores": ["bore", "pin"]}
     for name, changes, method, message in (
-        (SLIDER_CRANK, {}, "m3", "method m3: scene case has no model to reduce"),
+        (SLIDER_CRANK, {}, "m3", "method m3: scene case has no part with a model"),
         (
             SLIDER_CRANK,
             {"bodies.rod": rod | {"points": ["pin"]}},
@@ -415,7 +415,7 @@ OF_A_LINKAGE = [
     # forces
     ({"forces.f": {"kind": "constant", "point": "crank", "force": [0, 0]}}, "one of them not 0"),
     ({"forces.f": GAS | {"angle_of": "x"}}, "forces.f.angle_of: there is no body 'x'"),
-    ({"forces.f": GAS | {"file": "gas"}}, "file = 'gas': neither a .csv file nor a shipped table"),
+    ({"forces.f": GAS | {"file": "gas"}}, "file = 'gas': give a .csv file or a shipped table"),
     ({"forces.f": GAS | {"file": "no.csv"}}, "forces.f.file no.csv: No such file"),
 ]
 

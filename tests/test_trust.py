@@ -231,7 +231,7 @@ def test_an_estimate_that_is_large_is_called_so(tmp_path):
         report(figures | {"joints": {"bearing": joint | {"basis_error_estimate_m": e}}}, tmp_path)
         for e in (1e-7, 3e-7)
     ]
-    assert ["not small against the film" in text for text in texts] == [False, True]
+    assert ["not small compared with the film" in text for text in texts] == [False, True]
     assert "1.0e-02     of the energy exchanged\n" in texts[0]
 
 
