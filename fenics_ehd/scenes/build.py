@@ -208,15 +208,19 @@ def _joints(
     scene: Scene,
     inputs: Inputs,
     parts: Mapping[str, ElasticPart],
-    meshes: Mapping[str, MeshMaker],
+    film_meshes: Mapping[str, MeshMaker],
 ) -> dict[str, Joint | LubricatedJoint]:
     """Joints by name, lubricated ones with their films."""
     joints = dict(scene.joints)
     rate = reference_rate(scene)
     for name, joint in scene.films.items():
-        elastic = scene.elastic_bore(joint)
-        bore = parts[elastic[0]].bore(elastic[1], f"joints.{name}.bore") if elastic else None
-        joints[name] = lubricated_joint(scene, name, bore, rate, inputs, meshes.get(name))
+        meshes = [
+            parts[surface.body].bore(surface.point, f"joints.{name}.{surface.side}")
+            for surface in scene.elastic_surfaces(joint)
+        ]
+        joints[name] = lubricated_joint(
+            scene, name, meshes[0] if meshes else None, rate, inputs, film_meshes.get(name)
+        )
     return joints
 
 
