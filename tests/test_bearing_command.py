@@ -142,7 +142,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--cells", "9999x999"], "at most 100000"),
         (
             ["--load", 5, "--groove", 0, 400, 0],
-            "groove 400 degrees wide: it must lie in",
+            "a groove is 400 degrees wide: its width must be at least 0",
         ),
         (
             ["--load", 5, "--groove", 0, 10, -1],
