@@ -6,13 +6,13 @@
     machine = ehd.build(scene)
     history = ehd.simulate(machine.mechanism, **machine.options)
 
-Importing the package imports nothing heavy, a name brings its module along when it is asked for:
-`fenics_ehd.reduction` works without dolfinx, and ``fenics-ehd --help`` answers without either.
+The module of a public name is imported when the name is first used. Therefore `import fenics_ehd`
+is fast, `fenics_ehd.reduction` works without dolfinx, and ``fenics-ehd --help`` without PETSc.
 """
 
 import sys
 
-if sys.argv[:1] == ["-m"]:  # so it is until Python has found what to run: fenics_ehd.cli
+if sys.argv[:1] == ["-m"]:  # Python is still looking for the module to run: fenics_ehd.cli
     from fenics_ehd.base.command_start import leave_current_folder
 
     leave_current_folder()
@@ -73,7 +73,7 @@ _NAMES = {
     "scenes.scene": ("Scene", "read_scene"),
     "scenes.tables": ("read_load",),
 }
-#: Present names of former ones, which are accepted with a warning until 0.5.
+#: Present names of public names by the former name, which is accepted with a warning until 0.5.
 _FORMER: dict[str, str] = {}
 
 _public = lazily(__name__, _NAMES, _FORMER)
@@ -82,5 +82,5 @@ __all__ = ["__version__", "errors", *(name for names in _NAMES.values() for name
 
 
 def __getattr__(name: str) -> Any:
-    """A public name; `errors` is a module itself."""
+    """Public name of the package; `errors` is a module itself."""
     return import_module(f"{__name__}.base.errors") if name == "errors" else _public(name)

@@ -11,10 +11,10 @@ from snapshot_cases import reduce_by
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.elastic_bore import neglected_inertia
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.trust import neglected_inertia
 from fenics_ehd.reduction.bore import rigid_fields
 from fenics_ehd.reduction.fixed_interface_modes import centre_constraints, two_step_craig_bampton
 from fenics_ehd.reduction.matrices import MassOperator
