@@ -41,12 +41,12 @@ class _Body:
     Attributes
     ----------
     films
-        Indices of its films.
+        Indices of the films on the body's surfaces.
     patterns, displacements, loads
-        Indices of its amplitudes, of the displacements of its surfaces' nodes, and of the loads of
-        its surfaces, each among those of all bodies.
+        Indices of the body's amplitudes, of the displacements of its surfaces' nodes, and of the
+        loads on its surfaces, each among those of all bodies.
     shapes, amplitudes
-        As of `Compliance`, for all its surfaces together.
+        Those of `Compliance`, for all surfaces of the body together.
     """
 
     films: list[int]
@@ -79,9 +79,9 @@ class PatternResponses:
     Attributes
     ----------
     size
-        Number r of all patterns.
+        Number r of patterns of all bodies.
     indices
-        Indices of their amplitudes y in the state ``(z, y)``.
+        Indices of the amplitudes y in the state ``(z, y)``.
     bodies
         Bodies with patterns by name, in the order of their films.
     points
@@ -96,8 +96,8 @@ class PatternResponses:
     Raises
     ------
     SettingsError
-        A journal that turns has patterns, or two surfaces with patterns and different damping face
-        each other.
+        A journal that turns has patterns, or both surfaces of a film have patterns and different
+        damping.
     """
 
     def __init__(self, system: System):
@@ -154,18 +154,18 @@ class PatternResponses:
         return slice(first + patterns.start, first + patterns.stop)
 
     def observed(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Gap change where gaps are observed, for amplitudes, shape (w,)."""
+        """Gap change where gaps are observed, for amplitudes, shape (w,) [m]."""
         return self._to_observed @ self._displacement(amplitudes)
 
     def _displacement(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Displacements of the bores' nodes for amplitudes."""
+        """Displacements of the surfaces' nodes for amplitudes [m]."""
         displacement = np.zeros(self._to_gap.shape[1])
         for body in self.bodies.values():
             displacement[body.displacements] = body.shapes @ amplitudes[body.patterns]
         return displacement
 
     def _static_response(self, loads: Any) -> np.ndarray:
-        """Gap change at rest at the Gauss points for loads of shape (l,) or (l, a)."""
+        """Static gap change at the Gauss points for loads of shape (l,) or (l, a) [m]."""
         displacement = np.zeros((self._to_gap.shape[1], *loads.shape[1:]))
         for body in self.bodies.values():
             values = loads[body.loads]
@@ -213,7 +213,7 @@ class PatternResponses:
         return self.share[points, None] * response
 
     def retained_patterns(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The softest patterns at every film, at most `count` of every body.
+        """Softest patterns at every film, at most `count` of every body.
 
         Returns
         -------
@@ -235,9 +235,9 @@ class PatternResponses:
         return retained
 
     def pattern_indices(self, count: int, first: int) -> tuple[list[np.ndarray], int]:
-        """Indices of every film's retained patterns among unknowns, and the end of all.
+        """Indices of the retained patterns at every film among the unknowns of a step.
 
-        Films on one body have its patterns in common.
+        Films on the same body have the patterns of this body in common.
 
         Parameters
         ----------
@@ -245,6 +245,13 @@ class PatternResponses:
             Largest number of retained patterns of a body.
         first
             Index of the first pattern.
+
+        Returns
+        -------
+        indices
+            For every film, in the order of `retained_patterns`.
+        last
+            Index behind the last pattern.
         """
         indices = [np.zeros(0, dtype=int)] * len(self.points)
         last = first
@@ -256,7 +263,7 @@ class PatternResponses:
         return indices, last
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a step."""
+        """Start a step: its shift, and the gap changes from past amplitudes."""
         self.shift = step.shift
         self._past = step.past_x[self.indices]
         self._share_of_patterns = 1.0 / (1.0 + self._damping * self.shift)
@@ -300,7 +307,7 @@ class PatternResponses:
 
 
 def _compliant_surfaces(films: Sequence[FilmBinding]) -> Iterator[tuple[int, str, Compliance]]:
-    """Index of the film, name of the body, and compliance of every surface with patterns.
+    """Surfaces with residual patterns: index of the film, name of the body, and compliance.
 
     Raises
     ------
@@ -318,7 +325,7 @@ def _compliant_surfaces(films: Sequence[FilmBinding]) -> Iterator[tuple[int, str
 def _check_patterns(
     binding: FilmBinding, patterns: Sequence[tuple[BoundSurface, Compliance]]
 ) -> None:
-    """Refuse patterns of a surface that turns through the film, and two kinds of damping."""
+    """Refuse residual patterns of a turning surface, and of two bodies with different damping."""
     for bound, _ in patterns:
         if bound.surface.turning:
             raise SettingsError(
@@ -340,7 +347,8 @@ def _of_film(
 ) -> tuple[sparse.csr_matrix, ...]:
     """Matrices `to_gap`, `to_observed`, `from_pressure`, `from_forces` of all surfaces of a film.
 
-    Loads and displacements of the surfaces follow each other; there are none without compliance.
+    Loads and displacements of the second surface follow those of the first. The matrices have no
+    loads and no displacements if no surface has residual patterns.
     """
     joint = binding.film
     g = len(joint.thickness)
