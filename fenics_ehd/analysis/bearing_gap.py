@@ -11,17 +11,18 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.kinematics import Shape
 from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT
 
-#: Angles and heights at which the gap is sampled. A parabola in either direction gives the minimum
-#: between them, with an error of 1e-5 if it lies askew.
+#: Numbers of angles and heights at which the gap is sampled. Parabolas in both directions give the
+#: minimum between the samples; its relative error is at most 1e-5.
 ANGLES = 720
 HEIGHTS = 41
 AROUND = np.linspace(0.0, 2 * np.pi, ANGLES, endpoint=False)
 
 
 def shape_of(settings: BearingSettings, angle: float = 0.0) -> Shape:
-    """Shape of the bore relative to the shaft, in a frame at an angle from the load line [rad].
+    """Shape of the bore as seen from the shaft, in a frame at an angle from the load line [rad].
 
-    A tilted shaft is a misaligned bore. The angle is zero for a bore that is not round.
+    A tilt of the shaft becomes a misalignment of the bore. If the bore is not round, the angle must
+    be zero.
     """
     shape = settings.bore_shape or Shape()
     if not any(settings.tilt):
@@ -31,12 +32,12 @@ def shape_of(settings: BearingSettings, angle: float = 0.0) -> Shape:
 
 
 def gaps(settings: BearingSettings, position: np.ndarray) -> np.ndarray:
-    """Film thickness for an eccentricity, shape (2,) [m], from the load line.
+    """Film thickness for an eccentricity, shape (2,), x along the load [m].
 
     Returns
     -------
     numpy.ndarray
-        Thickness at all `ANGLES` and `HEIGHTS`, shape (720, 41) [m].
+        Film thickness at all `ANGLES` and `HEIGHTS`, shape (720, 41) [m].
     """
     shape = shape_of(settings)
     height = settings.width * np.linspace(-0.5, 0.5, HEIGHTS)
@@ -45,12 +46,12 @@ def gaps(settings: BearingSettings, position: np.ndarray) -> np.ndarray:
 
 
 def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
-    """Minimum film thickness for an eccentricity, shape (2,), from the load line [m].
+    """Minimum film thickness [m] for an eccentricity, shape (2,), x along the load [m].
 
     Raises
     ------
     GapClosedError
-        The thickness is not positive; rough surfaces may overlap, up to a limit.
+        The minimum is not positive, or rough surfaces overlap beyond their limit.
     """
     film = gaps(settings, position)
     i, k = np.unravel_index(int(np.argmin(film)), film.shape)
@@ -61,7 +62,7 @@ def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
     if not thinnest > least:
         also = ", or the deviations of the bore" if settings.bore_shape is not None else ""
         raise GapClosedError(
-            f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be "
+            f"the minimum film thickness is {thinnest * 1e6:.3g} um, but must be "
             f"{f'above {least * 1e6:.3g} um' if least else 'positive'}: "
             f"lower the eccentricity or the tilt{also}"
         )
@@ -69,7 +70,7 @@ def minimum_film(settings: BearingSettings, position: np.ndarray) -> float:
 
 
 def _vertex_depth(values: np.ndarray) -> float:
-    """Depth of the parabola through three values below the middle one, which is the least."""
+    """Depth of the vertex of a parabola through three values below the middle one, the least."""
     curvature = values[0] - 2 * values[1] + values[2]
     slope = 0.5 * (values[2] - values[0])
     return float(0.5 * slope**2 / curvature) if curvature > 0 else 0.0

@@ -1,8 +1,8 @@
 """Mechanism of a rigid bearing: a massless journal in one lubricated joint.
 
-The film's mesh is graded by the gap, and made for one position of the journal. If the bore is
-round, the film's frame has its x axis through the journal; grooves are turned into this frame. The
-mesh is made again if the journal comes to rest at a position for which it is not suited.
+The film's mesh is graded by the gap for one position of the journal. If the bore is round, the x
+axis of the film's frame points to the journal, and grooves are rotated into this frame. The mesh is
+made again if it does not suit the position of the journal in equilibrium.
 """
 
 from __future__ import annotations
@@ -31,42 +31,43 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.quantities import JointStep
 
-#: Largest factor between the gap that a mesh was made for and the gap that it is used for.
+#: Largest ratio between the gap for which a mesh was made and the gap for which it is used.
 LARGEST_FACTOR = 1.2
 
-#: Largest angle from the journal to the x axis of the film's frame, of a round bore [rad].
+#: Largest angle between the journal's position and the x axis of the film's frame, in a round bore
+#: [rad].
 ALIGNED = 1e-3
 
-#: The same if the pressure is zero on the line of the maximum film, which is a line of the mesh.
+#: The same limit if the pressure is zero on the line of the maximum film, a line of the mesh [rad].
 ALIGNED_WITH_LINE = 1e-7
 
-#: Below this share of the largest pressure times the area, a force is round-off.
+#: Force over largest pressure times area, below which the force is round-off.
 ROUND_OFF = 1e-11
 
-#: Below this share of ``12 eta Omega (R / c)^2``, a pressure is round-off.
+#: Pressure over ``12 eta Omega (R / c)^2``, below which the pressure is round-off.
 NO_PRESSURE = 1e-13
 
 
 @attrs.frozen
 class HeldPoint(Revolute):
-    """A point that is held at another point, with a velocity [m/s]."""
+    """A point that is held at another point and has a velocity [m/s]."""
 
     velocity: np.ndarray = attrs.field(factory=lambda: np.zeros(2))
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Distance and velocity of the point, see `Joint`."""
+        """Distance of the two points, which is 0, and velocity of the point, see `Joint`."""
         return np.zeros(2), self.velocity
 
 
 class MeshedBearing:
-    """A bearing whose film has a mesh for one position of the journal.
+    """A bearing with a film mesh for one position of the journal.
 
     Parameters
     ----------
     settings
         Settings of the bearing.
     position
-        Eccentricity that the mesh is made for, x along the load, shape (2,) [m].
+        Eccentricity for which the mesh is made, x along the load, shape (2,) [m].
 
     Attributes
     ----------
@@ -75,7 +76,7 @@ class MeshedBearing:
     angle
         Angle from the load line to the x axis of the film's frame [rad].
     film
-        Film in this frame.
+        Film in the frame with this angle.
     """
 
     def __init__(self, settings: BearingSettings, position: np.ndarray):
@@ -87,7 +88,7 @@ class MeshedBearing:
         self.film = self._film()
 
     def _film(self) -> Film:
-        """Film on a mesh graded by the gap."""
+        """Make the film, on a mesh graded by the gap."""
         s = self.settings
         regions = tuple(replace(g, angle=g.angle - self.angle) for g in s.grooves)
         if s.line_at_max_film:
@@ -102,23 +103,23 @@ class MeshedBearing:
         )
 
     def _grid(self, regions: tuple[AxialGroove, ...]) -> FilmGrid:
-        """Mesh that is finer in the thin film, with lines at the edges of grooves."""
+        """Mesh that is finer where the film is thin, with lines at the edges of grooves."""
         s = self.settings
         edges = sorted(edge for region in regions for edge in region.edges)
         cells = s.cells_around, s.cells_along
         return gap_graded_grid(s.radius, s.width, cells, s.element, self._thickness, edges)
 
     def _profile(self, position: np.ndarray) -> np.ndarray:
-        """Thickness that the mesh follows, by angle: the smallest, or the length of rough ones."""
+        """Thickness by angle that grades the mesh: minimum over the width, or rough length."""
         thickness = gaps(self.settings, position).min(axis=1)
         return thickness if self._surfaces is None else self._surfaces.length(thickness)
 
     def _thickness(self, angle: np.ndarray) -> np.ndarray:
-        """Thickness that the mesh was made for, at angles in the film's frame."""
+        """Thickness that grades the mesh, at angles in the film's frame."""
         return np.asarray(np.interp(angle + self.angle, AROUND, self._made_for, period=2 * np.pi))
 
     def suits(self, position: np.ndarray) -> bool:
-        """True if the mesh is suited for another eccentricity."""
+        """True if the mesh can be used for another eccentricity."""
         if self.settings.bore_shape is None:
             off = direction_of(rotation(-self.angle) @ position)
             if abs(off) > (ALIGNED_WITH_LINE if self.settings.line_at_max_film else ALIGNED):
@@ -127,14 +128,14 @@ class MeshedBearing:
         return bool(np.all((factor < LARGEST_FACTOR) & (factor > 1 / LARGEST_FACTOR)))
 
     def meshed_for(self, position: np.ndarray) -> MeshedBearing:
-        """A bearing with a mesh for an eccentricity: the bearing itself if its mesh is suited."""
+        """The bearing itself if its mesh suits an eccentricity, else one with a mesh for it."""
         return self if self.suits(position) else MeshedBearing(self.settings, position)
 
     def mechanism(self, position: np.ndarray, load: float | None) -> Mechanism:
         """Mechanism with the journal at an eccentricity [m], under a load [N] or held (None)."""
         s = self.settings
         into_frame = rotation(-self.angle)
-        # In the frame of the bore, which turns.
+        # The rate of the eccentricity is needed in the frame of the bore, which rotates.
         turning = s.direction * s.bore_speed * np.array([-position[1], position[0]])
         joint = LubricatedJoint(
             "shaft",
@@ -165,18 +166,18 @@ class MeshedBearing:
         return Mechanism(bodies, joints, drives, forces)
 
     def rest(self, position: np.ndarray, load: float | None = None) -> OperatingPoint:
-        """Equilibrium under a load [N], or with the journal held at an eccentricity [m]."""
+        """Equilibrium under a load [N]; without one, the journal is held at the position [m]."""
         return OperatingPoint(self, balanced(System(self.mechanism(position, load))))
 
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """A journal in equilibrium in its bearing.
+    """A bearing whose journal is in equilibrium.
 
     Attributes
     ----------
     bearing
-        Bearing with its mesh.
+        Bearing with the mesh of its film.
     rest
         Equilibrium of the mechanism.
     """
@@ -186,17 +187,17 @@ class OperatingPoint:
 
     @cached_property
     def joint(self) -> JointStep:
-        """The lubricated joint."""
+        """The lubricated joint in equilibrium."""
         return self.rest.joints()["film"]
 
     @property
     def state(self) -> FilmState:
-        """State of the film."""
+        """Solution of the film."""
         return self.joint.state
 
     @property
     def position(self) -> np.ndarray:
-        """Eccentricity, x along the load, shape (2,) [m]."""
+        """Eccentricity of the journal, x along the load, shape (2,) [m]."""
         eccentricity = self.rest.z[self.rest.system.bodies["shaft"]][:2]
         centred = np.hypot(*eccentricity) < ROUND_OFF * self.bearing.settings.clearance
         return np.zeros(2) if centred else eccentricity
@@ -208,7 +209,7 @@ class OperatingPoint:
 
     @property
     def carries(self) -> bool:
-        """True if the film's force exceeds the round-off of the pressures that it is the sum of."""
+        """True if the force of the film is larger than round-off of the pressures."""
         s = self.bearing.settings
         scale = self.bearing.film.parameters.pressure_scale
         least = ROUND_OFF * self.state.pressure.max() + NO_PRESSURE * scale
