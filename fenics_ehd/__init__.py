@@ -81,6 +81,11 @@ _public = lazily(__name__, _NAMES, _FORMER)
 __all__ = ["__version__", "errors", *(name for names in _NAMES.values() for name in names)]
 
 
+def __dir__() -> list[str]:
+    """Names of the module, among them the public names whose modules are not imported yet."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> Any:
     """Public name of the package; `errors` is a module itself."""
     return import_module(f"{__name__}.base.errors") if name == "errors" else _public(name)

@@ -15,6 +15,10 @@ def test_every_public_name_is_there_and_documented(name):
     assert getattr(ehd, name).__doc__
 
 
+def test_public_names_are_listed():
+    assert set(ehd.__all__) <= set(dir(ehd))
+
+
 def test_a_history_has_what_is_documented():
     names = "time names units figures summary last_cycle save to_dataframe to_xarray"
     assert all(getattr(ehd.History, name).__doc__ for name in names.split())

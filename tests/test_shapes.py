@@ -260,7 +260,7 @@ def test_a_wrong_angle_is_an_error_of_the_gap():
     going = Run(swinging(journal=oval(8e-6, 0.2, 9)), IntegratorOptions(tolerance=1e-3), 1e-3)
     (place,), x = going.equations.system.films, going.state.x[0]
     wrong = x.copy()
-    wrong[place.journal_angle] += 1e-4
+    wrong[place.surfaces[1].angle] += 1e-4
     observed = going.norm.observe(x)
     error = going.norm.error_norm(observed, observed - going.norm.observe(wrong))
     nodes = place.film.film.parameters.grid.node_positions[:, 0]

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.multibody.elastic_bore import ElasticBore
 from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
 from fenics_ehd.multibody.surface import Surface, TurningRows
 
@@ -54,6 +54,11 @@ class BoundSurface:
         return 0.0 if self.angle is None else values[self.angle]
 
 
+@renamed_attributes(
+    bore_body="surfaces[0].body",
+    bore_angle="surfaces[0].angle",
+    journal_angle="surfaces[1].angle",
+)
 @dataclass(frozen=True, eq=False)
 class FilmBinding:
     """Film of a lubricated joint, bound to coordinates of the mechanism.
@@ -146,18 +151,3 @@ class FilmBinding:
         """
         bore, journal = self.surfaces
         return journal.angle_of(values), bore.angle_of(values)
-
-    @property
-    def journal_angle(self) -> int | None:
-        """Index of the journal's angle in z; None: the journal cannot turn."""
-        return self.surfaces[1].angle
-
-    @property
-    def bore_body(self) -> str:
-        """Name of the body with the bore."""
-        return self.surfaces[0].body
-
-    @property
-    def bore(self) -> str:
-        """Name of the bore if it is that of a flexible body, else empty."""
-        return self.surfaces[0].point if isinstance(self.surfaces[0].surface, ElasticBore) else ""

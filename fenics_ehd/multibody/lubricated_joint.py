@@ -52,7 +52,6 @@ from fenics_ehd.film.heat import Heat, require_graded
 from fenics_ehd.film.kinematics import Gap, Shape, require_inside, require_shape
 from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
-from fenics_ehd.multibody.elastic_bore import BoreFilm, ElasticBore
 from fenics_ehd.multibody.joints import ADDITIONAL, SECOND, Geometry, Joint
 from fenics_ehd.multibody.surface import BORE, JOURNAL, Side, Surface, observed_positions
 from fenics_ehd.multibody.tabulated import Variation, variations_of
@@ -327,12 +326,6 @@ class JointFilm:
     def size(self) -> int:
         """Number n of coordinates."""
         return self.thickness.shape[1]
-
-    @property
-    def bore(self) -> BoreFilm | None:
-        """Maps of an elastic bore; None: the bore is rigid."""
-        bore = self.surfaces[0]
-        return bore.maps if isinstance(bore, ElasticBore) else None
 
     @property
     def clearance(self) -> float:

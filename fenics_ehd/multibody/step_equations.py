@@ -42,7 +42,7 @@ from fenics_ehd.multibody.film_models import film_models
 from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import Instant, Motion, System, consecutive
-from fenics_ehd.multibody.static_correction import BoreResponses
+from fenics_ehd.multibody.static_correction import PatternResponses
 
 #: Changes of the gap at the Gauss points of every film [m], and their rates [m/s].
 GapChanges = Sequence[tuple[np.ndarray, np.ndarray]]
@@ -190,7 +190,7 @@ class StepEquations:
     def __init__(self, system: System, *, weights: np.ndarray | None = None):
         self.system = system
         self._weights = system.weights if weights is None else weights
-        self.responses = BoreResponses(system)
+        self.responses = PatternResponses(system)
         self.films = film_models(system.films, system.n + self.responses.size)
         self.couplings = [FilmCoupling(film) for film in self.films]
         self.conserves_oil = any(film.conserves_oil for film in self.films)

@@ -60,7 +60,11 @@ def extrapolation_weights(times: np.ndarray, target: float | np.ndarray) -> np.n
 def _products(factors: np.ndarray) -> np.ndarray:
     """Products of the rows of a matrix without their diagonal elements, shape (n,).
 
-    A single row of factors stands for n equal rows.
+<<<<<<< HEAD
+    A single row of factors is valid for n equal rows.
+=======
+    A single row of factors is used for all n rows.
+>>>>>>> main
     """
     return np.prod(np.where(np.eye(factors.shape[-1]), 1.0, factors), axis=-1)
 
