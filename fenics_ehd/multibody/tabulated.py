@@ -60,11 +60,7 @@ def extrapolation_weights(times: np.ndarray, target: float | np.ndarray) -> np.n
 def _products(factors: np.ndarray) -> np.ndarray:
     """Products of the rows of a matrix without their diagonal elements, shape (n,).
 
-<<<<<<< HEAD
-    A single row of factors is valid for n equal rows.
-=======
     A single row of factors is used for all n rows.
->>>>>>> main
     """
     return np.prod(np.where(np.eye(factors.shape[-1]), 1.0, factors), axis=-1)
 
