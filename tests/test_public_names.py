@@ -58,9 +58,7 @@ def test_a_machine_in_memory_is_that_of_its_folder(scene, tmp_path):
     with pytest.raises(ehd.errors.InputError, match="complete"):
         ehd.run(scene, tmp_path / "out")
     other = ehd.read_scene(scene.tables, **{"joints.big_end.clearance": 21e-6})
-    with pytest.raises(
-        ehd.errors.SettingsError, match=r"big_end\.clearance = 2\.1e-05, but the run"
-    ):
+    with pytest.raises(ehd.errors.SettingsError, match=r"clearance = 2\.1e-05, but the run"):
         ehd.run(other, tmp_path / "out", resume=True)
     ehd.run(scene, tmp_path / "out", resume=True)
 

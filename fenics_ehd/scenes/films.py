@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from math import radians
 
 import attrs
@@ -13,8 +14,8 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import require_thin_film
 from fenics_ehd.base.shared_settings import Deviations
 from fenics_ehd.film.film import Film
-from fenics_ehd.film.grid import FilmGrid, aligned_grid, film_grid, uniform_grid
-from fenics_ehd.film.kinematics import Shape, ShapeTable
+from fenics_ehd.film.grid import FilmGrid, MeshMaker, aligned_grid, film_grid, uniform_grid
+from fenics_ehd.film.kinematics import Shape, ShapeTable, is_shape
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.film.supply import (
@@ -74,7 +75,7 @@ def surface_shape(
     Parameters
     ----------
     settings
-        Deviations of the surface.
+        Deviations of the surface; a `Shape` made in Python is returned.
     path
         Section of the settings followed by a dot, for messages.
     width, clearance
@@ -88,6 +89,8 @@ def surface_shape(
         The shape closes the gap for any position of the journal, or its table does not cover the
         bearing; the message names the key.
     """
+    if is_shape(settings):
+        return settings
     # Two lobes or more close the gap at every position of the journal.
     if settings.lobes > 1 and abs(settings.ovality) >= clearance:
         raise SettingsError(
@@ -224,6 +227,7 @@ def build_film(
     bore: BoreSurface | None,
     rate: float,
     supplies: Sequence[Supply],
+    mesh: MeshMaker | None = None,
 ) -> Film:
     """Make the film of a joint.
 
@@ -236,7 +240,9 @@ def build_film(
     rate
         Reference angular speed, see `FilmParameters` [rad/s].
     supplies
-        Oil supplies of the joint, see `supplies_of`.
+        Supplies of the joint, see `supplies_of`.
+    mesh
+        Function that makes the film's mesh; None: equal cells, or those of the bore.
 
     Raises
     ------
@@ -247,6 +253,7 @@ def build_film(
     """
     joint = scene.joints[name]
     key = f"joints.{name}"
+    mesh = mesh or partial(_aligned_mesh, joint, bore)
     holes: list[BoreHole] = []
     if bore is not None and bore.cells.size:
         holes = bore_holes(bore.coordinates, bore.cells, bore.family)
@@ -261,7 +268,7 @@ def build_film(
             for angle, width, pressure in joint.grooves
         )
         edges = np.array([edge for groove in grooves for edge in groove.edges])
-        grid = aligned_grid(film_mesh(joint, bore), edges)
+        grid = mesh(edges)
     except SettingsError as error:
         raise SettingsError(f"{key}.grooves: {error}") from None
     feeds = tuple(_in_hole(supply, f"{key}.supply.{supply.name}", holes) for supply in supplies)
@@ -286,6 +293,13 @@ def build_film(
     )
 
 
+def _aligned_mesh(
+    joint: schema.LubricatedSettings, bore: BoreSurface | None, edges: np.ndarray
+) -> FilmGrid:
+    """Mesh of a joint, see `film_mesh`, with lines at the edges of grooves [rad]."""
+    return aligned_grid(film_mesh(joint, bore), edges)
+
+
 def film_mesh(joint: schema.LubricatedSettings, bore: BoreSurface | None) -> FilmGrid:
     """Mesh with the cells that a joint specifies, or else with those of its flexible bore.
 
@@ -308,13 +322,14 @@ def lubricated_joint(
     bore: BoreSurface | None,
     rate: float,
     inputs: Inputs,
+    mesh: MeshMaker | None = None,
 ) -> LubricatedJoint:
     """Make a lubricated joint: its film, and the shapes of bore and journal.
 
     Parameters
     ----------
-    scene, name, bore, rate
-        As for `build_film`.
+    scene, name, bore, rate, mesh
+        As of `build_film`.
     inputs
         Supplies and measured shapes of the scene.
 
@@ -325,7 +340,7 @@ def lubricated_joint(
     """
     check_fit(scene, name, bore)
     joint = scene.joints[name]
-    film = build_film(scene, name, bore, rate, inputs.supplies[name])
+    film = build_film(scene, name, bore, rate, inputs.supplies[name], mesh)
     width = film.parameters.grid.width
     shapes = {}
     for surface in SURFACES:
