@@ -304,7 +304,7 @@ def test_default_mesh_is_good_enough_at_the_extremes(figure):
     [
         ({"cells_around": 12, "cells_along": 2}, {"load": 1e9}, "load = 1e.09 N is too high"),
         ({"speed": 0.0}, {"load": 10.0}, "load = 10 N: the film has no pressure at speed = 0"),
-        ({"speed": 0.0, "squeeze": (-0.01, 0.0)}, {"load": 1.0}, "the first component must be above"),
+        ({"speed": 0.0, "squeeze": (-0.01, 0.0)}, {"load": 1.0}, "first component must be above 0"),
         ({"squeeze": (0.0, 0.05)}, {"eccentricity": 0.0}, "degrees off the load line"),
         ({"tilt": (1.5e-3, 0.0)}, {"eccentricity": 0.3}, "close the gap at every attitude"),
         ({"element": "bilinear", "cells_along": 1}, {"eccentricity": 0.3}, "use more cells"),
