@@ -301,9 +301,9 @@ ELSEWHERE = {
     "device": "is not a regular file",
     "folder above": "is not a regular file",
     "pipe next to the file that a link leads to": "is not a regular file",
-    "HDF5 of another file": "lies in another file",
-    "HDF5 of a pipe": "lies in another file",
-    "HDF5 without data": "claims",
+    "HDF5 of another file": "are in another file",
+    "HDF5 of a pipe": "are in another file",
+    "HDF5 without data": "declares",
 }
 
 

@@ -195,7 +195,7 @@ def test_files_that_are_damaged_are_of_no_kind(workplace):
     body = (workplace / "rod.h5").read_bytes()
     (workplace / "rod.h5").write_bytes(damaged(body, len(body) // 2))
     with pytest.raises(
-        ehd.errors.InputError, match=r"rod\.h5: the file there is not a reduced body"
+        ehd.errors.InputError, match=r"rod\.h5 exists and is not a reduced body"
     ):
         require_output(workplace / "rod.h5", BODY_KIND)
     export = workplace / "rod.npz"

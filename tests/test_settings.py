@@ -105,7 +105,7 @@ def test_names_that_need_quotes_read_back(body, point, hole, folder):
 
 def test_a_name_that_is_no_text_is_one_line():
     scene = scene_of(tables_of(PAPER, {"bodies.rod.model": "\udcff/rod.geo"}), "case")
-    with pytest.raises(ehd.errors.SettingsError, match=r"'.udcff/rod.geo' is no text in UTF-8"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"'.udcff/rod.geo' is not in UTF-8"):
         scene_text(scene)
 
 
