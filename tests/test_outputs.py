@@ -194,9 +194,7 @@ def test_files_that_are_damaged_are_of_no_kind(workplace):
     """Neither HDF5 nor zlib reads what changed: the former may crash, the latter raises its own."""
     body = (workplace / "rod.h5").read_bytes()
     (workplace / "rod.h5").write_bytes(damaged(body, len(body) // 2))
-    with pytest.raises(
-        ehd.errors.InputError, match=r"rod\.h5 exists and is not a reduced body"
-    ):
+    with pytest.raises(ehd.errors.InputError, match=r"rod\.h5 exists and is not a reduced body"):
         require_output(workplace / "rod.h5", BODY_KIND)
     export = workplace / "rod.npz"
     np.savez_compressed(export, format=np.array("fenics_ehd reduced body, exported"))

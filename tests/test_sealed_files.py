@@ -242,7 +242,7 @@ def link(file):
 def test_what_lies_in_another_file_is_not_followed(kind, change, tmp_path):
     """Nor is it read from files that another program may have written, and that have no digest."""
     path = tmp_path / FILE
-    message = "more/out lies in another file"
+    message = "more/out are in another file"
     if kind in KINDS:
         KINDS[kind][0](path)
         forged(path, change)
