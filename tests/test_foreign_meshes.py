@@ -131,9 +131,9 @@ HIDDEN = "root:x:0:0,hidden,words\n"
         ({f"{n}": f"*INCLUDE, INPUT={n + 1}\n" * 2 for n in range(1, 29)}, "more than 100 files"),
         ({"1": "*INCLUDE, INPUT=/dev/zero\n"}, "/dev/zero: not a regular file"),
         ({"1": "*INCLUDE, INPUT=pipe\n"}, "pipe: not a regular file"),
-        ({"1": HIDDEN}, "rows are not"),
-        ({"1": f"*ELEMENT, TYPE=C3D4\n{HIDDEN}"}, "rows are not"),
-        ({"1": "*ELEMENT, TYPE=C3D4\n1, 99999999999999999999,1,1,1\n"}, "rows are not"),
+        ({"1": HIDDEN}, "lines of its nodes must"),
+        ({"1": f"*ELEMENT, TYPE=C3D4\n{HIDDEN}"}, "lines of its nodes must"),
+        ({"1": "*ELEMENT, TYPE=C3D4\n1, 99999999999999999999,1,1,1\n"}, "lines of its nodes must"),
     ],
 )
 def test_includes_end_and_show_nothing(files, message, tmp_path):

@@ -143,7 +143,7 @@ def test_an_oil_of_one_viscosity_has_no_balance():
 def test_heat_that_cannot_leave_is_told():
     # Wide and lightly loaded: hardly any oil leaves.
     film = oil_film(width=0.3)
-    with pytest.raises(ehd.errors.HeatError, match=r"bearing\.heat: the heat cannot leave: .* W"):
+    with pytest.raises(ehd.errors.HeatError, match=r"bearing\.heat: the oil cannot carry away"):
         periodic_run(
             journal(film, load=30.0, heat=ehd.Heat(supply_temperature=SUPPLY)), tolerance=1e-3
         )
@@ -186,7 +186,7 @@ def test_cycle_and_temperature_are_those_of_an_outer_search(figure):
         carried = OIL.density(temperature) * 2000.0 * found["mean_leaving_flow_m3_per_s"]
         return SUPPLY + 0.5 * found["mean_dissipated_power_W"] / carried - temperature
 
-    expected = brentq(excess, 90.0, 110.0, xtol=1e-3)
+    expected = brentq(excess, 90.0, 110.0, xtol=0.01)
     found = periodic_run(crank(ehd.Heat(supply_temperature=SUPPLY, tolerance=0.01)))
     off = abs(found.figures["big_end"]["effective_temperature_C"] - expected)
     figure("heat", "slider-crank: effective temperature from an outer search", off, most=0.05,

@@ -11,10 +11,10 @@ from snapshot_cases import reduce_by
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.elastic_bore import neglected_inertia
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.trust import neglected_inertia
 from fenics_ehd.reduction.bore import rigid_fields
 from fenics_ehd.reduction.fixed_interface_modes import centre_constraints, two_step_craig_bampton
 from fenics_ehd.reduction.matrices import MassOperator
@@ -120,7 +120,7 @@ def recorded(mechanism, end, folder):
     """Leave the history of a run; its pressures on the nodes of the bore, shape (k, steps)."""
     history = ehd.simulate(mechanism, end)
     history.save(folder)
-    bore = System(mechanism).films[0].film.bore
+    bore = System(mechanism).films[0].film.surfaces[0].maps
     pressures = history.pressures["big_end"]
     return np.column_stack([bore.structure_pressure(p) for p in pressures])
 

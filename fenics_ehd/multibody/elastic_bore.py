@@ -1,13 +1,14 @@
 """Elastic bores: the bore of a reduced body as one surface of a film.
 
 If the meshes of a body's bore and of its film match, shape functions of the bore are evaluated at
-the film's Gauss points. If they do not match, pressures are transferred to the bore either
-conservatively, ``F = int N_s n p``, with the resultants of the film, or by the paper's mortar (14)
-and the body's load matrix. A bore may have holes. The gap in a hole follows the bore as extended
-from the rim (`fenics_ehd.film.transfer`). The film's pressure in a hole does not load the elastic
-modes: these are loaded on the remaining surface alone, as in the body's load matrix. The pressure
-in a hole is part of the force between journal and body, because the oil in the hole presses on the
-far end of its passage.
+the Gauss points of the film. If they do not match, pressures are transferred to the bore in one of
+two ways: conservatively, ``F = int N_s n p``, with the resultants of the film; or by the paper's
+mortar (14) and the body's load matrix.
+
+A bore may have holes. The gap in a hole is that of the bore surface extended from the rim
+(`fenics_ehd.film.transfer`). Pressure in a hole does not load the elastic modes, as in the body's
+load matrix. It is part of the force between journal and body, because the oil in the hole presses
+on the far end of its passage.
 """
 
 from __future__ import annotations
@@ -20,26 +21,41 @@ from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.base.fields import TRANSFERS
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
-from fenics_ehd.film.transfer import Mortar, outward_displacement, solid_share
+from fenics_ehd.film.transfer import (
+    Mortar,
+    interpolation_matrix,
+    outward_displacement,
+    solid_share,
+)
 from fenics_ehd.film.transfer import Surface as SurfaceMesh
 from fenics_ehd.multibody.surface import (
     Compliance,
+    MissingFlexibility,
     Side,
     Surface,
     SurfaceRows,
     observed_positions,
 )
-from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
+from fenics_ehd.reduction.body import (
+    TRANSLATIONS,
+    ReducedBody,
+    ResidualFlexibility,
+    bore_fields,
+)
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
+from fenics_ehd.reduction.mesh_error import smooth_part
 
-#: Largest difference of the film's load from the body's load, over the largest load, of a cosine
-#: pressure. The body integrates over quadratic cells, whose areas differ from those of the cylinder
-#: by 1e-5 with 20 cells.
+#: Largest difference between the loads of a cosine pressure by the film and by the body, over the
+#: largest load. The body integrates over quadratic cells, whose areas differ from those of the
+#: cylinder by 1e-5 with 20 cells.
 LOAD_TOLERANCE = 5e-4
 
 
 def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> SurfaceMesh:
-    """Surface mesh of a body's bore; the nodes of a bore without cells must be structured."""
+    """Make the surface mesh of a body's bore from nodes [m] and cells.
+
+    The nodes of a bore without cells must be those of a structured mesh.
+    """
     if cells.size:
         return SurfaceMesh.on_cylinder(nodes, cells, family)
     grid = film_grid(nodes)
@@ -49,12 +65,12 @@ def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> SurfaceMe
 
 
 def sampling_grid(bore: BoreSurface) -> FilmGrid:
-    """Grid at whose nodes the mesh error of a part's bore is stored."""
+    """Film mesh at whose nodes the mesh error of a part's bore is stored."""
     return uniform_grid(bore.radius, bore.width, SAMPLED)
 
 
 class BoreFilm:
-    """Linear maps of one film in the bore of one body.
+    """Linear maps between a film and the elastic modes of the bore of a reduced body.
 
     Parameters
     ----------
@@ -69,28 +85,30 @@ class BoreFilm:
     Attributes
     ----------
     outward, tangential
-        Components of the elastic modes at the Gauss points, shape (g, n).
+        Outward and tangential components of the elastic modes at the Gauss points, shape (g, n)
+        each.
     normal
-        Outward displacement at the Gauss points of displacements of the bore nodes, sparse,
-        shape (g, 3 m).
+        Sparse matrix from displacements of the bore nodes to outward displacements at the Gauss
+        points, shape (g, 3 m).
     observed_normal
-        The same at Gauss points and film nodes, shape (w, 3 m).
+        Sparse matrix from displacements of the bore nodes to outward displacements at Gauss points
+        and film nodes, shape (w, 3 m).
     projected
-        Mortar from nodal pressures of the film to those of the bore; None: without mortar.
+        Mortar matrix from nodal pressures of the film to those of the bore; None without mortar.
     observed
         Outward components of the elastic modes at Gauss points and film nodes, shape (w, n).
     force, load
-        Force of nodal film pressures along x and y, shape (2, nodes), and generalised forces on
-        the elastic modes, shape (n, nodes).
+        Force along x and y for unit nodal pressures of the film, shape (2, nodes), and generalised
+        forces on the elastic modes, shape (n, nodes).
     holes, solid
         Holes of the bore's mesh, and solid fraction of every Gauss point's area, shape (cells,
-        points); None: the bore has no holes.
+        points); the latter is None without holes.
 
     Raises
     ------
     InterfaceMismatchError
-        The bore is not the film's cylinder, or the body's load matrix does not
-        belong to the bore.
+        If the bore is not the film's cylinder, or the body's load matrix does not belong to the
+        bore.
     """
 
     def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
@@ -101,7 +119,7 @@ class BoreFilm:
         self._check_size(body, film)
         mesh = bore_surface(body.bore_nodes, body.bore.cells, body.bore.family)
         m = len(body.bore_nodes)
-        # Unit translations along x and y, then the elastic modes.
+        # Columns are unit translations along x and y, then the elastic modes.
         fields = np.zeros((m, 3, 2 + body.modes))
         fields[:, 0, 0] = fields[:, 1, 1] = 1.0
         fields[:, :, 2:] = body.bore_basis
@@ -114,7 +132,7 @@ class BoreFilm:
         self.outward = self.observed[:inside]
         # n . (e_z x u) is minus the component of u along the circumference.
         self.tangential = -(normal @ turned(fields[:, 2:], 2))
-        # Cells of 4 and of 9 nodes may have the same nodes, with other shape functions.
+        # Meshes of 4-node and of 9-node cells may have the same nodes, but other shape functions.
         family = body.bore.pressure_family or film_layout(body.pressure_nodes)[1]
         alike = grid.family == family
         self._order = match(body.pressure_nodes, grid.nodes) if alike else None
@@ -165,7 +183,7 @@ class BoreFilm:
         return pressure[self._order]
 
     def _check_load(self, body: ReducedBody, film: Film) -> None:
-        """Refuse a load matrix J whose work of a smooth pressure is not that of the film."""
+        """Refuse a load matrix J whose force for a smooth pressure is not that of the film."""
         grid = film.parameters.grid
         for angle_of, component in ((np.cos, 1), (np.sin, 2)):
             pressure = 1.0 + angle_of(grid.node_positions[:, 0])
@@ -174,14 +192,17 @@ class BoreFilm:
             defect = np.abs(of_film - expected).max() / np.abs(expected).max()
             if not defect <= LOAD_TOLERANCE:
                 raise InterfaceMismatchError(
-                    f"film and body disagree on the work of a pressure by {defect:.1e} "
+                    f"forces of a pressure by film and by body differ by {defect:.1e} "
                     f"(relative, component {component}), above {LOAD_TOLERANCE:.0e}: the body's "
                     "load matrix does not belong to its bore"
                 )
 
 
 def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
-    """Tangential component of the mean translation of every field, at the Gauss points."""
+    """Tangential component, at the Gauss points, of the mean translation in every mode, (g, n).
+
+    `outward` and `tangential` are components of the modes at the Gauss points, shape (g, n) each.
+    """
     cosine, sine = (x.ravel()[:, None] for x in film.points.normal)
     area = film.assembly.area.ravel() / film.assembly.area.sum()
     x = area @ (cosine * outward - sine * tangential)
@@ -194,8 +215,8 @@ class ElasticBore(Surface):
 
     Parameters
     ----------
-    part
-        Reduced body at this bore.
+    body, point
+        Reduced body, and name of its bore.
     side
         Side of the film.
     damping_time
@@ -203,28 +224,35 @@ class ElasticBore(Surface):
 
     Attributes
     ----------
-    part, damping_time
-        As given.
+    body, point, damping_time
+        Arguments of the constructor.
+    centre
+        Centre of the undeformed bore in the frame of the part, shape (3,) [m].
+    part
+        Reduced body with this bore only.
     maps
         Linear maps between film and body.
     """
 
     elastic = True
 
-    def __init__(self, part: ReducedBody, side: Side, damping_time: float = 0.0):
-        super().__init__(side, part.modes)
-        self.part = part
+    def __init__(self, body: ReducedBody, point: str, side: Side, damping_time: float = 0.0):
+        super().__init__(side, body.modes)
+        self.body = body
+        self.point = point
+        self.part = body.at_bore(point)
+        self.centre = self.part.bore.centre
         self.damping_time = damping_time
-        self.maps = BoreFilm(part, side.film, side.transfer)
+        self.maps = BoreFilm(self.part, side.film, side.transfer)
 
     @property
     def mortar(self) -> bool:  # type: ignore[override]
-        """Whether pressures reach the bore by a mortar: its mesh does not match the film's."""
+        """Whether a mortar transfers pressures, because bore and film meshes do not match."""
         return self.maps.projected is not None
 
     @property
     def rows(self) -> SurfaceRows:
-        """Constant maps of the modes; the film's frame moves with their mean translation."""
+        """Constant maps of the elastic modes; the film's frame has their mean translation."""
         maps = self.maps
         carried = _mean_translation(self.side.film, maps.outward, maps.tangential)
         mean = 0.5 * maps.tangential - carried
@@ -232,7 +260,7 @@ class ElasticBore(Surface):
 
     @property
     def compliance(self) -> Compliance | None:
-        """Residual patterns of the part at this bore (M4); None: the part has none."""
+        """Residual patterns of the part at this bore (M4); None if the part has none."""
         residual = self.part.residual
         if residual is None or not residual.rank:
             return None
@@ -243,7 +271,7 @@ class ElasticBore(Surface):
         to_gap = maps.normal[:, plane].tocsr()
         to_observed = maps.observed_normal[:, plane].tocsr()
         if maps.projected is not None:
-            # Pressures that reach the bore by the mortar load it with the body's own matrix.
+            # Pressures that the mortar transfers load the bore by the body's own load matrix.
             from_pressure = sparse.csr_matrix(maps.projected)
             from_forces = sparse.csr_matrix((from_pressure.shape[0], to_gap.shape[0]))
             amplitudes = residual.patterns
@@ -264,3 +292,80 @@ class ElasticBore(Surface):
             residual.stiffness,
             self.damping_time,
         )
+
+    def missing_flexibility(self, component: str) -> MissingFlexibility:
+        """Flexibility missing in basis or mesh, see `Surface.missing_flexibility`."""
+        return self._missing_in_basis if component == "basis" else self._missing_in_mesh
+
+    @property
+    def _missing_in_basis(self) -> MissingFlexibility:
+        """Error of the basis; with M4, that of the neglected inertia of residual patterns."""
+        missing = self.body.missing_flexibility[self.body.rows_of(self.point).nodes]
+        # Matrix from outward displacements of the bore's nodes to their x, y and z components.
+        radial = self.part.bore_nodes * [1.0, 1.0, 0.0]
+        radial /= np.linalg.norm(radial, axis=1)[:, None]
+        nodes = np.repeat(np.arange(len(radial)), 3)
+        outward = sparse.csr_matrix((radial.ravel(), (np.arange(radial.size), nodes)))
+        to_observed = self.maps.observed_normal @ outward
+        residual = self.part.residual
+        if residual is None or not residual.mass.size:
+            return MissingFlexibility(missing, to_observed, self.damping_time)
+        inertia = neglected_inertia(self.part, residual)
+        slowest = slowest_pattern(residual)
+        return MissingFlexibility(missing, to_observed, self.damping_time, inertia, slowest)
+
+    @property
+    def _missing_in_mesh(self) -> MissingFlexibility:
+        """Error of the part's mesh due to pressures on its bores and forces on its points."""
+        missing = self.body.mesh_flexibility
+        if not missing.size:
+            return MissingFlexibility(missing, sparse.csr_matrix((0, 0)), self.damping_time)
+        bores = self.body.bores
+        error = np.vsplit(missing, len(bores))[[*bores].index(self.point)]
+        smooth = smooth_part(bores)
+        pressed, forced = np.split(error, [len(smooth)], axis=1)
+        error = np.hstack([pressed @ smooth, forced])
+        grid = sampling_grid(bores[self.point])
+        surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
+        to_observed = interpolation_matrix(surface, *observed_positions(self.side.film))
+        return MissingFlexibility(error, to_observed, self.damping_time)
+
+    def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+        """Displacement of the bore in modes and patterns, see `Surface.displacement`."""
+        bore = self.part.bore
+        surface = bore_surface(bore.coordinates, bore.cells, bore.family)
+        fields = bore_fields(self.part)
+        moved = interpolation_matrix(surface, angle, height) @ fields.reshape(len(fields), -1)
+        return moved.reshape(len(angle), 3, -1)
+
+    def nodal_forces(
+        self, pressure: np.ndarray, contact: np.ndarray | float, angles: np.ndarray
+    ) -> np.ndarray:
+        """Forces of a film on the nodes of the bore, see `Surface.nodal_forces`."""
+        forces = self.side.film.pressure_areas @ pressure
+        if self.maps.solid is not None:
+            forces *= self.maps.solid.reshape(-1, 1)
+        forces += contact
+        return (self.maps.normal.T @ forces).T.reshape(len(angles), -1, 3)
+
+    def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray:
+        """Pressures at the pressure nodes of all bores of the part, see `Surface.loads`."""
+        loads = np.zeros(self.body.load_projection.shape[1])
+        loads[self.body.rows_of(self.point).pressures] = self.maps.structure_pressure(pressure)
+        return loads
+
+
+def neglected_inertia(body: ReducedBody, residual: ResidualFlexibility) -> np.ndarray:
+    """Gap error per acceleration of the residual amplitudes, shape (m, r).
+
+    It is the outward displacement of the bore's m nodes in the static response of the residual
+    patterns to their inertia force ``-M_rr y''``.
+    """
+    shape = body.outward(residual.displacement)
+    return (shape / residual.stiffness) @ residual.mass
+
+
+def slowest_pattern(residual: ResidualFlexibility) -> float:
+    """Time constant ``1 / omega`` of the slowest residual pattern, from stiffness and mass [s]."""
+    root = 1.0 / np.sqrt(residual.stiffness)
+    return float(np.sqrt(np.linalg.norm(root[:, None] * residual.mass * root, 2)))

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.multibody.elastic_bore import ElasticBore
 from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
 from fenics_ehd.multibody.surface import Surface, TurningRows
 
@@ -36,6 +36,8 @@ class BoundSurface:
         Index of the body's angle in z; None: the body cannot turn.
     mounted
         Angle of a body that cannot turn, else 0 [rad].
+    key
+        Name of the surface in files: that of the joint, of a journal with ``.journal`` behind.
     """
 
     surface: Surface
@@ -45,12 +47,18 @@ class BoundSurface:
     modes: np.ndarray
     angle: int | None
     mounted: float
+    key: str
 
     def angle_of(self, values: np.ndarray) -> float:
         """Angle [rad] from z, or angular speed [rad/s] from rates; 0 if the body cannot turn."""
         return 0.0 if self.angle is None else values[self.angle]
 
 
+@renamed_attributes(
+    bore_body="surfaces[0].body",
+    bore_angle="surfaces[0].angle",
+    journal_angle="surfaces[1].angle",
+)
 @dataclass(frozen=True, eq=False)
 class FilmBinding:
     """Film of a lubricated joint, bound to coordinates of the mechanism.
@@ -84,6 +92,10 @@ class FilmBinding:
     def relative_speed(self, rates: np.ndarray) -> float:
         """Angular speed of the journal less that of the bore [rad/s]."""
         return float(self.signs @ rates[self.turning])
+
+    def own_angles(self, z: np.ndarray) -> tuple[float, float]:
+        """Angles of bore and journal relative to the bore [rad]: 0 and `relative_angle`."""
+        return 0.0, self.relative_angle(z)
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
         """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""
@@ -139,18 +151,3 @@ class FilmBinding:
         """
         bore, journal = self.surfaces
         return journal.angle_of(values), bore.angle_of(values)
-
-    @property
-    def journal_angle(self) -> int | None:
-        """Index of the journal's angle in z; None: the journal cannot turn."""
-        return self.surfaces[1].angle
-
-    @property
-    def bore_body(self) -> str:
-        """Name of the body with the bore."""
-        return self.surfaces[0].body
-
-    @property
-    def bore(self) -> str:
-        """Name of the bore if it is that of a flexible body, else empty."""
-        return self.surfaces[0].point if isinstance(self.surfaces[0].surface, ElasticBore) else ""

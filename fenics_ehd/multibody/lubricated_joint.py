@@ -52,7 +52,6 @@ from fenics_ehd.film.heat import Heat, require_graded
 from fenics_ehd.film.kinematics import Gap, Shape, require_inside, require_shape
 from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
-from fenics_ehd.multibody.elastic_bore import BoreFilm, ElasticBore
 from fenics_ehd.multibody.joints import ADDITIONAL, SECOND, Geometry, Joint
 from fenics_ehd.multibody.surface import BORE, JOURNAL, Side, Surface, observed_positions
 from fenics_ehd.multibody.tabulated import Variation, variations_of
@@ -257,6 +256,8 @@ class JointFilm:
         The surface that turns through the film; None: none.
     plain
         Whether both surfaces are round.
+    elastic
+        Whether a surface deforms.
     shaft_radius
         Radius of the journal [m].
     friction, shear_rule
@@ -294,6 +295,7 @@ class JointFilm:
         )
         self.turning = next((surface for surface in self.surfaces if surface.turning), None)
         round_sides = all(surface.side.shape is None for surface in self.surfaces)
+        self.elastic = any(surface.elastic for surface in self.surfaces)
         self.plain = round_sides and self.turning is None
         self.deviation = self.surfaces[0].deviation + self.surfaces[1].deviation
         inside = film.points.angle.size
@@ -324,12 +326,6 @@ class JointFilm:
     def size(self) -> int:
         """Number n of coordinates."""
         return self.thickness.shape[1]
-
-    @property
-    def bore(self) -> BoreFilm | None:
-        """Maps of an elastic bore; None: the bore is rigid."""
-        bore = self.surfaces[0]
-        return bore.maps if isinstance(bore, ElasticBore) else None
 
     @property
     def clearance(self) -> float:

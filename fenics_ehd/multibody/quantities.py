@@ -186,6 +186,8 @@ class JointStep:
             torque -= float(rows.load[-1] @ self.pressure)
         if self.contact is not None:
             torque += self.contact.friction_torque(self.touch, self.state.gap)
+            if rows is not None:
+                torque -= float(self.contact.area @ (self.touch.pressure * rows.gap[:, -1]))
         return torque
 
     @property

@@ -65,7 +65,7 @@ class _Body:
         return (self.shapes @ self.amplitudes,)
 
 
-class BoreResponses:
+class PatternResponses:
     """Residual patterns of all bodies that have patterns and films.
 
     Arrays at Gauss points, at points where gaps are observed, and at nodes contain all films, one
@@ -305,7 +305,7 @@ def _compliant_surfaces(films: Sequence[FilmBinding]) -> Iterator[tuple[int, str
     Raises
     ------
     SettingsError
-        See `BoreResponses`.
+        See `PatternResponses`.
     """
     for i, binding in enumerate(films):
         compliances = [(bound, bound.surface.compliance) for bound in binding.surfaces]
