@@ -349,7 +349,7 @@ def test_scene_has_the_material_of_its_model(tmp_path, monkeypatch, capfd):
     assert scene.bodies["rod"].material.density == 2800.0
     assert scene.bodies["rod"].material.youngs_modulus == pytest.approx(70e9)
     (line,) = [line for line in scene.warnings if "material" in line]
-    assert line == "bodies.rod.material.density = 2800 is used, the model ring.msh has 2700"
+    assert line == "bodies.rod.material.density = 2800 is used, but model ring.msh has 2700"
 
 
 # Bulk data of Nastran

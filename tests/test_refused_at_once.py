@@ -137,7 +137,7 @@ def test_tables(key, text, message, scene, tmp_path, capfd):
     ("text", "message"),
     [
         ("[[", "mine.toml"),
-        ("", "no [bodies.NAME] tables; write bodies, joints, drives and forces: 'fenics-ehd init"),
+        ("", "no [bodies.NAME] tables: write bodies, joints, drives and forces; 'fenics-ehd init"),
         ("scene = 3\n", "no [bodies.NAME] tables"),
         ("bodies = 3\n", "bodies = 3 must be tables: [bodies.NAME]"),
         ("[bodies]\nrod = 3\n", "bodies.rod = 3 must be a table: [bodies.rod]"),
@@ -181,7 +181,7 @@ OTHER_PARAMETER = "did you mean bore_width or bore_radius? it has big_end_layers
         (ROD, {"bodies.rod.geometry.bore_diameter": 0.05}, RUN, OTHER_PARAMETER),
         (JOURNAL, {"forces.load.file": "absent.csv"}, RUN, "absent.csv"),
         (JOURNAL, {"forces.load.file": "main-baering"}, RUN, "main-bearing"),
-        (JOURNAL, {"time.period": 0.0}, RUN, "give time.period or time.revolutions"),
+        (JOURNAL, {"time.period": 0.0}, RUN, "give either time.period or time.revolutions"),
         (JOURNAL, {}, (*RUN, "--method", "m3"), "--method m3: scene mine has no part with a model"),
         (JOURNAL, {}, (*RUN, "--body", "rod.h5"), "has 0 flexible bodies, but must have one"),
         (HOUSING, {}, ("reduce", "rod", *REDUCE), "has 0 flexible bodies of that name or model"),

@@ -115,6 +115,7 @@ def test_an_oval_bore_under_a_turned_load_is_a_turned_oval_bore():
     assert abs(behind.eccentricity_ratio - ahead.eccentricity_ratio) > 0.02
 
 
+@pytest.mark.slow
 def test_the_load_converges_with_the_mesh(figure):
     shape = evolve(oval(4e-6, 0.5), half_width=0.011, barrel=3e-6, taper=1e-6)
     sizes = ((16, 4), (32, 8), (64, 16))
