@@ -49,7 +49,7 @@ from fenics_ehd.film.forces import FlowBalance
 from fenics_ehd.film.heat import TemperatureSearch, require_graded
 from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.multibody.lubricated_joint import QUARTER
-from fenics_ehd.multibody.quantities import film_power, min_film_thickness
+from fenics_ehd.multibody.quantities import film_power, max_contact_pressure, min_film_thickness
 
 #: Most meshes of one search.
 MOST_MESHES = 60
@@ -57,20 +57,22 @@ MOST_MESHES = 60
 #: Angle between force and load line at which the search for an attitude ends [rad].
 TOLERANCE = 1e-9
 
-#: Smallest factor between two of the loads by which a load is approached.
+#: Smallest ratio of two successive loads on the way to a required load.
 NEAREST = 1.02
 
-#: Smallest minimum film over the clearance: accuracy was measured up to an eccentricity of 0.999.
+#: Smallest accepted film over the clearance: accuracy was measured up to an eccentricity ratio of
+#: 0.999.
 THINNEST_FILM = 5e-4
 
-#: Largest angle between force and load line of a centred shaft, which has no attitude [rad].
+#: Largest accepted angle between force and load line if the shaft is centred: it has no attitude
+#: that could be changed [rad].
 STRAIGHT = 1e-6
 
-#: Additional cells around of the other three meshes of the coefficients.
+#: Additional cells around in three more meshes, over which coefficients are averaged.
 EXTRA_CELLS = (2, 4, 6)
 
-#: Least change of ln(viscosity) between two operating points from which the exponent of power over
-#: flow is computed: nothing but the temperature changes between them.
+#: Least change of ln(viscosity) from which the search for a temperature computes its exponent. It
+#: is small, because only the temperature changes between two operating points.
 LEAST_CHANGE = 1e-6
 
 #: Most operating points of the search for a temperature.
@@ -78,7 +80,10 @@ MOST_POINTS = 50
 
 
 def _expected_attitude(settings: BearingSettings) -> float:
-    """First guess: ahead of the load if a surface turns, else along the squeeze velocity."""
+    """First guess of the attitude [rad]: ahead of the load, or along the squeeze velocity.
+
+    The second one is used if no surface turns.
+    """
     entrainment = settings.direction * settings.entrainment
     if entrainment:
         return float(np.copysign(np.radians(50.0), entrainment))
@@ -86,7 +91,7 @@ def _expected_attitude(settings: BearingSettings) -> float:
 
 
 def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
-    """Equilibrium under a load, with a mesh that suits its position.
+    """Equilibrium under a load [N], on a mesh that was made for its position.
 
     Raises
     ------
@@ -101,11 +106,13 @@ def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
         position = point.position
         if meshed.suits(position):
             return point
-    raise SolverError(f"load = {load:g} N: none of {MOST_MESHES} meshes suits its own equilibrium")
+    raise SolverError(
+        f"load = {load:g} N: no equilibrium found on a mesh made for it, after {MOST_MESHES} meshes"
+    )
 
 
 def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
-    """Equilibrium under a load, approached by other loads if it is not found at once.
+    """Equilibrium under a load [N], approached through other loads if it is not found directly.
 
     Raises
     ------
@@ -117,7 +124,7 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
     if not point.carries:
         raise SettingsError(
             f"load = {load:g} N: the film has no pressure at speed = {settings.speed:g} rad/s, "
-            f"squeeze = {settings.squeeze[0]:g}, {settings.squeeze[1]:g} m/s"
+            f"squeeze = {settings.squeeze[0]:g}, {settings.squeeze[1]:g} m/s: give one of them"
         )
     reached = float(np.hypot(*point.force_on_bore))
     aim = load
@@ -145,7 +152,7 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
 
 
 def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
-    """Journal held at an eccentricity ratio, at the expected attitude or the next with a film.
+    """Journal held at an eccentricity ratio, at the first of six attitudes with an open gap.
 
     Raises
     ------
@@ -154,7 +161,7 @@ def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
     """
     settings = bearing.settings
     expected = _expected_attitude(settings)
-    # Across the tilt of the shaft, its ends leave most of the gap.
+    # The ends of a tilted shaft are displaced at a right angle to this direction.
     across = np.arctan2(settings.tilt[1], settings.tilt[0])
     message = ""
     for angle in (*(expected + np.radians([0, 90, -90, 180])), across, across + np.pi):
@@ -166,13 +173,13 @@ def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
     raise SettingsError(f"eccentricity and tilt close the gap at every attitude: {message}")
 
 
-#: Most attitudes of one search.
+#: Largest number of attitudes in one search.
 MOST_ATTITUDES = 60
 
-#: Longest step of the attitude [rad].
+#: Largest step of the attitude [rad].
 LONGEST_TURN = 1.0
 
-#: Least slope of the force's direction over the attitude for a secant step.
+#: Least derivative of the force's direction along the attitude at which the secant rule is used.
 FLAT = 0.05
 
 
@@ -215,18 +222,19 @@ def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
         turn = float(np.clip(turn, -LONGEST_TURN, LONGEST_TURN))
     raise SolverError(
         f"eccentricity = {ratio:g}: no attitude found; the film's force stays "
-        f"{np.degrees(off):.3g} degrees off the load line"
+        f"{np.degrees(off):.3g} degrees off the load line: use another eccentricity, speed or "
+        "squeeze"
     )
 
 
 @dataclass(frozen=True)
 class BearingHeat:
-    """Balanced heat of a bearing.
+    """Temperatures and flow at which the heat of a bearing is balanced.
 
     Attributes
     ----------
     effective_temperature, outlet_temperature
-        Temperatures of the oil [C].
+        Temperature that the viscosity belongs to, and that of the oil that leaves [C].
     flow
         Flow of the oil that leaves, see `FilmFlows.leaving` [m3/s].
     """
@@ -246,7 +254,7 @@ def _with_balanced_heat(
     SettingsError
         The viscosity of the oil is constant, or not known at the supply's temperature.
     HeatError
-        There is no such temperature.
+        No temperature balances the heat.
     """
     settings = bearing.settings
     heat = settings.heat
@@ -293,10 +301,10 @@ class ContactFigures:
     load
         Resultant of the contact pressure [N].
     share
-        Resultant over the load. Contact and film act in different directions: their shares do not
-        add up to 1.
+        Resultant over the load [-]. Contact and film act in different directions: their shares do
+        not add up to 1.
     max_pressure
-        Largest contact pressure [Pa].
+        Largest contact pressure, between the Gauss points [Pa].
     power
         Power lost by boundary friction [W].
     """
@@ -313,8 +321,8 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
     Raises
     ------
     SettingsError
-        Without force or eccentricity no derivative exists. Of compressible oil, derivatives lack
-        the rate of the density.
+        The force or the eccentricity is zero, and no derivative exists; or the oil is
+        compressible, and the damping would lack the rate of the density.
     """
     settings = point.meshed.settings
     if settings.density_law != "constant":
@@ -335,7 +343,8 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         parts.append([linear.stiffness, linear.damping])
     stiffness, damping = np.mean(parts, axis=0)
     if settings.plain:
-        # The force turns with the journal: a mesh at rest resolves this to a row of nodes only.
+        # The force turns with the journal: this derivative is exact, while that on a mesh at rest
+        # jumps with the rows of nodes.
         distance = np.hypot(*point.position)
         across = QUARTER @ point.position / distance
         turned = QUARTER @ point.force_on_bore / distance
@@ -565,7 +574,7 @@ def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
         return None
     force = float(np.hypot(*joint.contact.forces(joint.touch, joint.state.gap)[:2]))
     share = force / load if load else 0.0
-    return ContactFigures(force, share, joint.touch.pressure.max(), joint.rubbed)
+    return ContactFigures(force, share, max_contact_pressure(joint), joint.rubbed)
 
 
 def _peak(point: OperatingPoint) -> tuple[float, float | None]:

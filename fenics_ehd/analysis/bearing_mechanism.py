@@ -41,16 +41,17 @@ AROUND = np.linspace(0.0, 2 * np.pi, ANGLES, endpoint=False)
 #: Largest factor between the gap that a mesh was made for and the gap that it is used for.
 LARGEST_FACTOR = 1.2
 
-#: Largest angle from the journal to the x axis of the film's frame, of a round bore [rad].
+#: Largest angle of the eccentricity from the x axis of the film's frame in a round bore [rad].
 ALIGNED = 1e-3
 
-#: The same if the pressure is zero on the line of the maximum film, which is a line of the mesh.
+#: The same with a zero-pressure line at the maximum film, which is a line of the mesh [rad].
 ALIGNED_WITH_LINE = 1e-7
 
-#: Below this share of the largest pressure times the area, a force is round-off.
+#: Forces below this share of the largest pressure times the area are round-off, and eccentricities
+#: below this share of the clearance.
 ROUND_OFF = 1e-11
 
-#: Below this share of ``12 eta Omega (R / c)^2``, a pressure is round-off.
+#: Pressures below this share of ``12 eta Omega (R / c)^2`` are round-off.
 NO_PRESSURE = 1e-13
 
 #: Function that makes the mechanism of a bearing from its settings, the angle from the load line to
@@ -115,7 +116,10 @@ class Bearing:
 
 @attrs.frozen
 class HeldPoint(Revolute):
-    """A point that is held at another point, with a velocity [m/s]."""
+    """Two points at the same position, the first with a velocity [m/s] relative to the second.
+
+    No time passes in an equilibrium: the points do not separate.
+    """
 
     velocity: np.ndarray = attrs.field(factory=lambda: np.zeros(2))
 
@@ -261,7 +265,7 @@ class OperatingPoint:
 
     @property
     def carries(self) -> bool:
-        """True if the film's force exceeds the round-off of the pressures that it is the sum of."""
+        """True if the film's force exceeds the round-off of its pressures."""
         s = self.meshed.settings
         scale = self.meshed.film.parameters.pressure_scale
         least = ROUND_OFF * self.state.pressure.max() + NO_PRESSURE * scale
