@@ -267,7 +267,7 @@ SMALLEST_RELATIVE_RATE = 1e-30
 
 
 class Law:
-    """Formula of the ratio of a property to its value at rest, or at ambient pressure.
+    """Law of viscosity or density: its ratio to the value at rest, or at ambient pressure.
 
     Laws are attrs classes or dataclasses, whose fields are the coefficients of the formula.
     """
@@ -623,9 +623,9 @@ def _oil(settings: OilSettings) -> TemperatureLaw | None:
     graded = settings.grade != NONE
     if bool(settings.viscosity) + graded + any(kinematic) != 1:
         raise SettingsError(
-            f"viscosity = {settings.viscosity:g} Pa s, grade = {settings.grade!r}, viscosity_40 = "
-            f"{kinematic[0]:g}, viscosity_100 = {kinematic[1]:g} mm2/s: give exactly one of "
-            "viscosity, grade, and viscosity_40 with viscosity_100"
+            "give exactly one of: viscosity, grade, viscosity_40 with viscosity_100; their values "
+            f"are {settings.viscosity:g} Pa s, {settings.grade!r}, {kinematic[0]:g} and "
+            f"{kinematic[1]:g} mm2/s"
         )
     if settings.viscosity:
         return None
