@@ -410,9 +410,9 @@ def test_bulk_data_that_cannot_be_read(old, new, message, tmp_path):
 @pytest.mark.parametrize(
     ("cells", "message"),
     [
-        ([[0, 1, 2]], "tetra cells must have 4 nodes, they have 3 nodes"),
-        ([[0, 1, 2, 3], [0, 1, 2]], "they have different numbers of nodes"),
-        ([[0, 1, 2, 7]], "tetra cells name nodes that the file does not have"),
+        ([[0, 1, 2]], "tetra cells have 3 nodes, but must have 4"),
+        ([[0, 1, 2, 3], [0, 1, 2]], "have different numbers of nodes"),
+        ([[0, 1, 2, 7]], "tetra cells refer to nodes that the file does not have"),
     ],
 )
 def test_blocks_have_the_nodes_of_their_kind(cells, message):
