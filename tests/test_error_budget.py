@@ -230,7 +230,7 @@ def test_a_given_gap_acts_as_a_clearance_does(course):
 def test_a_course_of_one_step_has_no_rates(course):
     one = course.each(lambda values: values[:1])
     with pytest.raises(
-        ehd.errors.SettingsError, match="one step is too short for an estimate: raise time"
+        ehd.errors.SettingsError, match="one step is too few to estimate errors: raise time"
     ):
         missing_gaps(course.base.equations, one, "basis", periodic=False)
 
