@@ -130,7 +130,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--radius", "nan"], "radius = nan must be a finite number"),
         (["--load", 5, "--clearance", 0.004], "below 0.1 of the bore radius 0.0225 m"),
         (["--load", 5, "--clearance", 30], "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
-        (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths are in m"),
+        (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths must be in m"),
         (["--load", 5, "--viscosity", 0], "viscosity = 0.0 must be above 0"),
         (
             ["--load", 5, "--tilt", "nan", 0],

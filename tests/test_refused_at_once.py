@@ -78,7 +78,7 @@ COMMANDS = [
     ("reduce conrod -o x.h5 --basis ./x.h5", "--basis would write over ./x.h5 of -o"),
     ("reduce conrod -o pipe", NO_PLACE),
     ("reduce conrod -o x.h5 --basis pipe", NO_PLACE),
-    ("reduce conrod -o folder.h5 --export npz", "would write a file folder.npz: it"),
+    ("reduce conrod -o folder.h5 --export npz", "folder.npz is a folder, but a file must"),
     # Sweeps.
     ("sweep absent.toml --set clearance=1e-5", "absent.toml"),
     ("sweep crank-slider --set clearance=1e-5", "crank-slider"),

@@ -457,7 +457,7 @@ def test_a_folder_that_holds_what_is_not_of_a_study_is_refused(name, link, studi
         path.parent.mkdir()
     path.write_text("mine")
     for overwrite in (False, True):
-        with pytest.raises(ehd.errors.InputError, match="not of a former run"):
+        with pytest.raises(ehd.errors.InputError, match="not from a former run"):
             StudyFolder(tmp_path / "out", studied[1], overwrite=overwrite)
     assert path.read_text() == "mine"
 
