@@ -178,7 +178,7 @@ def test_notes_are_printed_once():
     assert "  step size and film mesh not estimated: no step" in lines
     assert "  part mesh not estimated: no mesh" in lines
     assert sum("not estimated: " in line for line in lines) == 2
-    assert lines[-1].startswith("  film mesh: without 0.4 % of the time")
+    assert lines[-1].startswith("  film mesh: excludes 0.4 % of the time")
     assert any("over the cycle" in line for line in lines)
     without_cycle = Cycle(0.0, 1.0, TOO_SHORT, complete=False, periodic=False)
     whole = budget_table({"pin": joint}, summary | without_cycle.entries())

@@ -63,7 +63,8 @@ from fenics_ehd.multibody.surface import BORE
 #: step control.
 TOLERANCE = 1e-10
 
-#: Weight of coordinates with given velocities; eccentricities follow theirs and have weight 1.
+#: Weight of coordinates with given velocities; eccentricities, which follow the velocities, have
+#: weight 1.
 GIVEN = 1e-12
 
 #: Shift over the largest rate of a film with mass-conserving cavitation, which keeps the oil
