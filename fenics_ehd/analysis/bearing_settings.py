@@ -28,7 +28,6 @@ from fenics_ehd.base.fields import (
 )
 from fenics_ehd.base.fields import speed as angular_speed
 from fenics_ehd.base.needs import NO_TEMPERATURE, only_with
-from fenics_ehd.base.plane import rotation
 from fenics_ehd.base.settings import require_effects
 from fenics_ehd.base.shared_settings import (
     ROUGH,
@@ -132,6 +131,7 @@ class BearingSettings(OilSettings, Roughness):
 
         A tilted shaft is a misaligned bore. The angle is zero for a bore that is not round.
         """
+        from fenics_ehd.base.plane import rotation
         from fenics_ehd.film.kinematics import Shape
 
         shape = self.bore_shape or Shape()
