@@ -69,7 +69,7 @@ def test_pictures_of_a_former_run_are_drawn(folder, capsys):
     notice = "--quantity max_pressure is now --quantity rocker_end.max_pressure"
     assert notice in capsys.readouterr().err
     assert call("plot", folder, "--quantity", "pin.max_pressure") == 2
-    assert "no lubricated joint pin in" in capsys.readouterr().err
+    assert "has no lubricated joint pin" in capsys.readouterr().err
 
 
 def test_a_former_run_is_not_continued(folder):
@@ -84,7 +84,7 @@ def test_a_former_sweep_is_not_continued(tmp_path):
     former = {**sweep.identity, "version": "0.3.0.dev0"}
     with SweepFolder(tmp_path, sweep) as folder:
         folder.write("sweep.json", former)
-    with pytest.raises(OtherFolderError, match=r"version = 0\.3\.0\.dev0 there"):
+    with pytest.raises(OtherFolderError, match=r"version is 0\.3\.0\.dev0 in the folder"):
         SweepFolder(tmp_path, sweep)
 
 

@@ -182,7 +182,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         ehd.load_results(tmp_path)
     with h5py.File(tmp_path / "history.h5", "a") as file:
         file.attrs.update(format=np.bytes_("fenics_ehd history"), format_version=2)  # 0.2
-    with pytest.raises(ehd.errors.InputError, match=r"version 2, .* reads 4; .*history\.csv"):
+    with pytest.raises(ehd.errors.InputError, match=r"version 2, .* reads 4: .*history\.csv"):
         ehd.load_results(tmp_path)
     study = write_study(tmp_path, [])
     write_history(study, "one", steps=8)

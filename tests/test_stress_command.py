@@ -179,7 +179,7 @@ def test_a_program_that_the_folder_names_runs_only_if_the_user_names_it_unchange
     text = model.read_text()
     model.write_text(f'SystemCall "touch {ran}";\n{text}')
     try:
-        assert "which is rod.geo" in refuse(folder)
+        assert "but the value is rod.geo" in refuse(folder)
         assert "bodies.rod was made with model = rod.geo" in refuse(folder, "--model", model)
     finally:
         model.write_text(text)

@@ -28,8 +28,9 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.build import unassembled
 from fenics_ehd.scenes.scene import Scene
 
-#: Name of the lubricated joint and of its oil.
-FILM, OIL = "film", "oil"
+#: Names of the lubricated joint and of its oil.
+FILM = "film"
+OIL = "oil"
 
 #: Angle of the maximum film in the film's frame of a round bore [degrees].
 MAX_FILM = 180.0
