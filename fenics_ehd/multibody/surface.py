@@ -132,7 +132,11 @@ class TurningRows:
 
     @staticmethod
     def stiffness(along_angle: np.ndarray) -> np.ndarray:
-        """Derivative of forces by all coordinates, shape (k, k), from that by alpha, shape (k,)."""
+        """Matrix of the derivatives of the k forces with respect to the k coordinates (q, alpha).
+
+        Its last row and column are `along_angle`, the derivatives with respect to the angle alpha,
+        shape (k,). All other entries are zero.
+        """
         matrix = np.zeros((len(along_angle), len(along_angle)))
         matrix[-1] = along_angle
         matrix[:, -1] = along_angle
