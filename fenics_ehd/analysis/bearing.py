@@ -180,9 +180,15 @@ FLAT = 0.05
 def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
     """Equilibrium at an eccentricity ratio in 0..1; at any attitude if the film has no pressure.
 
-    The attitude is found by the secant rule. The first step is that for a plain bearing, whose
-    force rotates with the journal. Raises ------ SettingsError
-        The force is along the load at no attitude, or the shaft touches the bore.
+    The attitude is found by the secant method. The first step assumes that the force rotates with
+    the journal, as it does in a plain bearing.
+
+    Raises
+    ------
+    SettingsError
+        A centred shaft has a force off the load line, or the shaft touches the bore.
+    SolverError
+        The force of the film lies on the load line at no attitude that was tried.
     """
     point = _held(bearing, ratio)
     off = direction_of(point.force_on_bore)

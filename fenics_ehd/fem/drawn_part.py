@@ -1,6 +1,7 @@
 """Drawings and meshes with named faces, converted to part models for scenes.
 
-The part is moved to its own frame, nodes of bores are projected onto cylinders, surfaces are named.
+The part is moved to its own frame, nodes of bores are projected onto cylinders, and surfaces get
+their names.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ from fenics_ehd.fem.solid import (
 )
 from fenics_ehd.fem.solid_file import read_part
 
-#: Largest displacement of a bore's node onto the cylinder, relative to the radius: of all nodes of
-#: second-order cells, or of the corners of first-order cells.
+#: Largest distance of a cell's corner on a bore from the fitted cylinder, relative to the radius.
 PROJECTED = 1e-3
 
-#: Distance of a bore's ends from planes, and of its middle from z = 0, that counts as rounding,
-#: relative to the radius: 0.1 um at 12 mm is 1e-5.
+#: Distances below this, relative to the radius, count as rounding error of the file: of nodes at
+#: the ends of a bore from planes, of its middle from z = 0. A file with steps of 0.1 um has 1e-5 at
+#: a radius of 12 mm.
 FLAT = 1e-4
 
 #: Names in meshio of cells of 10 and 27 nodes, and of their facets.
@@ -58,17 +59,17 @@ _VTK_FACES = [2, 3, 1, 4, 0, 5]
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Rigid motion of a part into its frame, ``turn @ (x - origin)``, first bore along z."""
+    """Rigid motion of a part into its frame, ``turn @ (x - origin)``; its first bore is along z."""
 
     origin: np.ndarray
     turn: np.ndarray
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Transform points of the file to the part's frame."""
+        """Transform points, shape (n, 3) [m], from the frame of the file to that of the part."""
         return (points - self.origin) @ self.turn.T
 
     def back(self, points: np.ndarray) -> np.ndarray:
-        """Transform points of the part's frame to the file's."""
+        """Transform points, shape (n, 3) [m], from the frame of the part to that of the file."""
         return points @ self.turn + self.origin
 
 
@@ -80,8 +81,8 @@ def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
     bore
         First bore of the part.
     towards
-        Point of the file on the positive x axis, shape (3,) [m]; None: the x axis stays as close
-        as possible to the file's.
+        Point of the file in the direction of the positive x axis, shape (3,) [m]. None: x is the
+        projection of the file's axis that is most nearly perpendicular to the bore.
     """
     z = bore.axis
     x = np.eye(3)[np.argmin(np.abs(z) - 1e-9 * np.array([2, 1, 0]))]
@@ -97,11 +98,11 @@ def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
 def round_bore(
     points: np.ndarray, facets: np.ndarray, name: str, *, first: bool
 ) -> tuple[np.ndarray, float]:
-    """Points with a bore's nodes put on its cylinder, and the largest displacement of a corner [m].
+    """Move the nodes of a bore onto its cylinder.
 
-    Mid-side nodes, if there are any, follow the corners, see `rounded_middles`. Nodes at the ends
-    of the bore that lie within the same distance of a plane are put on it. Corners of
-    quadrilaterals that lie on one line along the bore or around it are put on that line.
+    Mid-side nodes, if there are any, follow the corners, see `rounded_middles`. Nodes within
+    `FLAT` radii of an end of the bore are put on a plane there. Corners of quadrilaterals whose
+    angles or heights differ by less than `FLAT` get equal angles or heights.
 
     Parameters
     ----------
@@ -112,12 +113,19 @@ def round_bore(
     name
         Name of the bore.
     first
-        Whether the bore's centre is the origin.
+        Whether this is the first bore of the part, whose axis passes through the origin.
+
+    Returns
+    -------
+    points : numpy.ndarray
+        All nodes of the part with those of the bore moved, shape (n, 3) [m].
+    moved : float
+        Largest distance of a corner from the cylinder before [m].
 
     Raises
     ------
     MeshError
-        A node is farther from the cylinder than `PROJECTED` radii.
+        A corner is farther from the cylinder than `PROJECTED` radii.
     """
     sides = facet_corners(facets)
     count = sides.shape[1]
@@ -136,11 +144,11 @@ def round_bore(
     for end in (low, high):
         new[corners[np.abs(x[:, 2] - end) < near], 2] = end - offset
     if count == 4:
-        # Rounded quadrilaterals are no parallelograms, which films on them need.
+        # Films need parallelograms in the unwrapped bore, which rounding errors of nodes spoil.
         new[corners] = _lined_up(new[corners] - centre, cylinder.radius) + centre
     if facets.shape[1] > count:
         new[facets[:, count:]] = rounded_middles(new[sides] - centre) + centre
-    # Large displacements along the bore are harmless.
+    # Displacements along the bore do not count: they leave the bore round.
     moved = float(np.abs(reach - cylinder.radius).max())
     if moved > PROJECTED * cylinder.radius:
         raise MeshError(
@@ -162,7 +170,7 @@ def _lined_up(x: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _levels(values: np.ndarray, near: float) -> np.ndarray:
-    """Values, shape (n,); values within `near` of the next one are replaced by their mean."""
+    """Values, shape (n,), with chains of values less than `near` apart replaced by their means."""
     order = np.argsort(values)
     first = np.diff(values[order], prepend=-np.inf) > near
     level = np.empty(len(values), dtype=np.int64)
@@ -202,9 +210,10 @@ def write_part(path: Path, solid: Solid, surfaces: Mapping[str, np.ndarray]) -> 
 def _with_centres(
     solid: Solid, surfaces: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Nodes, 27-node cells and 9-node facets of 20-node hexahedra, in VTK's order.
+    """Convert 20-node hexahedra to 27-node cells and 9-node facets, with nodes in VTK's order.
 
-    Centres are interpolated from the other nodes: the shape of the solid is unchanged.
+    Nodes at the centres of cells and faces are interpolated from the other nodes, so that the shape
+    of the solid is unchanged.
     """
     element = solid.element
     n = len(solid.points)
@@ -227,7 +236,7 @@ def _with_centres(
 #: Default number of cells around the bores of a drawing.
 AROUND = 40
 
-#: Number of cells around unnamed cylinders: the rim of an oil hole needs 6.
+#: Number of cells around cylinders without a name; the rim of an oil hole needs at least 6.
 AROUND_OTHERS = 12
 
 #: Cell size away from cylinders, relative to the part's longest side.
@@ -242,7 +251,7 @@ TILT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class OpenedPart:
-    """A file with its faces, numbered from 1.
+    """A part as read from a file, with its faces numbered from 1.
 
     Attributes
     ----------
@@ -251,12 +260,12 @@ class OpenedPart:
     faces
         Faces, bores first.
     solid, facets
-        Cells and facets of a mesh, in the file's order; None for a drawing, whose mesh depends on
-        the named faces.
+        Cells and facets of a mesh, in the file's order; None for a drawing, which is meshed once
+        its faces have names.
     drawing
         Drawing; None for a mesh.
     left_out
-        Entities of the file that are not part of the solid, in words; empty if none.
+        Description of the file's entities that do not belong to the solid; empty if none.
     materials
         Materials of the file's cells, see `ForeignPart`.
     notices
@@ -274,7 +283,7 @@ class OpenedPart:
 
     @property
     def drawn(self) -> bool:
-        """True of a drawing, whose mesh can be refined."""
+        """True if the file is a drawing, which can be meshed again with other cell sizes."""
         return self.drawing is not None
 
     def radius(self, number: int) -> float:
@@ -284,12 +293,19 @@ class OpenedPart:
         return cylinder.radius
 
     def face(self, wanted: str, kinds: Sequence[str] = ()) -> int:
-        """Number of a face, given by its number or by a radius with its unit, ``22.5mm``.
+        """Find a face by its number or by its radius with a unit, and return its number.
+
+        Parameters
+        ----------
+        wanted
+            Number, or radius such as ``22.5mm``.
+        kinds
+            Accepted kinds of faces; empty for all.
 
         Raises
         ------
         MeshError
-            No face matches, or several do.
+            No face matches, several faces match, or the face is of another kind.
         """
         if re.fullmatch(r"[0-9]+", wanted):
             numbers = [int(wanted)] if 1 <= int(wanted) <= len(self.faces) else []
@@ -358,7 +374,7 @@ def open_part(
         drawing = read_drawing(path, unit)
         return OpenedPart(path, drawing.faces, drawing=drawing, notices=drawing.notices)
     part = read_part(path, unit or "m", several_materials=several_materials)
-    # Mid-side nodes of straight edges do not lie on a curved face.
+    # Mid-side nodes of straight edges lie off a curved face, so that only corners are fitted.
     fitted = first_order(part.solid) if straight(part.solid) else part.solid
     faces = find_faces(fitted, fitted.facets(), sharp=sharp)
     split = split_cylinders(fitted, fitted.facets(), faces, sharp)
@@ -376,7 +392,7 @@ def open_part(
 
 
 def _angle_hint(path: Path, split: Sequence[Face]) -> list[str]:
-    """A notice on cylinders that would be found with a larger angle of edges."""
+    """Notice on cylinders that are found in pieces because cells are coarse; empty if none."""
     radii = sorted({f"{f.cylinder.radius * 1e3:.4g}" for f in split if f.cylinder is not None})
     if not radii:
         return []
@@ -393,9 +409,10 @@ class NamedFaces:
     Attributes
     ----------
     bores, points
-        Faces by name; the first bore is at the origin, the first point on the x axis.
+        Numbers of faces by name. The centre of the first bore is the origin of the part's frame,
+        and the first point lies in the direction of x.
     held
-        Faces of the surface ``held``, or empty.
+        Numbers of the faces that form the surface ``held``; empty without this surface.
     """
 
     bores: Mapping[str, int]
@@ -403,7 +420,7 @@ class NamedFaces:
     held: Sequence[int] = ()
 
     def all(self) -> dict[str, Sequence[int]]:
-        """Faces of every surface."""
+        """Numbers of the faces of every surface, by the name of the surface."""
         single = {name: (face,) for name, face in {**self.bores, **self.points}.items()}
         return single | ({"held": tuple(self.held)} if self.held else {})
 
@@ -411,9 +428,17 @@ class NamedFaces:
 def bore_sizes(
     drawing: Drawing, named: NamedFaces, around: float, coarser: float = 1.0
 ) -> CellSizes:
-    """Size of the cells of a drawing: given around each bore, growing with the distance.
+    """Cell sizes of a drawing, which grow with the distance from its cylinders.
 
-    All sizes are multiplied by `coarser`.
+    Parameters
+    ----------
+    drawing, named
+        Drawing, and the faces with names.
+    around
+        Number of cells around each bore; points have half as many, other cylinders
+        `AROUND_OTHERS`.
+    coarser
+        Factor of all cell sizes.
     """
     cells = dict.fromkeys(range(1, len(drawing.faces) + 1), float(AROUND_OTHERS))
     cells |= dict.fromkeys(named.points.values(), around / 2)
@@ -436,15 +461,15 @@ class PlacedPart:
     solid, facets
         Solid and its facets [m] with the first bore along z, in the file's order of nodes.
     numbers
-        Face of each facet.
+        Number of the face that each facet belongs to.
     named
         Faces that make up each surface.
     moved
         Largest displacement of the nodes of each bore onto its cylinder [m].
     placement
-        Rigid motion from the file to the part's frame; matrices of the nodes are rotated likewise.
+        Rigid motion from the file's frame to that of the part, for nodes and for matrices.
     cylinders
-        Cylinders of the faces by number, before nodes were moved.
+        Cylinders in the file's frame, fitted before nodes were moved, by the number of the face.
     straight
         Whether all edges of the file's cells are straight.
     size
@@ -462,17 +487,18 @@ class PlacedPart:
     size: float = 1.0
 
     def surfaces(self) -> dict[str, np.ndarray]:
-        """Facets of every surface."""
+        """Facets of every surface, by the name of the surface."""
         return {
             name: self.facets[np.isin(self.numbers, faces)]
             for name, faces in self.named.all().items()
         }
 
     def quadratic(self) -> PlacedPart:
-        """Part of second-order cells with mid-side nodes of cylindrical faces on the cylinders.
+        """Convert to second-order cells with curved edges.
 
-        Edges that are curved in the file stay, except those of bores. If cells would be turned
-        inside out, only mid-side nodes of bores are put on their cylinders.
+        Mid-side nodes of all cylindrical faces are put on the cylinders. If this turns a cell
+        inside out, only those of the bores are. A part that has curved edges in the file is
+        returned as it is.
 
         Raises
         ------
@@ -490,7 +516,7 @@ class PlacedPart:
             return _rounded(part)
 
     def _on_cylinders(self) -> np.ndarray:
-        """Nodes with mid-side nodes of cylindrical faces put on the cylinders, shape (n, 3) [m]."""
+        """All nodes, shape (n, 3) [m], with mid-side nodes of cylindrical faces on cylinders."""
         points = self.solid.points.copy()
         for number, cylinder in self.cylinders.items():
             frame = placement(cylinder, None)
@@ -502,13 +528,13 @@ class PlacedPart:
         return points
 
     def refined(self) -> PlacedPart:
-        """Part with every cell divided into eight."""
+        """Divide every cell into eight, and put the new nodes of bores on the cylinders."""
         solid, facets, numbers = refined(self.solid, self.facets, self.numbers)
         return _rounded(replace(self, solid=solid, facets=facets, numbers=numbers, moved={}))
 
 
 def _rounded(part: PlacedPart) -> PlacedPart:
-    """Put bores on their cylinders, and adapt the mid-side nodes."""
+    """Move the nodes of all bores onto their cylinders; refuse cells that become inside out."""
     points = part.solid.points
     moved = dict(part.moved)
     surfaces = part.surfaces()
@@ -527,14 +553,20 @@ def _rounded(part: PlacedPart) -> PlacedPart:
 def place_part(
     part: OpenedPart, named: NamedFaces, around: float = AROUND, coarser: float = 1.0
 ) -> PlacedPart:
-    """Move a part into its frame; a drawing is meshed with `around` cells around its bores.
+    """Move a part into its frame, after meshing it if it is a drawing.
 
-    Cell sizes of a drawing are multiplied by `coarser`.
+    Parameters
+    ----------
+    part, named
+        Part, and its faces with names.
+    around, coarser
+        Number of cells around the bores of a drawing, and a factor of its cell sizes, see
+        `bore_sizes`.
 
     Raises
     ------
     MeshError
-        The part cannot be meshed, or a bore is not round or not parallel to the first one.
+        The part cannot be meshed, a bore is not round, or a bore is not parallel to the first.
     """
     faces = part.faces
     solid, facets, numbers, size = _meshed(part, named, around, coarser)

@@ -1,7 +1,8 @@
 """Animation of a mechanism and of one joint's film, as GIF or MP4.
 
-Bodies and ideal joints are drawn as symbols of their kind, lubricated joints as bore, journal and
-film. One lubricated joint is drawn in close-up as well, with its unwrapped film, orbit and curves.
+Bodies and ideal joints are drawn as symbols, lubricated joints as bore, journal and film. Further
+panels show one lubricated joint in close-up, its unwrapped film, its orbit, and curves of pressure
+and film thickness.
 """
 
 from __future__ import annotations
@@ -48,10 +49,10 @@ from fenics_ehd.results.paraview import parts_of_bases
 from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.scene import as_stored, meshed
 
-#: Points along the bore to which nodal values are interpolated.
+#: Number of heights along the bore at which nodal values are sampled.
 ALONG = 17
 
-#: Drawn wall thickness of a rigid bore over its radius, and fill colour of bodies at rest.
+#: Drawn wall thickness of a rigid bore over its radius, and hatching of bodies at rest.
 WALL = 0.3
 HATCH = "////"
 
@@ -60,20 +61,20 @@ Bodies = Mapping[str, BodyView]
 
 
 def at(bodies: Bodies, marker: str) -> tuple[BodyView, np.ndarray]:
-    """Body of a marker, and drawn position of the marker, shape (t, 2) [m]."""
+    """Drawn body of a marker, and the marker's positions over time, shape (t, 2) [m]."""
     name, _, point = marker.partition(".")
     return bodies[name], bodies[name].points[point]
 
 
 class Bearing:
-    """A lubricated joint at the instants of a replay.
+    """Drawing of a lubricated joint at the instants of a recorded motion.
 
     Parameters
     ----------
     replay, binding
-        Replay of the run, and binding of the joint's film.
+        Recorded motion at t instants, and binding of the joint's film.
     bodies
-        Bodies as drawn.
+        Drawn bodies by name.
     scale
         Enlargement of clearances and displacements [-].
 
@@ -82,18 +83,18 @@ class Bearing:
     body, journal_body
         Drawn bodies with the bore and with the journal.
     meshed
-        Whether the bore is drawn with the mesh of its body.
+        Whether the bore belongs to a flexible body, whose drawing contains it.
     radius, clearance
         Radius and radial clearance of the bore [m].
     centre
-        Centre of the undeformed bore, shape (t, 2) [m].
+        Drawn position of the undeformed bore's centre, shape (t, 2) [m].
     offset
-        Drawn eccentricity of the journal in the bore's frame, shape (t, 2) [m].
+        Enlarged distance of the journal from `centre` in the bore's frame, shape (t, 2) [m].
     height
         Heights along the bore, shape (b,) [m].
     pressure, gap
-        Pressure and gap at these heights and at `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a)
-        [Pa], [m].
+        Pressure [Pa] and film thickness [m] at these heights and at the angles
+        `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a).
     """
 
     def __init__(self, replay: RecordedMotion, binding: FilmBinding, bodies: Bodies, scale: float):
@@ -120,14 +121,16 @@ class Bearing:
     def draw(
         self, axes: Axes, frame: int, highest: float, centre: np.ndarray, turn: float, radius: float
     ) -> None:
-        """Draw the section by `draw_section`, the bore's wall, and a mark turning with the journal.
+        """Draw the cross section of the joint, see `draw_section`.
+
+        A rigid bore is drawn as a ring. A mark on the journal shows its rotation.
 
         Parameters
         ----------
         axes, frame
             Axes to draw in, and index of the instant.
         highest
-            Pressure that is drawn with the largest height [Pa].
+            Pressure at the top of the drawn pressure curve [Pa].
         centre, turn, radius
             Drawn centre and radius of the bore [m], and angle `turn` of its body [rad].
         """
@@ -135,7 +138,7 @@ class Bearing:
             face, hatch = ("white", HATCH) if self.body.held else (STEEL, "")
             style = {"facecolor": face, "edgecolor": "0.45", "hatch": hatch, "zorder": 2}
             axes.add_patch(Annulus(centre, (1 + WALL) * radius, WALL * radius, **style))
-        # The mean over the width does not depend on the tilt of the journal.
+        # The mean of the gap over the width does not depend on the tilt of the journal.
         gap = self.gap[frame].mean(axis=0)
         pressure = self.pressure[frame].max(axis=0)
         position = self.offset[frame] / self.radius
@@ -158,7 +161,7 @@ class Bearing:
         lay_out_section(axes)
 
     def unwrap(self, axes: Axes, frame: int) -> None:
-        """Pressure over the unwrapped bore, and the position of the minimum film."""
+        """Draw the pressure over the unwrapped bore, and mark the minimum film thickness."""
         axes.clear()
         angle = np.degrees(ANGLES)
         height = 1e3 * self.height
@@ -180,18 +183,20 @@ class Bearing:
         )
 
 
+#: Fill colours of the bodies, in turn.
 LINKS = ("#e3d5c0", "#cfd9e3", "#d5e0cc", "#e4cfd3", "#d9d2e6")
 
-#: Size of a joint's symbol over the mechanism's extent, and margin around the mechanism in symbols.
+#: Size of a joint's symbol relative to the mechanism's extent, and margin around the mechanism
+#: relative to the size of a symbol.
 SYMBOL = 0.02
 ROOM = 3.0
 
-#: Corners of a square around the origin.
+#: Corners of a square of side 2 around the origin.
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
 
 def extent(bodies: Bodies, bearings: Mapping[str, Bearing]) -> np.ndarray:
-    """Least and largest x and y of all moving bodies over all instants, shape (2, 2) [m]."""
+    """Smallest, then largest x and y of all bodies over all instants, shape (2, 2) [m]."""
     positions = [points for body in bodies.values() for points in body.points.values()]
     for bearing in bearings.values():
         positions += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
@@ -208,7 +213,7 @@ def draw_mechanism(
     limits: np.ndarray,
     frame: int,
 ) -> None:
-    """All bodies and joints at an instant; `limits` as of `extent`."""
+    """Draw all bodies and joints at an instant, between the limits that `extent` returns."""
     axes.clear()
     size = SYMBOL * float(np.ptp(limits, axis=0).max())
     highest = max((bearing.pressure.max() for bearing in bearings.values()), default=0.0)
@@ -228,7 +233,7 @@ def draw_mechanism(
 
 
 def draw_body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
-    """Draw the part of a body, or bars from its origin to its points."""
+    """Draw the faces of a body; without a mesh, also bars from its origin to its points."""
     if body.shape is not None:
         draw_part(axes, body, frame)
     if body.held or (body.shape is not None and body.shape.mesh):
@@ -241,7 +246,7 @@ def draw_body(axes: Axes, body: BodyView, colour: str, frame: int) -> None:
 
 
 def draw_pin(axes: Axes, joint: Revolute | Fixed, bodies: Bodies, size: float, frame: int) -> None:
-    """Draw two points that stay together, on a pedestal if one of them is held."""
+    """Draw a revolute or fixed joint, on a pedestal if one of its bodies is held."""
     ends = [at(bodies, marker) for marker in joint.markers]
     held = [positions[0] for body, positions in ends if body.held]
     style = {"color": "white", "markeredgecolor": "0.2", "markersize": 8}
@@ -254,13 +259,13 @@ def draw_pin(axes: Axes, joint: Revolute | Fixed, bodies: Bodies, size: float, f
 
 
 def _ground(axes: Axes, corners: np.ndarray) -> None:
-    """Draw a hatched polygon whose first side is a surface."""
+    """Draw a hatched polygon, with a line along its first side for the ground's surface."""
     axes.add_patch(Polygon(corners, facecolor="white", edgecolor="0.6", hatch=HATCH, lw=0))
     axes.plot(*corners[:2].T, color="0.35", linewidth=0.9)
 
 
 def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: int) -> None:
-    """Draw a block on a line, between walls if the line is held."""
+    """Draw a sliding joint: a block on its line, between walls if the line is held."""
     body, origin = at(bodies, joint.line)
     _, position = at(bodies, joint.point)
     along = np.array(joint.direction) / np.hypot(*joint.direction)
@@ -277,19 +282,19 @@ def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: i
         _ground(axes, origin[0] + wall @ turns[0])
 
 
-#: Pixels per inch of the file formats: a GIF has no compression in time.
+#: Pixels per inch by file format; lower for GIF, whose files are larger.
 RESOLUTION = {".gif": 90, ".mp4": 120}
 
-#: Number of colours of a GIF, the same in all frames; number of frames that they are chosen from,
-#: and distance of the sampled pixels.
+#: Number of colours of a GIF, which are the same in all frames. They are chosen from `SAMPLES`
+#: frames, of which every `SPARSE`-th pixel in both directions is used.
 COLOURS = 256
 SAMPLES = 6
 SPARSE = 3
 
-#: Values of red, green and blue, of 255, above which a colour counts as white.
+#: Smallest value of red, green and blue, out of 255, at which a colour counts as white.
 NEARLY_WHITE = 248
 
-#: Fixed date and encoder signature: the same run gives the same file.
+#: Options of ffmpeg that leave out dates and versions, so that a run always gives the same file.
 _REPEATABLE = ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", "1"]
 
 
@@ -322,7 +327,7 @@ def save_animation(
     Parameters
     ----------
     figure, show
-        The figure, and a function that draws one of its frames.
+        Figure, and function that draws a frame into it by its number.
     count
         Number of frames.
     path
@@ -335,8 +340,7 @@ def save_animation(
     Returns
     -------
     Path
-        The file.
-
+        Path of the file.
     """
     suffix = path.suffix.lower()
     figure.set_dpi(RESOLUTION[suffix])
@@ -350,7 +354,7 @@ def save_animation(
 def _write_gif(
     figure: Figure, show: Show, count: int, path: Path, rate: int, progress: Callable[[], None]
 ) -> None:
-    """One palette for all frames, or colours would flicker."""
+    """Write a GIF with one palette for all frames, so that colours do not flicker."""
     chosen = np.linspace(0, count - 1, min(count, SAMPLES)).astype(int)
     samples = [_picture(figure, show, i)[::SPARSE, ::SPARSE] for i in chosen]
     palette = _with_white(Image.fromarray(np.vstack(samples)).quantize(COLOURS))
@@ -373,7 +377,7 @@ def _delays(count: int, rate: int) -> list[int]:
 
 
 def _with_white(palette: Image.Image) -> Image.Image:
-    """The palette with its lightest colours, means of similar colours, replaced by white."""
+    """Replace the lightest colours of a palette by white, which quantisation has made grey."""
     colours = np.array(palette.getpalette()).reshape(-1, 3)
     colours[colours.min(axis=1) >= NEARLY_WHITE] = 255
     palette.putpalette(colours.ravel().tolist())
@@ -400,16 +404,16 @@ def _write_mp4(
             progress()
 
 
-#: Inches.
+#: Width and height of the figure [inches].
 SIZE = (32 / 3, 6.0)
 
 
 def draw_run(
     directory: Path, joint: str | None, count: int, scale: float | None, bases: Sequence[str]
 ) -> tuple[Figure, Show, list[str]]:
-    """The figure of a run's last cycle, a function that draws a frame, and hints to the user.
+    """Figure of a run's last cycle, a function that draws a frame by its number, and user hints.
 
-    Models of the bodies, which are programs, are not run for a picture.
+    Programs that a scene names as models of bodies are not run.
 
     Parameters
     ----------
@@ -422,14 +426,14 @@ def draw_run(
     scale
         Enlargement of displacements and clearances, None: automatic.
     bases
-        Files of bases of whole bodies.
+        Paths of basis files (``reduce --basis``), with which flexible bodies are drawn completely.
 
     Raises
     ------
     InputError
         The run has fewer than two steps.
     SettingsError
-        The joint does not exist, or a basis does not belong to any body.
+        The joint does not exist, or a basis file belongs to no body of the run.
     """
     result = moving_part(load_history(directory))
     run = recorded(directory, result)
@@ -468,7 +472,7 @@ def draw(
     joint: str,
     scale: float | None,
 ) -> tuple[Figure, Show]:
-    """The figure, and a function that draws one of its frames.
+    """Figure, and a function that draws a frame into it by its number.
 
     Parameters
     ----------
@@ -533,7 +537,8 @@ def draw(
         words += [f"{name} {angle[frame]:.0f}°" for name, angle in driven.items()]
         title.set_text(", ".join(words))
 
-    # The layout is computed for one frame only: labels of changing width must not move the panels.
+    # The layout is computed for the first frame and kept, because labels of changing width would
+    # move the panels.
     show(0)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
