@@ -397,7 +397,7 @@ class Stateful:
 
     @property
     def state(self) -> dict[str, Any]:
-        """Values of the carried attributes by the keys of `carried`."""
+        """Values with which a resumed run continues: attributes by the keys of `carried`."""
         return {
             key: _state_of(getattr(self, entry.member or key))
             for key, entry in self.carried.items()

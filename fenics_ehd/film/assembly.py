@@ -129,7 +129,10 @@ class Assembly:
         return self.tested @ source.ravel()
 
     def by_nodes(self, nodal: np.ndarray) -> np.ndarray:
-        """Values of the k nodes of every cell, shape (c, 1, k), ordered as entries of `tested`."""
+        """Values of a nodal field at the k nodes of every cell, in ascending order of the nodes.
+
+        The shape is (c, 1, k), in which the middle axis stands in for the Gauss points of a cell.
+        """
         return nodal[np.sort(self.grid.cell_nodes, axis=1)][:, None, :]
 
     def mass(self, nodes: np.ndarray) -> sparse.csr_matrix:

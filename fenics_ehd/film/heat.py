@@ -90,9 +90,9 @@ class Heat:
         return self.supply_temperature + rise / carried if carried > 0.0 else np.inf
 
     def balanced(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
-        """Effective temperature [C] that balances power [W] and flow [m3/s] of the film.
+        """Effective temperature [C] of a film whose flow carries away the dissipated power.
 
-        `temperature` [C] is the one at which power and flow were computed.
+        The power [W] and the flow [m3/s] were computed at `temperature` [C].
         """
         outlet = self.outlet(oil, temperature, power, flow)
         return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
@@ -206,11 +206,14 @@ class TemperatureSearch(Stateful):
         self.temperature = float(np.clip(wanted, self.heat.supply_temperature, hottest))
 
     def defect(self, power: float, flow: float) -> float:
-        """Temperature that balances power [W] and flow [m3/s], less the current one [K]."""
+        """Difference from the current temperature to the balanced one [K].
+
+        The balanced one is that at which the flow [m3/s] carries away the dissipated power [W].
+        """
         return self.heat.balanced(self.oil, self.temperature, power, flow) - self.temperature
 
     def settled(self, power: float, flow: float) -> bool:
-        """True if the heat is balanced within its tolerance."""
+        """Whether the current temperature is the balanced one, to the tolerance of `Heat`."""
         return abs(self.defect(power, flow)) <= self.heat.tolerance
 
     def move(self, power: float, flow: float) -> None:

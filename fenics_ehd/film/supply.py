@@ -89,7 +89,10 @@ class AxialGroove:
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """Angles of the edges, or of the line, which should be cell boundaries [rad]."""
+        """Angles of the groove's two edges [rad], or its one angle if it has no width.
+
+        They should be cell boundaries of the film's mesh.
+        """
         half = 0.5 * self.width
         return (self.angle - half, self.angle + half) if half else (self.angle,)
 

@@ -163,10 +163,11 @@ class BorderedSystem:
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Solve for pressures of every film, shape (m,) each, and for x.
+        """Solve for the pressures of every film, shape (m,) each, and for the other unknowns x.
 
-        `films` are the right-hand sides r_f, shape (m,) each, and `rest` is g, shape (x,). For a
-        film with W the solution has defects at nodes that are not full.
+        `films` are the right-hand sides of the films' equations, shape (m,) each, and `rest` that
+        of the other equations, shape (`size`,). For a mass-conserving film, which has weights W,
+        nodes that are not full have values of the complementary unknown in place of pressures.
         """
         alone = [b.solution(r) for b, r in zip(self.blocks, films, strict=True)]
         reduced = rest.copy()

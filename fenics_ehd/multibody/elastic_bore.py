@@ -252,7 +252,11 @@ class ElasticBore(Surface):
 
     @property
     def rows(self) -> SurfaceRows:
-        """Constant maps of the elastic modes; the film's frame has their mean translation."""
+        """Constant linear maps between the film and the amplitudes of the elastic modes.
+
+        The film moves with the mean translation of the bore. The mean velocity of the surfaces is
+        relative to it, so that the translation of every mode is subtracted there.
+        """
         maps = self.maps
         carried = _mean_translation(self.side.film, maps.outward, maps.tangential)
         mean = 0.5 * maps.tangential - carried

@@ -220,7 +220,9 @@ def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
 
 
 def unusual_peaks(name: str, pressures: np.ndarray, *, may_ring: bool) -> list[str]:
-    """Make a line if the peak is in a single step or in a start that rings, else none.
+    """Notice about a peak pressure that the time steps may not resolve; an empty list without one.
+
+    Such a peak occurs in a single step, or in the decaying oscillation after the start of a run.
 
     Parameters
     ----------

@@ -396,13 +396,13 @@ def eccentricity_in_bore_y(joint: JointStep) -> float:
 
 @quantity("eccentricity_ratio", "1")
 def eccentricity_ratio(joint: JointStep) -> float:
-    """Displacement of the journal in the deformed and shaped bore, over the clearance."""
+    """Eccentricity of the journal in the deformed bore, over the clearance."""
     return np.hypot(*joint.journal) / joint.binding.film.clearance
 
 
 @quantity("attitude_angle", "deg")
 def attitude_angle(joint: JointStep) -> float:
-    """Angle from the load to the journal's displacement in the deformed and shaped bore."""
+    """Angle from the load to the eccentricity of the journal in the deformed bore."""
     return in_degrees(np.arctan2(joint.journal[1], joint.journal[0]) - joint.towards)
 
 

@@ -132,10 +132,10 @@ class TurningRows:
 
     @staticmethod
     def stiffness(along_angle: np.ndarray) -> np.ndarray:
-        """Symmetric stiffness with respect to ``(q, alpha)``, shape (k, k).
+        """Matrix of the derivatives of the k forces with respect to the k coordinates (q, alpha).
 
-        `along_angle` are the derivatives of all forces with respect to alpha, shape (k,); other
-        derivatives are zero.
+        Its last row and column are `along_angle`, the derivatives with respect to the angle alpha,
+        shape (k,). All other entries are zero.
         """
         matrix = np.zeros((len(along_angle), len(along_angle)))
         matrix[-1] = along_angle

@@ -660,7 +660,9 @@ def _hint(tables: Mapping[str, Any], key: str) -> str:
 
 
 def as_stored(source: str | Path) -> Scene:
-    """Read a scene and round its values to the digits in its text, which a resumed run reads.
+    """Read a scene with its values rounded as in the text that is stored with a run.
+
+    A run and its resumption, which reads that text, thus calculate with the same values.
 
     Parameters
     ----------
