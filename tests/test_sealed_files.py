@@ -117,7 +117,7 @@ def test_a_file_without_a_digest_is_refused(kind, tmp_path):
     path = tmp_path / FILE
     KINDS[kind][0](path)
     path.write_bytes(path.read_bytes()[512:])
-    assert "it has no digest: " in refused(kind, path)
+    assert "the file has no digest: " in refused(kind, path)
 
 
 def test_a_link_in_place_of_a_part_file_is_not_followed(tmp_path):

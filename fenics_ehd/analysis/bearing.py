@@ -1,10 +1,10 @@
 """One rigid bearing: equilibrium, forces, losses, heat and dynamic coefficients.
 
 The mechanism (`fenics_ehd.scenes.bearing`) is a massless journal in one lubricated joint, under a
-load along x (`fenics_ehd.analysis.bearing_mechanism`). Load and pressure balance
-(`fenics_ehd.analysis.equilibrium`). Shear adds a force of relative size c / R, which lubrication
-theory neglects: it enters the friction torque and the power only. At a given eccentricity the
-journal is held, at the attitude at which the film's force lies on the load line.
+load along x (`fenics_ehd.analysis.bearing_mechanism`). Its equilibrium is that of load and film
+pressure (`fenics_ehd.analysis.equilibrium`). Shear stresses add a force of relative size c / R,
+which lubrication theory neglects; they enter the friction torque and the power only. At a given
+eccentricity the journal is held, at the attitude at which the film's force lies on the load line.
 
 If the supply temperature is given, the oil has the temperature at which the leaving oil carries
 away the dissipated power (`fenics_ehd.film.heat`). The solution is unique, because a hotter film is
@@ -55,7 +55,7 @@ from fenics_ehd.multibody.quantities import film_power, max_contact_pressure, mi
 #: Largest number of meshes in one search for an equilibrium.
 MOST_MESHES = 60
 
-#: Angle between force and load line, below which the search for an attitude ends [rad].
+#: Angle between force and load line below which the search for an attitude ends [rad].
 TOLERANCE = 1e-9
 
 #: Smallest ratio of two loads in a sequence that approaches a load.
@@ -67,11 +67,12 @@ THINNEST_FILM = 5e-4
 #: Largest angle between force and load line for a centred shaft, which has no attitude [rad].
 STRAIGHT = 1e-6
 
-#: Numbers of cells around, beyond the given one, of three more meshes for the coefficients.
+#: Coefficients are means over the given mesh and three more, with these numbers of cells around the
+#: bearing added to the given one.
 EXTRA_CELLS = (2, 4, 6)
 
-#: Least change of ln(viscosity) between two operating points from which the exponent of power over
-#: flow is computed, as only the temperature changes between them.
+#: Smallest change of ln(viscosity) between two operating points from which the exponent of power
+#: over flow is computed; it is small because the points differ in temperature only.
 LEAST_CHANGE = 1e-6
 
 #: Largest number of operating points in the search for a temperature.
@@ -79,7 +80,7 @@ MOST_POINTS = 50
 
 
 def _expected_attitude(settings: BearingSettings) -> float:
-    """First guess of the attitude [rad]: 50 degrees with rotation, else along the squeeze."""
+    """First guess of the attitude [rad]: 50 degrees with rotation, else the squeeze direction."""
     entrainment = settings.direction * settings.entrainment
     if entrainment:
         return float(np.copysign(np.radians(50.0), entrainment))
@@ -155,7 +156,7 @@ def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
     """
     settings = bearing.settings
     expected = _expected_attitude(settings)
-    # Perpendicular to the tilt of the shaft, its ends have the largest gap.
+    # The gap at the ends of a tilted shaft is largest perpendicular to the tilt.
     across = np.arctan2(settings.tilt[1], settings.tilt[0])
     message = ""
     for angle in (*(expected + np.radians([0, 90, -90, 180])), across, across + np.pi):
@@ -173,7 +174,7 @@ MOST_ATTITUDES = 60
 #: Largest step of the attitude [rad].
 LONGEST_TURN = 1.0
 
-#: Least slope of the force's direction over the attitude, for a step by the secant rule.
+#: Smallest change of the force's direction per change of attitude for a step of the secant method.
 FLAT = 0.05
 
 
@@ -338,7 +339,8 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         parts.append([linear.stiffness, linear.damping])
     stiffness, damping = np.mean(parts, axis=0)
     if settings.plain:
-        # The force rotates with the journal; a mesh at rest resolves this only to a row of nodes.
+        # In a plain bearing the force rotates with the journal. A mesh at rest rounds the edge of
+        # the film to a row of nodes, so that the computed force does not rotate exactly.
         distance = np.hypot(*point.position)
         across = QUARTER @ point.position / distance
         turned = QUARTER @ point.force_on_bore / distance
@@ -379,8 +381,8 @@ class BearingResult:
     power_loss
         Mechanical power that shaft and bore transfer to the film [W].
     dissipation
-        Power that becomes heat: mechanical power and power of oil supplied under pressure, minus
-        the power of oil that flows out against an ambient pressure [W].
+        Power that becomes heat: mechanical power, plus the power of oil supplied under pressure,
+        minus the power of oil that flows out against an ambient pressure [W].
     tilting_moment
         Moment of pressure and contact on the shaft, about x and y at mid-width, shape (2,) [N m].
     flow
@@ -507,7 +509,7 @@ def _require_finite_figures(result: BearingResult) -> None:
 
 
 def _require_resolved(point: OperatingPoint) -> None:
-    """Refuse pressures that the mesh does not resolve: oil that thickens too much within a cell."""
+    """Refuse pressures at which the viscosity grows too much within a cell of the mesh."""
     steepest = steepest_thickening(point.meshed.film, point.state.pressure)
     if not steepest <= MOST_WITHIN_A_CELL:
         raise ViscosityError(
@@ -518,7 +520,7 @@ def _require_resolved(point: OperatingPoint) -> None:
 
 
 def _tilting_moment(point: OperatingPoint) -> np.ndarray:
-    """Moment of pressure and contact on the shaft, from the load line, shape (2,) [N m]."""
+    """Moment of pressure and contact on the shaft, x along the load, shape (2,) [N m]."""
     film = point.meshed.film
     joint = point.joint
     area = film.parameters.grid.radius**2 * film.assembly.area

@@ -1,12 +1,13 @@
-"""One rigid bearing with its journal at a position: mesh, loads and equilibrium.
+"""One rigid bearing with a film mesh for a position of its journal, and its equilibrium.
 
-The film's mesh is graded by the gap, and made for one position of the journal. If the bore is
-round, the film's frame has its x axis through the journal; grooves are turned into this frame. The
-mesh is made again if the journal comes to rest at a position for which it is not suited.
+The film's mesh is graded by the gap at one position of the journal, finer if the film is thin. If
+the bore is round, the x axis of the film's frame points to the journal; grooves are rotated into
+this frame. The mesh is made again if the equilibrium position has another gap or direction than
+the mesh was made for (`MeshedBearing.suits`).
 
 `Bearing.build` makes the mechanism (`fenics_ehd.scenes.bearing`): the bodies ``shaft`` and
-``bore``, the joint ``film``, and drives. The position of the journal and what holds it, a load or a
-point, are added here.
+``bore``, the joint ``film``, and drives. This module adds the position of the journal, and either a
+load or a joint that holds the journal.
 """
 
 from __future__ import annotations
@@ -38,20 +39,21 @@ ANGLES = 720
 HEIGHTS = 41
 AROUND = np.linspace(0.0, 2 * np.pi, ANGLES, endpoint=False)
 
-#: Largest factor between the gap that a mesh was made for and the gap that it is used for.
+#: Largest ratio between the gap that a mesh is used for and the gap that it was made for.
 LARGEST_FACTOR = 1.2
 
 #: Largest angle between the journal's position and the x axis of the film's frame, in a round bore
 #: [rad].
 ALIGNED = 1e-3
 
-#: The same limit if the pressure is zero on the line of the maximum film, a line of the mesh [rad].
+#: The same limit if zero pressure is imposed on the line of the maximum film, which must be a line
+#: of the mesh [rad].
 ALIGNED_WITH_LINE = 1e-7
 
-#: Force over largest pressure times area, below which the force is round-off.
+#: Ratio of force to largest pressure times area below which the force is round-off.
 ROUND_OFF = 1e-11
 
-#: Pressure over ``12 eta Omega (R / c)^2``, below which the pressure is round-off.
+#: Ratio of pressure to ``12 eta Omega (R / c)^2`` below which the pressure is round-off.
 NO_PRESSURE = 1e-13
 
 #: Function that makes the mechanism of a bearing from its settings, the angle from the load line to
@@ -68,14 +70,14 @@ class Bearing:
     settings
         Settings of the bearing.
     build
-        Function that makes its mechanism.
+        Function that makes the mechanism of the bearing, see `BuildBearing`.
     """
 
     settings: BearingSettings
     build: BuildBearing
 
     def changed(self, **changes: Any) -> Bearing:
-        """The bearing with changes of its settings."""
+        """Return the bearing with other values of some settings."""
         return replace(self, settings=attrs.evolve(self.settings, **changes))
 
     def gaps(self, position: np.ndarray) -> np.ndarray:
@@ -93,12 +95,12 @@ class Bearing:
         return round_gap[:, None] + s.relative_shape().radial(AROUND[:, None], height)
 
     def open_gaps(self, position: np.ndarray) -> np.ndarray:
-        """Film thickness for an eccentricity, see `gaps`; a journal on its bore is refused.
+        """Film thickness for an eccentricity, see `gaps`; a journal touching its bore is refused.
 
         Raises
         ------
         GapClosedError
-            The thickness is not positive; rough surfaces may overlap, up to a limit.
+            The thickness is not positive; rough surfaces may overlap by up to a limit.
         """
         s = self.settings
         thickness = self.gaps(position)
@@ -116,12 +118,12 @@ class Bearing:
 
 @attrs.frozen
 class HeldPoint(Revolute):
-    """A point that is held at another point and has a velocity [m/s]."""
+    """Constraint that holds a point at another point, but gives it a velocity [m/s]."""
 
     velocity: np.ndarray = attrs.field(factory=lambda: np.zeros(2))
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Distance of the two points, which is 0, and velocity of the point, see `Joint`."""
+        """Imposed distance of the two points, 0, and imposed velocity of the point, see `Joint`."""
         return np.zeros(2), self.velocity
 
 
@@ -161,29 +163,32 @@ class MeshedBearing:
 
     @property
     def _joint(self) -> LubricatedJoint:
-        """Lubricated joint of the mechanism without a load."""
+        """Lubricated joint of the mechanism before a load or an eccentricity is added."""
         joint = self._unloaded.joints["film"]
         assert isinstance(joint, LubricatedJoint)
         return joint
 
     def _mesh(self, edges: np.ndarray) -> FilmGrid:
-        """Mesh that is finer in the thin film, with lines at the edges of grooves [rad]."""
+        """Mesh that is finer where the film is thin, with lines at the edges of grooves [rad]."""
         s = self.settings
         cells = s.cells_around, s.cells_along
         return gap_graded_grid(s.radius, s.width, cells, s.element, self._thickness, sorted(edges))
 
     def _profile(self, thickness: np.ndarray) -> np.ndarray:
-        """Thickness that the mesh follows, by angle: the smallest, or the length of rough ones."""
+        """Length by which the mesh is graded, by angle: smallest thickness along the axis [m].
+
+        Between rough surfaces it is the length scale of their contact, see `length_scale`.
+        """
         thinnest = thickness.min(axis=1)
         roughness = self.settings.roughness
         return length_scale(thinnest, roughness) if roughness else thinnest
 
     def _thickness(self, angle: np.ndarray) -> np.ndarray:
-        """Thickness that grades the mesh, at angles in the film's frame."""
+        """Length by which the mesh is graded [m], at angles in the film's frame [rad]."""
         return np.asarray(np.interp(angle + self.angle, AROUND, self._made_for, period=2 * np.pi))
 
     def suits(self, position: np.ndarray) -> bool:
-        """True if the mesh can be used for another eccentricity."""
+        """True if the mesh can be used for another eccentricity, shape (2,) [m]."""
         if self.settings.bore_shape is None:
             off = direction_of(rotation(-self.angle) @ position)
             if abs(off) > (ALIGNED_WITH_LINE if self.settings.line_at_max_film else ALIGNED):
@@ -192,11 +197,11 @@ class MeshedBearing:
         return bool(np.all((factor < LARGEST_FACTOR) & (factor > 1 / LARGEST_FACTOR)))
 
     def meshed_for(self, position: np.ndarray) -> MeshedBearing:
-        """A bearing with a mesh for an eccentricity: the bearing itself if its mesh is suited."""
+        """Bearing with a mesh for an eccentricity [m]: this one if its mesh can be used."""
         return self if self.suits(position) else MeshedBearing(self.bearing, position)
 
     def mechanism(self, position: np.ndarray, load: float | None) -> Mechanism:
-        """Mechanism with the journal at an eccentricity [m], under a load [N] or held (None)."""
+        """Mechanism with the journal at an eccentricity [m], under a load [N]; None: held there."""
         s = self.settings
         into_frame = rotation(-self.angle)
         # The rate of the eccentricity is needed in the frame of the bore, which rotates.
@@ -225,7 +230,7 @@ class MeshedBearing:
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """A bearing whose journal is in equilibrium.
+    """A bearing with its journal in equilibrium, under a load or held.
 
     Attributes
     ----------

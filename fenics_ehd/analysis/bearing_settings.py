@@ -1,6 +1,6 @@
 """Settings of one rigid bearing; the default values are those of the paper's Table 1.
 
-Imports inside functions: `--help` must work without films, and quickly.
+Imports inside functions: `--help` must be quick, and needs no film modules.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def heat(self) -> Heat:
-        """Balance of the heat; without a supply temperature there is none."""
+        """Settings of the heat balance, which is solved if a supply temperature is set."""
         from fenics_ehd.film.heat import Heat
 
         return Heat(
@@ -129,7 +129,8 @@ class BearingSettings(OilSettings, Roughness):
     def relative_shape(self, angle: float = 0.0) -> Shape:
         """Shape of the bore relative to the shaft, in a frame at an angle from the load line [rad].
 
-        A tilted shaft is a misaligned bore. The angle is zero for a bore that is not round.
+        A tilted shaft counts as a bore with the opposite misalignment. `angle` must be 0 for a bore
+        that is not round.
         """
         from fenics_ehd.base.plane import rotation
         from fenics_ehd.film.kinematics import Shape
@@ -142,7 +143,7 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def plain(self) -> bool:
-        """True if the bearing has no preferred direction except those of load and eccentricity."""
+        """True if no direction is distinguished except those of load and eccentricity."""
         fixed = self.grooves or self.line_at_max_film or self.bore_shape is not None
         return not (fixed or any(self.tilt) or any(self.squeeze))
 
@@ -175,7 +176,7 @@ class BearingSettings(OilSettings, Roughness):
                 "speed of shaft or bore must be 0"
             )
         self._check_entrainment()
-        # Without rotation, the film can only resist the motion of the shaft.
+        # Without rotation, the film's only force is resistance to the motion of the shaft.
         still = not (self.speed or self.bore_speed or any(g.pressure for g in self.grooves))
         if still and any(self.squeeze) and not self.squeeze[0] > 0:
             raise SettingsError(

@@ -157,8 +157,9 @@ def equilibrium(
     Parameters
     ----------
     mechanism
-        Mechanism, whose approximate pose and rates are assembled for the start of the search; the
-        rates are kept. Rotating forces are left out, with a warning and in `Equilibrium.notices`.
+        Mechanism with approximate pose and rates, which is assembled for the start of the search.
+        The rates are kept. Rotating forces are left out, with a warning that is also in
+        `Equilibrium.notices`.
     start
         Equilibrium of the same mechanism at another speed or load, from which the search starts
         (continuation); by default it starts from the approximate pose.

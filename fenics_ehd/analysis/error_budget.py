@@ -1,29 +1,30 @@
-"""Error budget of a run: errors of its peak pressures and thinnest films, by their causes.
+"""Error budget of a run: errors of peak pressure and thinnest film of every joint, by cause.
 
 The last cycle of a periodic run, or all of another run, is solved again (`Replay`) with one
 difference at a time:
 
 step size
-    in steps as long as two or more of the run's: the change is a multiple of the error, by the
-    order of the formula (Richardson); of a run of many cycles by another formula;
+    in steps that are each as long as two or more steps of the run. The change is a multiple of the
+    error that follows from the order of the formula (Richardson). Coarse steps are halved instead,
+    and a run of many cycles is compared with a formula of another blend;
 film mesh
-    in the same long steps, on films of half as many cells again in both directions;
+    in the same long steps, on films with 1.5 times as many cells in both directions;
 basis
     in the same steps, with the gaps changed by the flexibility that the basis lacks, or with M4 by
     the inertia of the residual patterns;
 part mesh
-    the same with the flexibility that another mesh of the part adds;
+    as for the basis, with the flexibility that another mesh of the part adds;
 start
-    from the distance between the starts of the last cycles, the share of it that remained at their
-    ends, and the difference of their extremes.
+    not solved again: from the distance between the starts of the last two cycles, the share of this
+    distance that remains after a cycle, and the difference of the extremes of both cycles.
 
-Errors so travel along the motion as they do in the run. The perturbed run is continued until it is
-periodic; a change is then the one of the second cycle.
+The replay therefore lets errors grow or decay along the motion, as they do in the run. The
+perturbed run of a cycle is continued into a second cycle, whose change counts.
 
-Long steps meet an extreme on either side of it, and the change there has both signs: trajectories
-are compared as smooth curves (`ErrorCurves`). Values of a run are those between its nodes, and its
-extremes lie between its steps (`fenics_ehd.base.extremes`), so that sampling is no component of the
-errors.
+A long step can end before or after an extreme, so that differences of step values there have either
+sign. Trajectories are therefore compared as smooth curves (`ErrorCurves`). Extremes of a run are
+interpolated between nodes and steps (`fenics_ehd.base.extremes`), so that sampling is no component
+of the errors.
 
 Imports inside functions: SciPy's interpolation is slow to import, and only budgets need it.
 """
@@ -69,17 +70,17 @@ from fenics_ehd.multibody.trust import (
     surface_loads,
 )
 
-#: Tolerance of Newton's last update in a replay, over the tolerance of a step.
+#: Tolerance of the last Newton update in a replay, relative to the tolerance of a step.
 SETTLED = 5.0
 
-#: Largest tolerance of Newton's last update; it must be small against differences of trajectories.
+#: Largest tolerance of the last Newton update, small against the differences of trajectories.
 LITTLE = 5e-4
 
 #: Number of parts of a step at whose ends curves are evaluated.
 PARTS = 5
 
-#: A difference is followed into a second cycle until this share of its initial size remains, at
-#: most to the end of that cycle.
+#: A difference is continued into a second cycle until this share of its initial size remains, but
+#: not beyond the end of that cycle.
 FAST = 0.3
 
 #: Largest share that remains from cycle to cycle, with which later cycles are extrapolated.
@@ -91,7 +92,7 @@ NEAR = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ErrorCurves:
-    """Curves over time of a run, or its last cycle, and of its errors: exact minus computed values.
+    """Curves over time of a run or its last cycle, and of errors: exact minus computed values.
 
     All curves are peak pressure and thinnest film of every joint, shape (2, k, joints) [Pa], [m].
 
@@ -233,12 +234,12 @@ class Extreme:
     def share(self, change: np.ndarray) -> float:
         """Error of the extreme by one component: mean of `bias` and `near`, without signs.
 
-        An unchanged extreme between changed neighbours is a coincidence.
+        `near` is included because an unchanged extreme between changed neighbours is a coincidence.
         """
         return 0.5 * (abs(self.bias([change])) + self.near(change))
 
     def over(self, change: np.ndarray) -> float:
-        """Largest error over time: of pressures over the peak, of films over the film."""
+        """Largest error over time: of pressure over its peak, of film thickness over itself."""
         values = self._outward(self.reported)
         scale = np.abs(values) if self.quantity == "min_film_thickness" else abs(self.value)
         return float((np.abs(self._outward(change)) / scale).max())
@@ -247,7 +248,7 @@ class Extreme:
 def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
     """Add the sums of the errors of all components to the errors.
 
-    Errors of one sign add up. If errors of opposite signs cancel, this is a coincidence.
+    Magnitudes are added, because a cancellation of errors of opposite signs is a coincidence.
 
     Returns
     -------
@@ -272,7 +273,7 @@ UNKNOWN = {
 def missing_gaps(
     equations: StepEquations, trajectory: Trajectory, component: str, periodic: bool
 ) -> list[np.ndarray]:
-    """Changes of the gaps of all films along a trajectory by the flexibility that surfaces lack.
+    """Changes of the gaps of all films along a trajectory, due to missing flexibility of surfaces.
 
     Parameters
     ----------
@@ -324,7 +325,7 @@ def _missing_fields(
     accelerations: np.ndarray,
     periodic: bool,
 ) -> np.ndarray:
-    """Displacements that a surface lacks along a trajectory, shape (k, m) [m].
+    """Displacements by the missing flexibility of a surface along a trajectory, shape (k, m) [m].
 
     `loads` are those on the body at every step, `accelerations` those of its residual amplitudes.
     """
@@ -366,17 +367,16 @@ def _loads(system: System, trajectory: Trajectory) -> list[dict[str, np.ndarray]
 #: Largest local error of the long steps of a replay.
 LONG_ERROR = 0.03
 
-#: Least and largest number of steps of the run in a long step.
+#: Smallest and largest number of the run's steps in a long step.
 STRIDES = (2, 4)
 
-#: Tolerance of a step from which shorter steps are taken instead of longer ones. At a tolerance of
-#: 3e-3 and order 3, steps twice as long give an error of 0.7 % for a crank driven by a torque,
-#: where 3.4 % is true, and of 26 % for a journal, where 0.7 % is true; steps half as long give 4.2
-#: and 8.8 %.
+#: Tolerance of a step from which steps are halved instead of made longer. At a tolerance of 3e-3
+#: and order 3, steps twice as long give an estimated error of 0.7 % for a crank driven by a torque
+#: (true: 3.4 %) and of 26 % for a journal (true: 0.7 %); steps half as long give 4.2 and 8.8 %.
 COARSE = 2e-3
 
-#: Share of the trajectory in the run's steps, below which the step error is estimated with a
-#: formula of another blend: long steps may be too long for a mode that they must resolve.
+#: Ratio of the trajectory's steps to those of the run, up to which the step error is estimated with
+#: a formula of another blend: long steps might not resolve a mode of the mechanism.
 SMALL_SHARE = 0.2
 
 #: Blend of the other formula.
@@ -385,7 +385,8 @@ OTHER_BLEND = 0.5
 #: Assumed orders of film mesh errors: for 4-node cells, and for other cells.
 FILM_ORDERS = (2.0, 4.0)
 
-#: Relative gap error below which it is taken as the film error, and as the pressure error.
+#: Relative change of the gap up to which the relative errors of film thickness and of pressure are
+#: taken as equal to it, without a replay.
 SMALL = 1e-3
 
 #: Curves of a component in ``error_budget.json``.
@@ -415,7 +416,7 @@ class ErrorBudget:
     changes
         Errors over time (exact minus computed) by component, as far as they are known over time.
     notes
-        Reasons by component why it is not estimated.
+        Reasons why components are not estimated, by component.
     left_out
         Share of the time by component for which no solution to compare with was found.
     iterations
@@ -444,7 +445,7 @@ class ErrorBudget:
 
 
 class Estimator:
-    """Estimator of the errors of a run that has ended.
+    """Estimator of the errors of a finished run.
 
     Parameters
     ----------
@@ -545,8 +546,8 @@ class Estimator:
     def _remaining(self, before: Trajectory, after: Trajectory) -> float:
         """Fraction of the difference after one cycle that the next cycle adds, of either sign.
 
-        The contraction of a cycle does not contain this sign. A whirl at half the speed returns
-        with the other sign; most of the error is then the change over one cycle.
+        The contraction of a cycle has no sign. The difference caused by a whirl at half the speed
+        changes its sign from cycle to cycle: most of the error is then the change over one cycle.
         """
         cycles = self._cycles
         norm = self._run.norm
@@ -574,7 +575,7 @@ class Estimator:
         return self._change(again, refined, 1.0 / (1.0 - FINER**-orders))
 
     def _change_by_gaps(self, component: str, again: Trajectory) -> np.ndarray:
-        """Error over time by the flexibility that surfaces lack, see `missing_gaps`."""
+        """Error over time due to missing flexibility of surfaces, see `missing_gaps`."""
         changes = missing_gaps(self._run.equations, again, component, self._cycles is not None)
         sizes = np.column_stack([np.abs(change).max(axis=1) for change in changes])
         peaks, films = again.extremes
@@ -608,7 +609,7 @@ class Estimator:
         return errors | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
-        """Errors of an extreme and of the curve, as far as the cycle is not yet periodic."""
+        """Relative errors of an extreme and of the curve by the remaining change of the cycle."""
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE

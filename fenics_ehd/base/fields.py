@@ -333,7 +333,7 @@ def mass(default: float, help_text: str, largest: float) -> Any:
 
 
 def speed(default: float, help_text: str) -> Any:
-    """Field for an angular speed [rad/s]; above 2e4 it is unusual, perhaps in rpm."""
+    """Field for an angular speed [rad/s]; a value above 2e4 gives a notice, it may be in rpm."""
     return number(default, help_text, usual=(0.01, 2e4), example="314 for 3000 rpm")
 
 

@@ -66,7 +66,7 @@ class Needs:
     notice: bool = False
 
     def failure(self, look_up: LookUp) -> str:
-        """Why the setting has no effect, "without ..." or "with ..."; empty if it has one."""
+        """Why the setting has no effect, as "without ..." or "with ..."; else an empty text."""
         known = [setting for setting in map(look_up, self.keys) if setting is not None]
         met = [setting for setting in known if self._holds(setting.value)]
         if self.absent and met:

@@ -130,15 +130,15 @@ def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
 def accept_former_parameter(cls: type, method: str, former: str, name: str) -> None:
     """Let a class define a method with the former name of a keyword parameter.
 
-    It is meant for ``__init_subclass__`` of classes that users derive from, as the method is called
-    with the present name. Methods with the present name are not changed, and cost nothing more.
+    It is meant for ``__init_subclass__`` of classes that users derive from, because the method
+    is called with the new name. A method that has the new name already is left unchanged.
 
     Parameters
     ----------
     cls, method
         The class, and the name of the method.
     former, name
-        Former and present name of the parameter.
+        Former and new name of the parameter.
     """
     function = cls.__dict__.get(method)
     if function is None or former not in signature(function).parameters:

@@ -284,7 +284,7 @@ def open_sealed(
         if not np.isscalar(stored) or stored not in (version, *former):
             raise ValueError(f"format version {stored}, but this program reads {version}: {remedy}")
         if not (sealed or foreign):
-            raise ValueError(f"it has no digest: {remedy}")
+            raise ValueError(f"the file has no digest: {remedy}")
     except BaseException:
         file.close()
         raise

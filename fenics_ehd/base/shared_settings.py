@@ -53,7 +53,7 @@ def _kinematic(temperature: int) -> Any:
 def supply_temperature(default: float, help_text: str) -> Any:
     """Field for the temperature of the supplied oil [C].
 
-    `NO_TEMPERATURE`, as a default, means that none is set.
+    The default `NO_TEMPERATURE` means that the setting is not used.
     """
     lower = {"above" if default is REQUIRED else "least": NO_TEMPERATURE}
     return number(default, help_text, **lower, below=1000, usual=(1, 200), example="80 for 353 K")
@@ -142,7 +142,7 @@ class OilSettings:
     stiffening: float = only_with(
         number(
             STIFFENING,
-            "b of that, by which oil under pressure is stiffer [1/Pa]",
+            "b of the density's 1 + a p / (1 + b p) in dowson-higginson [1/Pa]",
             least=0,
             usual=(1e-11, 1e-7),
             example="1.7e-9 for 1.7 1/GPa",

@@ -244,7 +244,10 @@ def _left_out(opened: OpenedPart) -> list[str]:
 
 
 def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
-    """Texts of faces by name, from values ``[NAME=]FACE`` of an option."""
+    """Faces as written by the user, by name, from values ``[NAME=]FACE`` of an option.
+
+    A value without NAME gets the name `default`.
+    """
     faces: dict[str, str] = {}
     for entry in entries:
         name, _, face = entry.rpartition("=")

@@ -203,7 +203,7 @@ def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
 
 
 def _when(extreme: Mapping[str, Any]) -> str:
-    """Text of the instants of an extreme, with the rotation angle of the reference body."""
+    """Text with the times of an extreme and the angle of the reference body at these times."""
     words = []
     for name, values in extreme.items():
         body = name.removesuffix("_angle_deg")

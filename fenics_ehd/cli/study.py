@@ -265,7 +265,7 @@ def sensitivity(
 
 
 def _with_joint(name: str, joints: Sequence[str]) -> str:
-    """Name of a quantity with its joint, ``JOINT.QUANTITY``; a scene with one joint may omit it."""
+    """Add the joint to a quantity without one, if the scene has one joint: ``JOINT.QUANTITY``."""
     if len(joints) != 1 or name.partition(".")[0] in joints:
         return name
     full = f"{joints[0]}.{name}"

@@ -356,7 +356,7 @@ class FilmFlows:
 
     @cached_property
     def _defects(self) -> tuple[np.ndarray, float]:
-        """Weak form tested with every node, (nodes,), and rate of the gap's volume [m3/s]."""
+        """Residual of the flow balance at every node, and rate of the gap's volume [m3/s]."""
         film = self._film
         p = self._film.parameters
         feed = self._fed

@@ -140,7 +140,7 @@ class FilmGrid:
 
     @cached_property
     def cell_sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Size of every cell, shape (cells,) each: angle [rad], and height over radius [-]."""
+        """Cell sizes around [rad] and along the axis over the radius [-], shape (cells,) each."""
         around, along = self.cells
         widths = np.diff(self.angles)
         heights = np.diff(self.heights) / self.radius

@@ -363,7 +363,7 @@ class RoughSurfaces(Roughness):
 
     @property
     def dragging(self) -> bool:
-        """Whether sliding changes the flow: flow factors are on, and one surface is rougher."""
+        """Whether sliding adds a flow: flow factors are on, and roughnesses differ."""
         return self.flow_factors and self.weight != 0.0
 
     def excess(self, thickness: np.ndarray) -> np.ndarray:

@@ -316,7 +316,7 @@ class WeakForm:
 
     @staticmethod
     def _integrand(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, v: Any) -> Any:
-        """Integrand of the residual: ``f . grad v + s v`` of (1), and the flow of supplies."""
+        """Integrand of the residual: that of (1) with test function v, and supply flow."""
         flow = flow_law(laws, n, q, pressure, SYMBOLS)
         dragged = flow.density * flow.thickness * flow.velocity - n.level
         around = flow.conductance * pressure.dx(0) - dragged

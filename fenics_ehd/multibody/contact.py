@@ -111,7 +111,7 @@ class JointContact:
     def gap_rows(self, turning: TurningRows | None) -> np.ndarray:
         """Gap change for unit changes of the coordinates `rows`, shape (g, k).
 
-        `turning` has the derivatives of the gap of a surface that turns through the film.
+        `turning` are the derivatives of the gap by a surface that rotates relative to the film.
         """
         if turning is None:
             return self.normal

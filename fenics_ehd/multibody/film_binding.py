@@ -1,8 +1,8 @@
 """Binding of films and their surfaces to the coordinates of a mechanism.
 
-A `JointFilm` has its own coordinates. `FilmBinding` has the indices of these coordinates, and of
-those of both surfaces, among all coordinates z of a mechanism. It evaluates the gap and a turning
-surface from z.
+A `JointFilm` has coordinates of its own: eccentricity, tilt and elastic coordinates. `FilmBinding`
+has the indices of these coordinates, and of those of both surfaces, in the vector z of all
+coordinates of a mechanism. It evaluates the gap and a turning surface from z.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class BoundSurface:
     surface
         The surface.
     body, point
-        Name of the surface's body, and name of the body's point at the surface.
+        Name of the surface's body, and name of the point of this body at which the surface is.
     marker
         Marker at the centre of the undeformed surface.
     modes
@@ -36,7 +36,7 @@ class BoundSurface:
     angle
         Index of the body's angle in z; None if the body cannot turn.
     mounted
-        Constant angle of a body that cannot turn, else 0 [rad].
+        Angle of a body that cannot turn; 0 for other bodies [rad].
     key
         Name of the surface in files: name of the joint, followed by ``.journal`` for a journal.
     """
@@ -51,7 +51,7 @@ class BoundSurface:
     key: str
 
     def angle_of(self, values: np.ndarray) -> float:
-        """Angle of the body from z [rad], or angular speed from rates of z [rad/s].
+        """Angle of the body from coordinates z [rad], or angular speed from rates of z [rad/s].
 
         It is 0 if the body cannot turn.
         """
@@ -76,7 +76,7 @@ class FilmBinding:
     xi
         Indices of the joint's coordinates ``(e, psi, q)`` in z, shape (n,).
     rows
-        Indices of the joint's constraints in g.
+        Indices of the joint's equations in the vector g of all constraints.
     surfaces
         Surfaces of bore and journal, bound to the coordinates.
     """
@@ -102,7 +102,7 @@ class FilmBinding:
         return 0.0, self.relative_angle(z)
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
-        """Gap and velocities from coordinates z, their rates and time [s], see `JointFilm.gap`."""
+        """Gap and surface velocities from z, its rates and the time [s], see `JointFilm.gap`."""
         speed = self.relative_speed(rates)
         angle = self.relative_angle(z)
         modes = z[self.turning_modes], rates[self.turning_modes]
@@ -113,7 +113,7 @@ class FilmBinding:
         return np.append(z[self.turning_modes], self.relative_angle(z))
 
     def turning_rows(self, z: np.ndarray, rates: np.ndarray) -> TurningRows | None:
-        """Derivatives of the gap by the coordinates of a turning surface; None if none turns."""
+        """Derivatives of the gap with respect to the turning surface's coordinates, or None."""
         surface = self.film.turning
         if surface is None:
             return None

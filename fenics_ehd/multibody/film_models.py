@@ -191,7 +191,7 @@ class FilmModel(ABC, Generic[PointT]):
     # Derivatives, and the linear system of a Newton step
 
     def linear_system(self, options_prefix: str) -> ActiveSetSystem:
-        """Make the solver of the linear system: film matrix on full nodes, W on the others."""
+        """Make the solver of the linear system: film matrix at full nodes, W at others."""
         return ActiveSetSystem(
             self.pattern,
             weighted=self.weighted,
@@ -200,7 +200,7 @@ class FilmModel(ABC, Generic[PointT]):
         )
 
     def along_unknowns(self, point: PointT) -> np.ndarray:
-        """Entries of the derivative of the equations with respect to the unknowns."""
+        """Entries of the derivative of a film's equations with respect to its unknowns."""
         return point.problem.entries(point.pressures) / self.scale
 
     @abstractmethod
@@ -415,9 +415,9 @@ class MassConservingFilm(FilmModel[OilPoint]):
         return void
 
     def right_side(self, point: OilPoint, full: np.ndarray) -> np.ndarray:
-        """Right-hand side of the linear system: defect of the balance at updated void fractions.
+        """Right-hand side of the linear system: defect of the oil balance, shape (m,).
 
-        The update is that of the void fractions of full nodes, which is known.
+        It contains the change by the void fractions of full nodes, whose Newton update is known.
         """
         void = self._void_update_of_full(point, full)
         return point.balance + self.pattern.multiply(point.weights, void)

@@ -630,8 +630,8 @@ def require_present_format(file: h5py.File) -> None:
     if file.attrs["format_version"] != FORMAT_VERSION:
         version = attribute(file, "fenics_ehd", Value("text"))
         raise ValueError(
-            f"it was made by version {version}, which {__version__} does not continue: run the "
-            "scene again"
+            f"the history was made by version {version}, which {__version__} does not continue: "
+            "run the scene again"
         )
 
 

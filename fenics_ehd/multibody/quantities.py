@@ -147,7 +147,7 @@ class JointStep:
 
     @property
     def dissipated(self) -> float:
-        """Power that becomes heat, even if friction does not act on the bodies [W].
+        """Power that becomes heat, whether friction acts on the bodies or not [W].
 
         It is lost to pressure-driven flow, to shear of the oil in full film and cavities, and to
         boundary friction.
@@ -234,8 +234,8 @@ class Output:
     column, meaning
         Name of the column with unit, and description.
     value, where
-        Function that computes the quantity of a joint at a step, and condition on joints that have
-        it.
+        Function that computes the quantity from a joint at a step, and condition that joints with
+        the quantity satisfy.
     mean
         Whether the summary contains the mean.
     """

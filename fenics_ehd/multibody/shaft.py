@@ -113,9 +113,11 @@ class BeamPlane:
     gyroscopic: np.ndarray
 
     def point(self, position: float) -> np.ndarray:
-        """Rows that give deflection and slope at a share of the length, shape (2, d).
+        """Rows that give deflection and slope at a position on the axis, shape (2, d).
 
-        They are also the generalised forces of a unit force and of a unit moment there.
+        The position is relative to the length, from 0 to 1.
+
+        The rows are also the generalised forces of a unit force and of a unit moment there.
         """
         n = self.shaft.elements
         element = min(int(position * n), n - 1)
@@ -247,7 +249,9 @@ class ModalRotor:
         return cls(beam, shapes[:, ::-1] * np.sqrt(squares), angular)
 
     def motion(self, position: float) -> np.ndarray:
-        """Rows that give ``(u, v, psi_x, psi_y)`` at a share of the length, shape (4, 2 m).
+        """Rows that give ``(u, v, psi_x, psi_y)`` at a position on the axis, shape (4, 2 m).
+
+        The position is relative to the length, from 0 to 1.
 
         Small rotations about x and y are ``psi_x = -dv/dz`` and ``psi_y = du/dz``. The rows are
         also the generalised forces of unit forces and moments there.

@@ -4,11 +4,12 @@ The displacement of a body's surfaces is
 
     u = Psi q + sum_i d_i y_i,    y + zeta y' = V p
 
-with the residual patterns ``d_i`` of the body, and their static amplitudes V for unit nodal
-pressures. Structural damping gives y a memory but no inertia. An implicit step ``y' = alpha y +
-past`` gives ``y = s (V p - zeta past)`` with ``s = 1 / (1 + zeta alpha)``, so that patterns add no
-unknowns to those of the films. Patterns are displacements of the nodes of a body's surfaces, which
-are interpolated to the films; `Compliance` has the maps of one surface.
+with elastic modes Psi, residual patterns ``d_i`` and their amplitudes ``y_i``, nodal pressures p of
+the body's films, and static amplitudes V for unit pressures. The structural damping time zeta
+delays y, but y has no inertia. An implicit step ``y' = alpha y + past`` gives
+``y = s (V p - zeta past)`` with ``s = 1 / (1 + zeta alpha)``. Amplitudes thus follow from
+pressures, and add no unknowns to the step. Patterns are displacements of the nodes of a body's
+surfaces, which are interpolated to the films; `Compliance` has the maps of one surface.
 """
 
 from __future__ import annotations
@@ -60,9 +61,9 @@ class _Body:
 
     @cached_property
     def response(self) -> tuple[np.ndarray, ...]:
-        """Matrices that are applied in turn to loads to obtain static displacements.
+        """Matrices that give static displacements when they are applied to loads in this order.
 
-        They are `amplitudes` and `shapes`, or their product if it is smaller.
+        They are `amplitudes` and `shapes`, or the product of both if it has fewer entries.
         """
         product = self.shapes.shape[0] * self.amplitudes.shape[1]
         if self.shapes.size + self.amplitudes.size < product:
@@ -182,15 +183,15 @@ class PatternResponses:
         return self._to_gap @ displacement
 
     def gap_change_from_pressure(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
-        """Gap change within the step at the Gauss points, from nodal pressures of films [Pa]."""
+        """Gap change at the Gauss points in this step, from nodal pressures of all films [Pa]."""
         return self.share * self._static_response(self._from_pressure @ np.concatenate(pressures))
 
     def gap_change_from_forces(self, forces: np.ndarray) -> np.ndarray:
-        """Gap change within the step at the Gauss points, from normal forces there, (g,) [N]."""
+        """Gap change at the Gauss points in this step, from normal forces there, shape (g,) [N]."""
         return self.share * self._static_response(self._from_forces @ forces)
 
     def unit_force_response(self, points: np.ndarray) -> np.ndarray:
-        """Gap change within the step for unit normal forces at a Gauss points, shape (g, a)."""
+        """Gap change in this step for unit normal forces at a Gauss points, shape (g, a)."""
         few = self._to_gap.shape[0] <= FEW_POINTS
         if few:
             response = self._unit_force_responses[:, points]
@@ -203,7 +204,7 @@ class PatternResponses:
         return self._static_response(self._from_forces)
 
     def unit_pressure_response(self, i: int, points: np.ndarray) -> np.ndarray:
-        """Gap change within the step at a Gauss points for unit nodal pressures of film i.
+        """Gap change in this step at a chosen Gauss points for unit nodal pressures of film i.
 
         It has the shape (a, nodes) [m/Pa].
         """
@@ -217,7 +218,7 @@ class PatternResponses:
         return self.share[points, None] * response
 
     def retained_patterns(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Softest patterns of the bodies at every film, at most `count` of every body.
+        """Softest patterns at every film, at most `count` of each of its bodies.
 
         Returns
         -------
@@ -239,7 +240,7 @@ class PatternResponses:
         return retained
 
     def pattern_indices(self, count: int, first: int) -> tuple[list[np.ndarray], int]:
-        """Indices of every film's retained patterns among unknowns, and the index after the last.
+        """Indices of every film's retained patterns in the unknowns, and the first index after all.
 
         Films on one body share its patterns.
 
@@ -366,5 +367,5 @@ def _of_film(
 
 
 def _indices(slices: Sequence[slice], chosen: Sequence[int]) -> np.ndarray:
-    """All indices in the chosen slices, one slice after the other."""
+    """Indices of all chosen slices, one slice after the other."""
     return np.concatenate([np.arange(slices[i].start, slices[i].stop) for i in chosen])

@@ -69,8 +69,8 @@ class StepNorm:
     def observe(self, x: np.ndarray) -> np.ndarray:
         """Observed values of a state ``(z, y, ...)``: gaps [m], then coordinates.
 
-        Gaps are those without turning surfaces. The coordinates are the dimensionless ones, and
-        those of turning surfaces.
+        Gaps do not contain the changes by turning surfaces, see `gaps`. Coordinates are those of
+        bodies in the units of their error measure, followed by those of turning surfaces.
         """
         observed = self._constant + self._rows @ x[: self._rows.shape[1]]
         if self._responses.size:

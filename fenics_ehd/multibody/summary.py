@@ -153,7 +153,7 @@ class RunSummary:
 
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
-        """Columns of all kept rows by path with unit, shape (steps,) each."""
+        """Columns of all stored rows by name with unit, shape (steps,) each."""
         return columns_of(self.recorder.rows)
 
     @cached_property

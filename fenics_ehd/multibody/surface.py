@@ -8,7 +8,7 @@ journal, with s = -1. In the frame of the bore,
 with the radial deviation delta of a surface (`fenics_ehd.film.kinematics.Shape`) and the outward
 displacements Psi of its elastic modes. Both are functions of the surface's own angle ``phi_s``,
 which is phi for the bore and ``phi - alpha`` for a journal at the angle alpha relative to the bore.
-A journal that is not round *turns* through the film,
+The deviation of a journal that is not round rotates relative to the film,
 
     dh/dalpha = dv/dphi (phi - alpha),    h' = ... - Psi q' + alpha' dh/dalpha,
 
@@ -20,7 +20,7 @@ a turning surface, with respect to its k coordinates ``(q, alpha)``, are compute
 of Newton's method (`TurningRows`). The tangential velocity of its elastic modes and its power are
 neglected: both are c / R of those of the radial displacement.
 
-A body makes the surface at one of its points (`Body.surface`). `Surface` itself is rigid, and is
+`Body.surface` returns the surface of a body at one of its points. `Surface` itself is rigid; it is
 the base class of surfaces with elastic modes.
 """
 
@@ -58,7 +58,7 @@ def observed_positions(film: Film) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """Side of a film on which a body has a surface.
+    """Side of a film, bore or journal, for which a body makes a surface.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class TurningRows:
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """Residual patterns of a surface: displacements that respond to forces without inertia.
+    """Residual patterns of a surface: displacement fields that respond to forces without inertia.
 
     Displacements are those of the surface's m nodes along x and y. The r patterns of a body
     displace the nodes of all its surfaces.
@@ -181,14 +181,14 @@ class Compliance:
 
 @dataclass(frozen=True, eq=False)
 class MissingFlexibility:
-    """Flexibility of a body at one surface that is missing in its model, an error of the gap.
+    """Flexibility that the model of a body lacks at one surface, which causes an error of the gap.
 
     Attributes
     ----------
     flexibility
-        Outward displacement at m points of the surface per load of the body, shape (m, k) [m/Pa],
-        [m/N]; empty if the error is not known. Loads are `Surface.loads`, and forces on points of
-        the body.
+        Outward displacements of m points of the surface for unit loads of the body, shape (m, k);
+        empty if the error is not known. Loads are the pressures `Surface.loads` [m/Pa], followed by
+        forces on points of the body [m/N].
     to_observed
         Matrix from these displacements to changes of the gap at Gauss points and nodes, shape
         (w, m).
@@ -215,8 +215,8 @@ class MissingFlexibility:
     def gap_changes(self, displacements: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Changes of the gap, shape (t, w) [m], due to displacements at t instants, shape (t, m).
 
-        `angles` of the surface relative to the bore, shape (t,) [rad], have no effect if the
-        surface is at rest.
+        `angles` are those of the surface relative to the bore, shape (t,) [rad]. They have no
+        effect if the surface is at rest.
         """
         return (self.to_observed @ displacements.T).T
 
@@ -242,7 +242,7 @@ class Surface:
     #: Whether the surface deforms.
     elastic = False
 
-    #: Whether pressures reach the body by a mortar, which does not transfer forces at Gauss points.
+    #: Whether a mortar transfers pressures to the body; it cannot transfer forces at Gauss points.
     mortar = False
 
     #: Centre of the undeformed surface on the mesh of the body, shape (3,) [m]; None without a
@@ -258,12 +258,12 @@ class Surface:
 
     @property
     def turning(self) -> bool:
-        """Whether the gap depends on the angle between journal and bore through this surface."""
+        """Whether the shape of this surface makes the gap depend on the angle of the journal."""
         return self.side.sign == JOURNAL and (self.elastic or not self.shape.round)
 
     @property
     def largest_second_derivative(self) -> float:
-        """Largest second derivative of the deviation with respect to angle, absolute [m/rad^2]."""
+        """Largest magnitude of the deviation's second derivative by angle [m/rad^2]."""
         return float(np.abs(self.shape.radial(self._angle, self._height, 2)).max())
 
     def outward(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
@@ -380,9 +380,9 @@ class Surface:
     def _displacement(
         self, coordinates: np.ndarray, points: slice = slice(None), order: int = 0
     ) -> np.ndarray:
-        """Outward displacement v of a turning surface [m], or its derivative by its own angle.
+        """Outward displacement v of a turning surface [m], or its derivative with respect to phi_s.
 
-        `coordinates` are ``(q, alpha)``, and `points` a part of the points of observed gaps.
+        `coordinates` are ``(q, alpha)``; `points` selects some of the points of observed gaps.
         """
         angle = self._angle[points] - coordinates[-1]
         height = self._height[points]

@@ -3,10 +3,10 @@
 A flexible body is viewed along the bore's axis: as the front of the part, if a basis of the
 complete part is available, otherwise as rings around its bores.
 
-Elastic motion and clearances are drawn ``scale`` times as large, and large motions in true size.
-The part of the elastic motion that moves bore and points like a rigid body is not magnified,
-because the drawn points would separate from the bodies to which they are joined. For a rod, this
-part is the motion of its chord.
+Elastic motion and clearances are magnified by ``scale``; large motions are drawn in true size. The
+part of the elastic motion that moves bore and points like a rigid body is not magnified, because it
+would separate points from the bodies to which they are joined. For a rod, this part is the motion
+of the line between its ends.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def shape_of_part(part: PartFields) -> PartShape:
 
 
 def shape_of_bores(body: ReducedBody) -> PartShape:
-    """Shape of a body without a basis: a ring around every bore, which moves with its edge."""
+    """Shape of a body without a basis: rings around all bores, which move with the bores' edges."""
     nodes: list[np.ndarray] = []
     faces = []
     fields = []
@@ -147,8 +147,8 @@ class BodyView:
     name
         Name of the body.
     pose, turns
-        Position and angle of the body's frame, shape (t, 3) [m], [rad], and its rotation matrices,
-        shape (t, 2, 2).
+        Position and angle of the body's frame, shape (t, 3) [m], [rad], and the rotation matrices
+        of the angles, shape (t, 2, 2).
     points
         Positions of the body's points by name, shape (t, 2) [m]; the origin has an empty name.
     held

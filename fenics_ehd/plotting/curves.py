@@ -75,7 +75,7 @@ class Panel:
     unchanged: bool = False
 
     def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
-        """Labels of the columns that the panel can draw, by column."""
+        """Labels of those columns of a run that the panel can draw, by column."""
         shown = {}
         for pattern, called in self.columns.items():
             for name, values in columns.items():

@@ -121,7 +121,7 @@ class Map:
 
 
 def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
-    """Nodal values of a film on the lines of its mesh, with the largest magnitude marked."""
+    """Map of nodal values over the lines of the film's mesh; the largest magnitude is marked."""
     angle, height = (np.unique(x.round(9)) for x in grid.node_positions.T)
     angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
     values = sampled(grid, nodal, np.radians(angle), height)

@@ -374,7 +374,7 @@ def _moments(polygon: np.ndarray) -> tuple[float, float, float]:
 
 
 def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.ndarray]:
-    """Node numbers around every hole, in order along the rim.
+    """Indices of the nodes around every hole, in order along its rim.
 
     A rim consists of the edges that belong to one cell only and are not at an end of the bore.
     """

@@ -279,7 +279,11 @@ def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner_order(x: np.ndarray) -> np.ndarray:
-    """Order of the corners of faces, shape (c, 3 or 4): of four, first and last are opposite."""
+    """Order of the corners of faces, shape (c, 3 or 4).
+
+    Of four corners, the first and the last get the ends of a diagonal. `x` has the positions of the
+    corners, shape (c, 3 or 4, d).
+    """
     if x.shape[1] == 3:
         return np.tile(np.arange(3), (len(x), 1))
     orders = np.array(_OPPOSITE)

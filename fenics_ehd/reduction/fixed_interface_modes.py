@@ -133,10 +133,9 @@ def hold(
     Parameters
     ----------
     support
-        Static response of the part before.
+        Static response of the part before these dofs are held.
     centre, points
-        Columns of the constraints for C2 (None: not held) and for n_b boundary dofs, rows of this
-        rank.
+        Constraint columns of C2 (None: C2 is not held) and of n_b boundary dofs, rows of this rank.
 
     Returns
     -------
@@ -381,7 +380,7 @@ def _held_weights(reductor: Reductor) -> np.ndarray:
 def _second_step(
     first: FirstStep, held: np.ndarray, n_modes: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fixed-boundary modes (24) and static modes of the boundary dofs, in coordinates of (22).
+    """Fixed-boundary modes (24) and static modes of the boundary dofs, in the coordinates of (22).
 
     Returns
     -------

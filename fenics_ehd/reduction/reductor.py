@@ -129,7 +129,7 @@ def require_small(defects: Mapping[str, float]) -> dict[str, float]:
     Raises
     ------
     VerificationError
-        If a defect exceeds it; the message names the defect.
+        If a defect exceeds the tolerance; the message names the defect.
     """
     for name, value in defects.items():
         if not value <= FORM_TOLERANCE:

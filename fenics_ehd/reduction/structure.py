@@ -1,8 +1,8 @@
 """Structure: a part as input of a reduction, with matrices, bores and points from any program.
 
-A boundary point is described by load vectors, made from nodes, weights or a matrix. A part is
-checked before a reduction. The checks cost 15 to 35 products with a matrix on one rank, twice as
-many on several ranks, and no factorisation.
+A boundary point is described by its load vectors, which are made from nodes, weights or a matrix.
+`check_structure` checks a part before a reduction. The checks cost 15 to 35 products with a matrix
+on one rank and twice as many on several ranks, but no factorisation.
 """
 
 from __future__ import annotations

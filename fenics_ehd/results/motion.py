@@ -155,13 +155,13 @@ class RecordedMotion:
         return coordinates + flexible.damping_time * rates, amplitudes
 
     def loads(self, body: str) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of the films on a flexible body, and its angular speed.
+        """Nodal forces of films on the bores of a flexible body, and its angular speed.
 
         Returns
         -------
         forces, speeds : numpy.ndarray
-            Forces of oil and asperities on the nodes of its bores by the film's integrals, shape
-            (t, m, 3) [N]; angular speed of its frame, shape (t,) [rad/s].
+            Forces of oil and asperity contact on the m nodes of the bores, integrated over the
+            films, shape (t, m, 3) [N]; angular speed of the body's frame, shape (t,) [rad/s].
 
         Raises
         ------

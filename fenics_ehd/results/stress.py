@@ -192,7 +192,7 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
 
 
 def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
-    """Write the extremes on the undeformed part for ParaView; `time` is of the instants [s]."""
+    """Write extreme stresses on the undeformed part for ParaView; `time` has the instants [s]."""
     half_range = stress.half_range
     data = {
         "half_range_von_mises_Pa": half_range.von_mises,

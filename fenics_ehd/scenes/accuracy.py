@@ -127,7 +127,7 @@ class Search:
         return bool(last["estimate"] <= self.asked and last["status"] == "complete")
 
     def continue_search(self, scene: Scene) -> Scene:
-        """Choose the values for the next run; returns the scene with these values."""
+        """Choose the settings of the next run, and return the scene with them."""
         values = self.wanted
         self.chosen = {**self.chosen, **values}
         self.wanted = {}
@@ -160,7 +160,7 @@ class Search:
 
 
 def start_search(scene: Scene) -> tuple[Scene, Search | None]:
-    """Scene of the pilot run, and its search; the given scene and None without an accuracy.
+    """Scene of the pilot run, and its search; the scene itself and None if no accuracy is set.
 
     Raises
     ------
@@ -310,7 +310,7 @@ def account(
     budgets
         Error budgets by joint.
     entries
-        Entries of the summary on the error budgets, and the status of the run.
+        Entries of ``summary.json`` on the error budgets, and the status of the run.
 
     Returns
     -------
@@ -320,7 +320,7 @@ def account(
     Raises
     ------
     AccuracyError
-        A component of the error is not estimated; the message names it.
+        A component of the error is not estimated; the message names the component.
     """
     notes = entries["error_budget_notes"]
     errors = _errors(search, budgets, notes)

@@ -1,8 +1,8 @@
-"""One rigid bearing as a scene: a massless journal in a massless bore that turns about the ground.
+"""One rigid bearing as a scene: a massless journal in a massless bore with a fixed axis.
 
-The scene is built as that of any machine, but for two things: the film's mesh is graded by the gap,
-and made again as the journal moves (`fenics_ehd.analysis.bearing_mechanism`), and a shape of the
-bore may be an object of Python. `fenics_ehd.analysis.bearing` computes the equilibrium.
+The scene is built as that of any machine, with two exceptions. The film's mesh is graded by the gap
+and made again if the journal moves (`fenics_ehd.analysis.bearing_mechanism`). The shape of the bore
+may be a Python object. `fenics_ehd.analysis.bearing` computes the equilibrium.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from fenics_ehd.scenes.scene import Scene
 FILM = "film"
 OIL = "oil"
 
-#: Angle of the maximum film in the film's frame of a round bore [degrees].
+#: Angle of the maximum film in the film's frame, if the bore is round [degrees].
 MAX_FILM = 180.0
 
 
@@ -44,7 +44,7 @@ def bearing_scene(settings: BearingSettings, angle: float) -> Scene:
     settings
         Settings of the bearing.
     angle
-        Angle from the load line to the film's frame, that of the bore at the start [rad].
+        Angle from the load line to the film's frame, at which the bore is at the start [rad].
     """
     squeeze_rate = float(np.hypot(*settings.squeeze)) / settings.clearance
     return Scene(
@@ -55,7 +55,7 @@ def bearing_scene(settings: BearingSettings, angle: float) -> Scene:
             "bore": Speed(settings.direction * settings.bore_speed),
         },
         lubricants={OIL: settings.oil},
-        # The span has a say in the reference rate of the film, which changes round-off only.
+        # The duration affects only the film's reference rate, and thereby only round-off.
         time=schema.TimeSettings(end=2 * pi / max(squeeze_rate, 1.0)),
         name="bearing",
     )
@@ -107,12 +107,12 @@ def build_bearing(settings: BearingSettings, angle: float, mesh: MeshMaker) -> M
     settings, angle
         As of `bearing_scene`.
     mesh
-        Function that makes the film's mesh.
+        Function that makes the film's mesh, see `MeshMaker`.
 
     Raises
     ------
     SettingsError
-        A value cannot be used; the message has the key of the bearing.
+        A value cannot be used; the message names its key in the settings of the bearing.
     """
     try:
         return unassembled(bearing_scene(settings, angle), {FILM: mesh})
@@ -154,7 +154,9 @@ def bearing(
     with_coefficients: bool = False,
     **settings: Any,
 ) -> BearingResult:
-    """Operating point by settings as keywords, see `BearingSettings` and `solve_bearing`.
+    """Compute the operating point of a bearing whose settings are keyword arguments.
+
+    They are the fields of `BearingSettings` and the parameters of `solve_bearing`.
 
     The load may have a unit: ``"5 kN"``.
     """

@@ -150,36 +150,36 @@ def build(
 
 
 def unassembled(scene: Scene, film_meshes: Mapping[str, MeshMaker]) -> Mechanism:
-    """Mechanism of a scene without elastic parts, its bodies where the scene has them.
+    """Mechanism of a scene without elastic parts, with bodies at the scene's positions.
 
-    An equilibrium assembles its mechanism itself.
+    It is not assembled, because the equilibrium solver assembles it.
 
     Parameters
     ----------
     scene
         The scene.
     film_meshes
-        Functions that make the meshes of films, by the name of the joint; other films have the
-        cells of the scene.
+        Functions that make the meshes of films, by the name of the joint. Films without one get
+        the cells that the scene specifies.
 
     Raises
     ------
     SettingsError
-        Naming the value that cannot be used.
+        A value cannot be used; the message names it.
     """
     inputs = read_inputs(scene, {})
     return _rigid(scene, inputs, {}, _joints(scene, inputs, {}, film_meshes))
 
 
 def _require_period(scene: Scene, inputs: Inputs) -> None:
-    """Refuse a cycle if a load, drive or supply at its end differs from that at its start."""
+    """Refuse a period at whose end a load, drive or supply has another value than at its start."""
     if scene.time.periodic:
         loaded = Mechanism(_stiff(scene), {}, inputs.drives, inputs.forces)
         check_period(loaded, scene.span, scene.time.periodicity, inputs.supply_curves)
 
 
 def _stiff(scene: Scene) -> dict[str, Body]:
-    """Bodies of a scene that are not elastic parts, by name."""
+    """Bodies of a scene, by name, except its elastic parts."""
     return {
         name: ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings
         for name, settings in scene.bodies.items()
@@ -210,7 +210,7 @@ def _joints(
     parts: Mapping[str, ElasticPart],
     film_meshes: Mapping[str, MeshMaker],
 ) -> dict[str, Joint | LubricatedJoint]:
-    """Joints of a scene by name; lubricated ones with their films."""
+    """Joints of a scene by name; lubricated joints have their films."""
     joints = dict(scene.joints)
     rate = reference_rate(scene)
     for name, joint in scene.films.items():
@@ -230,7 +230,7 @@ def _rigid(
     parts: Mapping[str, ElasticPart],
     joints: Mapping[str, Joint | LubricatedJoint],
 ) -> Mechanism:
-    """Mechanism with a rigid body in place of each elastic part, not assembled."""
+    """Mechanism with a rigid body in place of each elastic part, with bodies not assembled."""
     stiff = _stiff(scene)
     bodies: dict[str, Body] = {}
     for name, settings in scene.bodies.items():

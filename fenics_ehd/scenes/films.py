@@ -105,7 +105,7 @@ def surface_shape(
 
 
 def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[HoleSupply, ...]:
-    """Holes in the mesh of a bore that no supply feeds, and that are therefore closed."""
+    """Holes in the mesh of a bore without a supply, which the film treats as closed recesses."""
     in_bore = [s for s in supplies if isinstance(s, HoleSupply) and not s.on_journal]
     return tuple(
         _in_mesh(HoleSupply(), hole)
@@ -150,12 +150,12 @@ def _in_hole(supply: Supply, key: str, holes: Sequence[BoreHole]) -> Supply:
 #: Numbers of film cells around and along for a bore without a mesh.
 DEFAULT_CELLS = (20, 5)
 
-#: Largest relative difference of the radii of journal and bore, which the film takes as equal.
+#: Largest relative difference between sizes of bore, journal and joint that count as equal.
 FIT = 0.01
 
 
 def reference_rate(scene: Scene) -> float:
-    """Largest angular speed in a scene [rad/s]; it scales equations and does not change results."""
+    """Largest angular speed in a scene [rad/s]; it scales equations and changes round-off only."""
     speeds = [2 * np.pi / scene.span]
     for table in (scene.bodies, scene.drives, scene.forces):
         speeds += [abs(getattr(settings, "speed", 0.0)) for settings in table.values()]
@@ -163,7 +163,7 @@ def reference_rate(scene: Scene) -> float:
 
 
 def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
-    """Refuse a film that is not thin, and a journal or a size that does not fit the bore.
+    """Refuse a film that is not thin, and sizes of film or journal that do not fit the bore.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
 
 
 def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
-    """Numbers of film cells around and along, as far as they are known without a mesh."""
+    """Numbers of film cells around and along, predicted from settings before parts are meshed."""
     settings = scene.joints[joint]
     if settings.cells:
         around, along = settings.cells
@@ -336,7 +336,7 @@ def lubricated_joint(
     Raises
     ------
     SettingsError
-        The journal does not fit its bore, the film is not thin, or see `build_film`.
+        The journal does not fit its bore, the film is not thin, or for reasons of `build_film`.
     """
     check_fit(scene, name, bore)
     joint = scene.joints[name]

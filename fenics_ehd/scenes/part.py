@@ -296,7 +296,7 @@ class ElasticPart:
     film_element: str
 
     def bore(self, name: str, key: str) -> BoreSurface:
-        """Bore of the part by its name; `key` is the setting with the name, for messages.
+        """Bore of the part by its name; `key` is the setting that has this name, for messages.
 
         Raises
         ------

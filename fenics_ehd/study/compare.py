@@ -86,7 +86,7 @@ class StoredRun:
 
     @cached_property
     def filmed(self) -> History:
-        """History of the run with film pressures at all nodes, which comparisons need."""
+        """History of the run, including the pressure fields of the films."""
         return load_history(self.directory)
 
     def estimates(self) -> dict[str, float]:
@@ -201,7 +201,7 @@ LIMITING = ("step", "basis")
 
 
 class StudyFolder(RunsFolder):
-    """Folder of a study: it compares the runs and stores their errors.
+    """Folder of a study, with methods that compare its runs and store their errors.
 
     Parameters
     ----------
@@ -210,12 +210,12 @@ class StudyFolder(RunsFolder):
     study
         Study to which the folder belongs.
     overwrite
-        Whether all runs, tables and the report are removed; reduced bodies are kept.
+        Whether to remove all runs, tables and the report; reduced bodies are kept.
 
     Attributes
     ----------
     runs
-        Runs that are complete, by name.
+        Complete runs by name.
 
     Raises
     ------

@@ -472,7 +472,7 @@ BUILD_UP = 0.1
 
 
 def best(study: StudyData, method: str) -> list[StudyRow]:
-    """The run of a method with the smallest largest error, as a list; empty if there is none."""
+    """Run of a method with the smallest worst error, as a list; empty without such runs."""
     rows = study.joints[0].measured("methods", method=method)
     return sorted(rows, key=lambda row: study.worst_error(row["run"]))[:1]
 
