@@ -1,10 +1,10 @@
 """Shear of the oil in a solved film, also in its cavitated zone, and flows through its borders.
 
-**Shear.** With the parabolic velocity profile of lubrication theory, U the sliding velocity
+Shear: with the parabolic velocity profile of lubrication theory, U the sliding velocity
 ``v_1 - v_2`` and y along the circumference, the shear stresses of the oil are
 
-    on the bore    tau_2 =  theta eta U / h - (h / 2) dp/dy
-    on the shaft   tau_1 = -theta eta U / h - (h / 2) dp/dy
+    bore    tau_2 =  theta eta U / h - (h / 2) dp/dy
+    shaft   tau_1 = -theta eta U / h - (h / 2) dp/dy
 
 ``theta`` is the sheared fraction of the width: 1 in the full film, 0 in grooves and supply holes,
 which are deep. In the cavitated zone it follows one of three rules:
@@ -25,7 +25,7 @@ which are deep. In the cavitated zone it follows one of three rules:
 
 If the cavitation condition determines the fluid fraction, ``streamers`` uses this fraction.
 
-**Forces on both bodies.** On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls
+Forces on both bodies: on the bore the oil presses with ``p n`` (n = e_r, outward) and pulls
 with ``tau_2 t`` (t along the circumference). The shaft lies ``h`` further in: its surface ``(R_2 -
 h) e_r + z e_z`` has the area element ``[(R_2 - h) e_r + dh/dphi e_phi] dphi dz`` in the plane,
 smaller than that of the bore and inclined. Pressure on it gives, integrated by parts around the
@@ -37,7 +37,7 @@ exactly, for the film is periodic. With ``tau_1 + tau_2 = -h dp/dy`` the two bod
 opposite forces, and opposite moments about any one point. By the same integration the torque on the
 shaft about its own axis is ``R_1 int tau_1 dA`` up to c / R.
 
-**Flow** through the borders of a film is evaluated from the discrete equation. The weak form of
+Flow through the borders of a film is evaluated from the discrete equation. The weak form of
 (1) tested with the shape function of a node is zero in the full film, the growth of the cavities at
 a cavitated node, and the inflow at a node of given pressure. The shape functions sum to one, so
 that
@@ -262,14 +262,12 @@ class FilmFlows:
         Two outflows count:
 
         - through the sides, summed over those edges of the mesh over which oil leaves. At an
-        ambient
-          pressure above the cavitation pressure oil enters over other edges; this inflow is not
-          subtracted;
-        - net flow out of the film into each groove or supply, if positive. Oil that is dragged into
-        a groove
-          at one edge and out of it at the other stays in the film. Under condition (8) cavities
-          fill the gap with oil that no supply delivered, which is dragged to grooves: the growth of
-          the cavities is subtracted.
+          ambient pressure above the cavitation pressure oil enters over other edges; this inflow
+          is not subtracted;
+        - net flow out of the film into each groove or supply, if positive. Oil that is dragged
+          into a groove at one edge and out of it at the other stays in the film. Under condition
+          (8) cavities fill the gap with oil that no supply delivered, which is dragged to grooves:
+          the growth of the cavities is subtracted.
 
         Oil stored by the motion of the gap does not count, nor does oil exchanged with cavities:
         both are zero over a cycle, except for the oil that condition (8) creates where the film
