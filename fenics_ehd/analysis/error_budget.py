@@ -205,7 +205,8 @@ class Extreme:
     value
         Value of the extreme [Pa] or [m].
     reported
-        Curves of the run, see `ErrorCurves`.
+        Peak pressures [Pa] and thinnest films [m] of all joints over time, see
+        `ErrorCurves.reported`, shape (2, k, joints).
     """
 
     quantity: str

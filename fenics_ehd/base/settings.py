@@ -106,7 +106,7 @@ def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any
     Raises
     ------
     SettingsError
-        If the name has other characters, if the table or its kind is missing or wrong, or if
+        If the name has a character that is no letter, digit, _ or -, if the table or its kind is missing or wrong, or if
         `build` refuses the table.
     """
     path = f"{section}.{name}"

@@ -202,7 +202,7 @@ def _is_gmsh(path: Path) -> bool:
 
 
 def _hint(path: Path) -> str:
-    """End of a message that names another kind of file, if this may be one; else empty."""
+    """End of the message on an unreadable mesh file: what it seems to be instead; else empty."""
     try:
         with open(path, encoding="ascii") as file:
             lines = [line for line in islice(file, 100) if not line.startswith("**")]

@@ -187,9 +187,10 @@ class ShapeTable:
 
 
 def _outer_steps(rows: np.ndarray) -> np.ndarray:
-    """Smaller one of the steps before and after each interval of a periodic table, shape (n,) [m].
+    """Smaller change of a periodic table's values over the neighbours of each interval, (n,) [m].
 
-    It is 0 for an interval without an extreme of the rows.
+    Changes are taken without sign. The result is 0 unless the values rise before the interval and
+    fall after it, or the reverse: then a smooth curve has an extreme within the interval.
     """
     before = rows - np.roll(rows, 1)
     after = np.roll(rows, -1) - np.roll(rows, -2)

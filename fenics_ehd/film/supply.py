@@ -1,9 +1,10 @@
 """Supplies of a film: sides and axial grooves of given pressure, and regions that conduct oil.
 
 Sides and axial grooves are boundaries of given pressure, (9) and (10). A region of the bore or of
-the journal that conducts oil has a covered share at every point, which `fenics_ehd.film.parameters`
-uses. Angles are counted from the x axis of the body with the bore, or of the one with the journal,
-positive from x to y. Heights along the axis are counted from the middle of the bore.
+the journal that conducts oil is described by its covered share at every point of the film: 1 within
+the region, 0 outside. `fenics_ehd.film.parameters` computes the inflow from it. Angles are counted
+from the x axis of the body with the bore, or of the one with the journal, positive from x to y.
+Heights along the axis are counted from the middle of the bore.
 """
 
 from __future__ import annotations

@@ -130,7 +130,7 @@ class JointContact:
         return forces
 
     def turning_stiffness(self, contact: AsperityContact, turning: TurningRows) -> np.ndarray:
-        """Derivative of `forces` with respect to `rows` at constant contact pressure, (k, k).
+        """Derivative of `forces` by the coordinates `rows` at constant contact pressure, (k, k).
 
         It arises from a turning surface, whose derivatives of the gap change as it turns.
         """

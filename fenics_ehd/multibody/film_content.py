@@ -74,12 +74,13 @@ class FilmContent:
         return np.zeros(0), np.zeros(0)
 
     def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
-        """Correct the values in extrapolated states so that those of the first state are possible.
+        """Bring this film's values in the first of `states` into their physical range.
 
         Parameters
         ----------
         states
-            States, shape (k, n); the same correction is added to all, in place.
+            States after an extrapolation or a perturbation, shape (k, n); the same correction is
+            added to all of them, in place.
         observed
             Gap of the first state at the w points where gaps are observed, shape (w,) [m].
         """

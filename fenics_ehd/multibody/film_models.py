@@ -454,7 +454,9 @@ class MassConservingFilm(FilmModel[OilPoint]):
         verify_complementarity(point.pressures, point.void, 1.0, 10 * tolerance)
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:
-            raise CavitationError(f"fluid fraction below 0 by {excess:.2g}, above {UNDERSHOOT}")
+            raise CavitationError(
+                f"a fluid fraction is {excess:.2g} below 0, but at most {UNDERSHOOT} is accepted"
+            )
         outflow = balance.outflow(step, point.nodal, point.pressures, point.transport)
         content = balance.volume_scale * step.length * step.full - self.content.void_volumes(point)
         return replace(

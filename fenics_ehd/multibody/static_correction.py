@@ -191,7 +191,11 @@ class PatternResponses:
         return self.share * self._static_response(self._from_forces @ forces)
 
     def unit_force_response(self, points: np.ndarray) -> np.ndarray:
-        """Gap change in this step for unit normal forces at a Gauss points, shape (g, a)."""
+        """Gap change at all Gauss points in this step, for unit normal forces at some of them.
+
+        `points` has the indices of the loaded points, shape (a,); the result has the shape (g, a)
+        [m/N].
+        """
         few = self._to_gap.shape[0] <= FEW_POINTS
         if few:
             response = self._unit_force_responses[:, points]

@@ -207,7 +207,7 @@ class Bores:
     """
 
     def has(self, joint: ShownJoint) -> bool:
-        """True for a joint, false for a run as a whole."""
+        """True if there is a bore to draw: for a joint, not for a run as a whole."""
         return bool(joint.name)
 
     def draw(self, rows: Rows) -> Figure:

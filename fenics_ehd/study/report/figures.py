@@ -322,7 +322,7 @@ Points = list[tuple[float, float]]
 
 
 def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow, Points]]:
-    """Points of step error over tolerance by model, with the model's first run.
+    """First run of each model with several runs, and points (tolerance, step error) of its runs.
 
     Step errors are relative to the same model with very fine steps. Errors below the reference's
     own step error are replaced by it.
