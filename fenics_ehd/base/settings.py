@@ -106,8 +106,8 @@ def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any
     Raises
     ------
     SettingsError
-        If the name has a character that is no letter, digit, _ or -, if the table or its kind is missing or wrong, or if
-        `build` refuses the table.
+        If the name has a character that is no letter, digit, _ or -, if the table or its kind is
+        missing or wrong, or if `build` refuses the table.
     """
     path = f"{section}.{name}"
     kinds = about["kinds"]

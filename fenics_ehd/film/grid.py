@@ -7,9 +7,10 @@ the same order: cell ``i * along + j`` is the i-th around and the j-th along the
 ``1 + eps cos(theta) = (1 - eps^2) / (1 - eps cos(gamma))``, spreads the pressure of a long bearing
 evenly at every eccentricity. Points at equal distances of gamma have the density ``dgamma / dtheta
 ~ 1 / h``. The density of the cells is a weighted mean of this density and of a uniform one, so that
-cells are left for the thick film, in which the pressure rises slowly. Towards the ends of a long bearing the pressure falls off within a length l, which
-is of the order of the extent of the thin film along the circumference: the density of the cells
-along the axis is ``1 / (d + l)`` at the distance d from the end.
+cells are left for the thick film, in which the pressure rises slowly. Towards the ends of a long
+bearing the pressure falls off within a length l, which is of the order of the extent of the thin
+film along the circumference: the density of the cells along the axis is
+``1 / (d + l)`` at the distance d from the end.
 """
 
 from __future__ import annotations

@@ -74,8 +74,8 @@ class ForeignMatrices:
         indices, missing = _looked_up(self.numbers, np.asarray(numbers))
         if len(missing):
             raise StructureError(
-                f"node {missing[0]} has no row in the matrices: if this node is held, read them with "
-                "numbers=, the numbers of all nodes of the part"
+                f"node {missing[0]} has no row in the matrices: if this node is held, read them "
+                "with numbers=, the numbers of all nodes of the part"
             )
         return indices
 
