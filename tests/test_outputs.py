@@ -110,7 +110,7 @@ def test_pictures_of_one_run_do_not_replace_those_of_another(workplace, capfd):
     assert exit_of(capfd, "plot", "one", "--quantity", "orbit")[0] == 0
     status, _, errors = exit_of(capfd, "plot", "one", "--quantity", "orbit", "-o", "two")
     assert status == 2
-    assert "two: made by fenics-ehd run, not a folder for plot" in errors
+    assert "two was made by fenics-ehd run, not by plot" in errors
     for _ in range(2):
         assert exit_of(capfd, "plot", "one", "--quantity", "orbit", "-o", "pictures")[0] == 0
 
