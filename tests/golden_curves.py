@@ -11,7 +11,7 @@ This module is the only one of these tests that looks below the public names.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -148,8 +148,7 @@ def held(machine: ehd.Machine, times: np.ndarray, corners: np.ndarray) -> Curve:
     for step in _follow(run, times, corners):
         tracker.add(step)
         samples.append(at_nodes(step))
-    sampled = {path: np.array([row[path] for row in samples]) for path in samples[0]}
-    history = tracker.history().changed(sampled)
+    history = with_samples(tracker.history(), samples)
     columns, fields = history.columns, history.pressures
     rows = np.unique(np.linspace(0, len(times) - 1, min(ROWS, len(times))).astype(int))
     kept = {
@@ -157,6 +156,11 @@ def held(machine: ehd.Machine, times: np.ndarray, corners: np.ndarray) -> Curve:
     }
     pressures = {f"joints/{name}/film/pressure": values[-1] for name, values in fields.items()}
     return Curve(kept, pressures)
+
+
+def with_samples(history: ehd.History, samples: Sequence[Mapping[str, float]]) -> ehd.History:
+    """History whose columns of the samples' paths have the samples' values."""
+    return history.changed({path: np.array([row[path] for row in samples]) for path in samples[0]})
 
 
 def at_nodes(step: MechanismStep) -> dict[str, float]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import attrs
 import numpy as np
-from golden_curves import at_nodes
+from golden_curves import at_nodes, with_samples
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
@@ -73,8 +73,7 @@ def simulated_at_nodes(mechanism, end=None, **options):
     result = ehd.simulate(
         mechanism, end, **options, progress=lambda step: samples.append(at_nodes(step))
     )
-    rows = samples[-len(result.time) :]
-    return result.changed({path: np.array([row[path] for row in rows]) for path in rows[0]})
+    return with_samples(result, samples[-len(result.time) :])
 
 
 def deviation(name, time, joint: JointResult, start=2e-4) -> Mapping[str, float]:

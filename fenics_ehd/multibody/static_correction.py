@@ -239,8 +239,8 @@ class PatternResponses:
                 gaps.append(self._to_gap[points][:, body.displacements] @ body.shapes[:, :count])
                 from_pressure = self._from_pressure[body.loads][:, nodes]
                 amplitudes.append((from_pressure.T @ body.amplitudes[:count].T).T)
-            both = np.hstack(gaps), np.vstack(amplitudes)
-            retained.append((np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])))
+            gap = np.ascontiguousarray(np.hstack(gaps))
+            retained.append((gap, np.ascontiguousarray(np.vstack(amplitudes))))
         return retained
 
     def pattern_indices(self, count: int, first: int) -> tuple[list[np.ndarray], int]:
