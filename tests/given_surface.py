@@ -6,14 +6,18 @@ from types import MappingProxyType
 
 import attrs
 import numpy as np
+from scipy import sparse
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.body import PlanarBody, rigid_integrals
-from fenics_ehd.multibody.surface import Side, Surface
+from fenics_ehd.multibody.surface import Compliance, Side, Surface
 from fenics_ehd.reduction.body import InertiaIntegrals
 
 #: Waves around of the modes: a wave of one is the eccentricity.
 WAVES = (0, 2, 3, 4)
+
+#: Displacement of residual patterns for unit amplitudes [m/Pa].
+UNIT_PATTERN = 1e-13
 
 
 def waves(angle, order=0):
@@ -46,9 +50,38 @@ def stiffness(radius, width, mean):
 
 
 class GivenSurface(Surface):
-    """Surface with the modes of `waves`."""
+    """Surface with the modes of `waves`, or residual patterns of this span."""
 
     elastic = True
+    turning = False
+
+    def __init__(self, side, body):
+        super().__init__(side, len(body.stiffness_of_modes))
+        self.turning = Surface.turning.fget(self) and not body.still
+        self._body = body
+
+    @property
+    def compliance(self):
+        """Residual patterns, those that the stiffness makes independent."""
+        if self._body.stiffness_of_patterns is None:
+            return None
+        stiffness, shapes = np.linalg.eigh(self._body.stiffness_of_patterns)
+        shapes = UNIT_PATTERN * shapes
+        stiffness = UNIT_PATTERN**2 * stiffness
+        film = self.side.film
+        observed = sparse.csr_matrix(self.side.sign * waves(self._angle))
+        gap = observed[: self._inside]
+        areas = sparse.csr_matrix(film.pressure_areas)
+        return Compliance(
+            shapes,
+            shapes.T / stiffness[:, None],
+            gap,
+            observed,
+            (gap.T @ areas).tocsr(),
+            gap.T.tocsr(),
+            stiffness,
+            self._body.damping_time,
+        )
 
     def outward(self, angle, height, order=0):
         """Outward displacement of the modes, see `Surface`."""
@@ -60,6 +93,7 @@ class GivenBody(PlanarBody):
     """A body of `GivenSurface`, without mass unless given; its only point is the origin.
 
     Damping lets a run start undeformed: pressures on modes without mass and damping are zero then.
+    The surface of a body that stays still does not turn, even if it is a journal's.
     """
 
     stiffness_of_modes: np.ndarray
@@ -68,6 +102,8 @@ class GivenBody(PlanarBody):
     inertia: float = 0.0
     centre = (0.0, 0.0)
     damping_time: float = 1e-4
+    stiffness_of_patterns: np.ndarray | None = None
+    still: bool = False
     fields = MappingProxyType({})
 
     @property
@@ -84,7 +120,7 @@ class GivenBody(PlanarBody):
 
     def surface(self, point, side: Side):
         """The same surface on either side of a film."""
-        return GivenSurface(side, len(self.stiffness_of_modes))
+        return GivenSurface(side, self)
 
     def error_measure(self):
         """The frame alone, as the modes have no mass."""

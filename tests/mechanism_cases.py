@@ -5,6 +5,7 @@ from pathlib import Path
 
 import attrs
 import numpy as np
+from golden_curves import at_nodes
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
@@ -64,6 +65,16 @@ def flexible_slider_crank(body, **joint):
     )
     rod = ehd.FlexibleBody(body, 1e-3, position=(CRANK, 0.0))
     return slider_crank(rod, bore_film, **joint)
+
+
+def simulated_at_nodes(mechanism, end=None, **options):
+    """A run, its largest pressures and thinnest films taken at nodes, as old curves have them."""
+    samples = []
+    result = ehd.simulate(
+        mechanism, end, **options, progress=lambda step: samples.append(at_nodes(step))
+    )
+    rows = samples[-len(result.time) :]
+    return result.changed({path: np.array([row[path] for row in rows]) for path in rows[0]})
 
 
 def deviation(name, time, joint: JointResult, start=2e-4) -> Mapping[str, float]:

@@ -227,11 +227,11 @@ def test_faces_of_another_program_may_leave_a_hole_but_no_gap(ring):
     bore = ring.bores["bore"]
     found = ehd.bore_from_faces(bore.coordinates, bore.cells, bore.family)
     assert len(bore_holes(found.coordinates, found.cells, found.family)) == 1
-    with pytest.raises(ehd.errors.StructureError, match="not a whole cylinder"):
+    with pytest.raises(ehd.errors.StructureError, match="not a complete cylinder"):
         ehd.bore_from_faces(bore.coordinates, bore.cells[1:], bore.family)
     angle = np.arctan2(bore.coordinates[:, 1], bore.coordinates[:, 0])
     slit = np.abs(angle[bore.cells]).max(axis=1) < 0.3
-    with pytest.raises(ehd.errors.StructureError, match="not a whole cylinder"):
+    with pytest.raises(ehd.errors.StructureError, match="not a complete cylinder"):
         ehd.bore_from_faces(bore.coordinates, bore.cells[~slit], bore.family)
 
 

@@ -167,7 +167,11 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
         rows.append(row)
     found, film_thickness, estimates = (
         np.array([row[name] for row in rows])
-        for name in ("max_pressure_Pa", "min_film_thickness_m", "basis_error_estimate_m")
+        for name in (
+            "joints/big_end/max_pressure",
+            "joints/big_end/min_film_thickness",
+            "joints/big_end/basis_error_estimate",
+        )
     )
     pressure = np.abs(found - expected_pressure).max() / expected_pressure.max()
     film = np.abs(film_thickness / expected_film - 1).max()

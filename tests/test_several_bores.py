@@ -173,7 +173,7 @@ def test_the_bore_of_several_must_be_named(structure, bodies):
             part.bore  # noqa: B018
     with pytest.raises(ehd.errors.SettingsError, match="bore, pin: name one of them"):
         bodies["m4"].bore_nodes  # noqa: B018
-    with pytest.raises(ehd.errors.SettingsError, match="no bore 'small': bore, pin"):
+    with pytest.raises(ehd.errors.SettingsError, match="no bore 'small': its bores are bore, pin"):
         bodies["m4"].at_bore("small")
 
 

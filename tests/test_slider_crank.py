@@ -31,6 +31,7 @@ from hand_made_rod import (
     some_state,
     torque,
 )
+from mechanism_cases import simulated_at_nodes
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
@@ -126,7 +127,12 @@ def absolute_motion(joint, times, tolerance=1e-10):
 
 def differences(joint, body, revolutions, tolerances):
     """Largest difference of eccentricity and film thickness from absolute coordinates, over c."""
-    runs = [run(make_mechanism(body, joint), revolutions, tolerance) for tolerance in tolerances]
+    end = revolutions * REVOLUTION
+    largest = 0.02 / revolutions
+    runs = [
+        simulated_at_nodes(make_mechanism(body, joint), end, tolerance=tolerance, largest=largest)
+        for tolerance in tolerances
+    ]
     # Compared at the steps of the runs themselves: none of their values is interpolated.
     times = np.unique(np.concatenate([result.time for result in runs]))
     eccentricity, thickness = absolute_motion(joint, times)

@@ -1,7 +1,10 @@
 """Surfaces of a film: a lopsided compliance at rest in the bore and turning with the journal."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from attrs import evolve
 from film_cases import oval
 from given_surface import Bearing, GivenBody, stiffness
 from journal_cases import ETA, OMEGA, UNIT_LOAD, C, R, make_film
@@ -115,6 +118,61 @@ def test_the_norm_knows_the_gap_of_the_equations():
     (gap,) = run.norm.film_gaps(last.observed)
     inside = film.gap.thickness.size
     np.testing.assert_allclose(gap[:inside], film.gap.thickness.ravel(), rtol=1e-4)
+
+
+# --- Residual patterns
+
+
+def squeezed(bore, journal):
+    """A shaft pressed into a housing without turning, on patterns of two stiffnesses or none."""
+    none = np.zeros((0, 0))
+    film = make_film((12, 3))
+    shaft = GivenBody(none, mass=2.0, inertia=1e-3, stiffness_of_patterns=journal, still=True)
+    return ehd.Mechanism(
+        {"shaft": shaft, "housing": GivenBody(none, held=True, stiffness_of_patterns=bore)},
+        {"bearing": ehd.LubricatedJoint("shaft", "housing", film)},
+        {"shaft": ehd.Speed(0.0)},
+        {"load": ehd.PointForce("shaft", (1.0, 0.3), lambda _: (0.3 * UNIT_LOAD, 0.0))},
+    )
+
+
+def test_two_surfaces_with_patterns_bend_as_one_that_is_twice_as_soft():
+    given = stiffness(R, 2 * R, MEAN)
+    rigid, one, other, both = (
+        ehd.simulate(squeezed(*patterns), 2e-4, tolerance=1e-3)
+        for patterns in ((None, None), (given, None), (None, given), (2 * given, 2 * given))
+    )
+    offset = [run.joints["bearing"].eccentricity_x[-1] for run in (rigid, one)]
+    assert offset[1] > 2 * offset[0]
+    for name in ("min_film_thickness", "max_pressure", "eccentricity_x"):
+        expected = getattr(one.joints["bearing"], name)
+        for run in (other, both):
+            np.testing.assert_allclose(getattr(run.joints["bearing"], name), expected, rtol=1e-9)
+    assert both.summary()["newton_iterations"] == one.summary()["newton_iterations"]
+
+
+def test_derivatives_with_patterns_of_both_surfaces_are_exact():
+    given = stiffness(R, 2 * R, MEAN)
+    assert_contact_derivatives(squeezed(given, 2 * given))
+
+
+def test_patterns_of_a_journal_that_turns_are_refused():
+    given = stiffness(R, 2 * R, MEAN)
+    mechanism = swinging()
+    shaft = GivenBody(given, mass=2.0, inertia=1e-3, stiffness_of_patterns=given)
+    mechanism = replace(mechanism, bodies={**mechanism.bodies, "shaft": shaft})
+    expected = r"joints.bearing.journal = 'shaft': residual patterns .* of a journal that turns"
+    with pytest.raises(ehd.errors.SettingsError, match=expected):
+        ehd.simulate(mechanism, 1e-3)
+
+
+def test_patterns_that_face_each_other_must_have_one_damping():
+    mechanism = squeezed(*[stiffness(R, 2 * R, MEAN)] * 2)
+    housing = evolve(mechanism.bodies["housing"], damping_time=2e-4)
+    mechanism = replace(mechanism, bodies={**mechanism.bodies, "housing": housing})
+    expected = r"different damping_time \(housing: 0.0002 s, shaft: 0.0001 s\)"
+    with pytest.raises(ehd.errors.SettingsError, match=expected):
+        ehd.simulate(mechanism, 1e-3)
 
 
 # --- In motion

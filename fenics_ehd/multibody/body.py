@@ -684,5 +684,5 @@ class FlexibleBody(PlanarBody):
         from fenics_ehd.multibody.elastic_bore import ElasticBore
 
         if side.sign == BORE and point in self.reduced.bores:
-            return ElasticBore(self.reduced.at_bore(point), side)
+            return ElasticBore(self.reduced.at_bore(point), side, self.damping_time)
         return Surface(side)

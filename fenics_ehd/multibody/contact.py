@@ -189,14 +189,13 @@ class Contacts:
         ]
         self.areas = np.zeros(sum(len(binding.film.thickness) for binding in system.films))
         for i, (binding, joint) in enumerate(zip(system.films, self.joints, strict=True)):
-            body = responses.body_of(i)
-            if body is None:
+            bodies = responses.bodies_of(i)
+            if not bodies:
                 continue
             if joint is not None:
                 self.areas[responses.points[i]] = joint.area
-            rough = any(self.joints[other] for other in body.films)
-            bore = binding.film.bore
-            if rough and bore is not None and bore.projected is not None:
+            rough = any(self.joints[other] for body in bodies for other in body.films)
+            if rough and any(surface.mortar for surface in binding.film.surfaces):
                 raise SettingsError(
                     f"joints.{binding.name}.transfer = 'mortar' does not transfer contact "
                     "pressures: use 'conservative' with rough surfaces"
@@ -363,7 +362,7 @@ class ContactColumns:
 
         The indices are None if the contact depends on coordinates alone.
         """
-        if self._responses.body_of(i) is None:
+        if not self._responses.bodies_of(i):
             return np.flatnonzero(joint.near(self._films[i].gap.thickness)), None
         of_film = self._responses.points[i]
         inside = np.flatnonzero((of_film.start <= self._points) & (self._points < of_film.stop))
@@ -371,7 +370,7 @@ class ContactColumns:
 
     def extend(self, i: int, block: FilmBlock, model: FilmModel[Any]) -> FilmBlock:
         """Derivatives of film i with those through the deformation of its bore by contact."""
-        if self._responses.body_of(i) is None or not len(self._points):
+        if not self._responses.bodies_of(i) or not len(self._points):
             return block
         gap_change = self._gap_change[self._responses.points[i]]
         near = np.flatnonzero(gap_change.any(axis=0))  # the other points belong to other bodies

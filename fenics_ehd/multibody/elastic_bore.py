@@ -13,6 +13,7 @@ far end of its passage.
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 from fenics_ehd.base.arguments import require_class, require_word
 from fenics_ehd.base.errors import InterfaceMismatchError
@@ -21,7 +22,13 @@ from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
 from fenics_ehd.film.transfer import Mortar, outward_displacement, solid_share
 from fenics_ehd.film.transfer import Surface as SurfaceMesh
-from fenics_ehd.multibody.surface import Side, Surface, SurfaceRows, observed_positions
+from fenics_ehd.multibody.surface import (
+    Compliance,
+    Side,
+    Surface,
+    SurfaceRows,
+    observed_positions,
+)
 from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
 
@@ -183,7 +190,7 @@ def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -
 
 
 class ElasticBore(Surface):
-    """Bore of a reduced body, with the body's elastic modes.
+    """Bore of a reduced body, with the body's elastic modes and residual patterns.
 
     Parameters
     ----------
@@ -191,10 +198,12 @@ class ElasticBore(Surface):
         Reduced body at this bore.
     side
         Side of the film.
+    damping_time
+        Structural damping zeta of the body [s].
 
     Attributes
     ----------
-    part
+    part, damping_time
         As given.
     maps
         Linear maps between film and body.
@@ -202,10 +211,16 @@ class ElasticBore(Surface):
 
     elastic = True
 
-    def __init__(self, part: ReducedBody, side: Side):
+    def __init__(self, part: ReducedBody, side: Side, damping_time: float = 0.0):
         super().__init__(side, part.modes)
         self.part = part
+        self.damping_time = damping_time
         self.maps = BoreFilm(part, side.film, side.transfer)
+
+    @property
+    def mortar(self) -> bool:  # type: ignore[override]
+        """Whether pressures reach the bore by a mortar: its mesh does not match the film's."""
+        return self.maps.projected is not None
 
     @property
     def rows(self) -> SurfaceRows:
@@ -214,3 +229,38 @@ class ElasticBore(Surface):
         carried = _mean_translation(self.side.film, maps.outward, maps.tangential)
         mean = 0.5 * maps.tangential - carried
         return SurfaceRows(maps.observed, mean, -maps.tangential, maps.load, maps.force)
+
+    @property
+    def compliance(self) -> Compliance | None:
+        """Residual patterns of the part at this bore (M4); None: the part has none."""
+        residual = self.part.residual
+        if residual is None or not residual.rank:
+            return None
+        maps = self.maps
+        m = len(residual.displacement)
+        shapes = residual.displacement[:, :2].reshape(2 * m, -1)
+        plane = (3 * np.arange(m)[:, None] + np.arange(2)).ravel()
+        to_gap = maps.normal[:, plane].tocsr()
+        to_observed = maps.observed_normal[:, plane].tocsr()
+        if maps.projected is not None:
+            # Pressures that reach the bore by the mortar load it with the body's own matrix.
+            from_pressure = sparse.csr_matrix(maps.projected)
+            from_forces = sparse.csr_matrix((from_pressure.shape[0], to_gap.shape[0]))
+            amplitudes = residual.patterns
+        else:
+            amplitudes = np.ascontiguousarray(shapes.T / residual.stiffness[:, None])
+            area = sparse.csr_matrix(self.side.film.pressure_areas)
+            if maps.solid is not None:
+                area = sparse.diags(maps.solid.ravel()) @ area
+            from_forces = to_gap.T.tocsr()
+            from_pressure = (from_forces @ area).tocsr()
+        return Compliance(
+            shapes,
+            amplitudes,
+            to_gap,
+            to_observed,
+            from_pressure,
+            from_forces,
+            residual.stiffness,
+            self.damping_time,
+        )

@@ -1,7 +1,7 @@
 """Coupling of one film's equations with all other unknowns of a step.
 
 The gap of a film and its two surface velocities are linear in its coordinates xi, their rates, the
-relative speed of the journal, and the retained residual patterns of its bore: the *inputs*. The
+relative speed of the journal, and the retained residual patterns of its surfaces: the *inputs*. The
 film's pressures act on the coordinates and patterns: the *outputs*. `FilmCoupling` makes of the
 derivatives of any `FilmModel` along its gap those along the unknowns of the step (`FilmBlock`).
 """
@@ -70,7 +70,7 @@ class FilmCoupling:
         point: FilmPoint,
         shift: float,
         speed: np.ndarray,
-        patterns: slice,
+        patterns: np.ndarray,
         share: float,
         size: int,
     ) -> FilmBlock:
@@ -109,7 +109,7 @@ class FilmCoupling:
         spread = np.zeros((inputs.shape[1], size))
         spread[np.arange(n), binding.xi] = 1.0
         spread[n] = rotation[1]
-        spread[self.retained_patterns, patterns] = np.eye(patterns.stop - patterns.start)
+        spread[np.arange(self.retained_patterns.start, len(spread)), patterns] = 1.0
         block = FilmBlock(
             model.pattern,
             model.along_unknowns(point),
@@ -117,7 +117,7 @@ class FilmCoupling:
             inputs=model.rows(inputs),
             spread=spread,
             outputs=np.vstack([self._forces, share * self._patterns]),
-            rows=np.concatenate([binding.xi, np.arange(patterns.start, patterns.stop)]),
+            rows=np.concatenate([binding.xi, patterns]),
             gap=self._gap,
             along_gap=along_h,
         )

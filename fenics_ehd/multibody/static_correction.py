@@ -1,17 +1,17 @@
-"""Static correction (M4): quasi-static part of the bores' flexibility.
+"""Static correction (M4): quasi-static part of the flexibility of surfaces.
 
-    u_bore = Psi q + sum_i d_i y_i,    y + zeta y' = V p
+    u = Psi q + sum_i d_i y_i,    y + zeta y' = V p
 
-with the residual patterns ``d_i`` of every `ReducedBody`, and V their amplitudes at rest for unit
-nodal pressures. Structural damping gives y a memory but no inertia: an implicit step ``y' = alpha y
-+ past`` yields ``y = s (V p - zeta past)`` with ``s = 1 / (1 + zeta alpha)``, so that the patterns
-add no unknowns to those of the film. Patterns are displacements of the bores' nodes, which the
-films interpolate.
+with the residual patterns ``d_i`` of a body, and V their amplitudes at rest for unit nodal
+pressures. Structural damping gives y a memory but no inertia: an implicit step ``y' = alpha y +
+past`` yields ``y = s (V p - zeta past)`` with ``s = 1 / (1 + zeta alpha)``, so that the patterns
+add no unknowns to those of the film. Patterns are displacements of the nodes of a body's surfaces,
+which the films interpolate: `Compliance` has the maps of one surface.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,11 +19,15 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.multibody.bdf import ImplicitStep
-from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.film_binding import FilmBinding
+from fenics_ehd.multibody.film_binding import BoundSurface, FilmBinding
 from fenics_ehd.multibody.mechanism import System, consecutive
+from fenics_ehd.multibody.surface import Compliance
+
+#: Matrices of a `Compliance` between its surface and a film.
+MATRICES = ("to_gap", "to_observed", "from_pressure", "from_forces")
 
 #: Number of Gauss points of all films up to which the responses to unit forces are stored: a dense
 #: matrix of this size has 32 MB.
@@ -31,76 +35,18 @@ FEW_POINTS = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class _Bore:
-    """Residual patterns at one bore and the film in it.
-
-    Attributes
-    ----------
-    shapes
-        Displacements of the bore's m nodes for unit amplitudes, shape (2 m, r).
-    amplitudes
-        Amplitudes at rest for unit loads of the bore, shape (r, l). Loads are forces on its nodes,
-        l = 2 m; with a mortar, pressures at the body's pressure nodes.
-    to_gap, to_observed
-        Matrices from displacements to the gap at the Gauss points, and where gaps are observed.
-    from_pressure, from_forces
-        Matrices from the film's nodal pressures, and from normal forces on its Gauss points, to
-        loads. The latter is zero with a mortar.
-    """
-
-    shapes: np.ndarray
-    amplitudes: np.ndarray
-    to_gap: sparse.csr_matrix
-    to_observed: sparse.csr_matrix
-    from_pressure: sparse.csr_matrix
-    from_forces: sparse.csr_matrix
-
-    @classmethod
-    def of(cls, body: FlexibleBody | None, binding: FilmBinding) -> _Bore:
-        """Patterns of a body at the film of a joint; None: there are none."""
-        joint = binding.film
-        if body is None or not binding.bore:
-            g = len(joint.thickness)
-            w = len(joint.observed)
-            nodes = joint.load.shape[1]
-            none = [sparse.csr_matrix(shape) for shape in ((g, 0), (w, 0), (0, nodes), (0, g))]
-            return cls(np.zeros((0, 0)), np.zeros((0, 0)), *none)
-        bore = joint.bore
-        residual = body.reduced.at_bore(binding.bore).residual
-        assert residual is not None
-        assert bore is not None
-        m = len(residual.displacement)
-        shapes = residual.displacement[:, :2].reshape(2 * m, -1)
-        plane = (3 * np.arange(m)[:, None] + np.arange(2)).ravel()
-        to_gap = bore.normal[:, plane].tocsr()
-        to_observed = bore.observed_normal[:, plane].tocsr()
-        if bore.projected is not None:
-            # Pressures that reach the bore by the mortar load it with the body's own matrix.
-            from_pressure = sparse.csr_matrix(bore.projected)
-            none = sparse.csr_matrix((from_pressure.shape[0], to_gap.shape[0]))
-            return cls(shapes, residual.patterns, to_gap, to_observed, from_pressure, none)
-        amplitudes = np.ascontiguousarray(shapes.T / residual.stiffness[:, None])
-        area = sparse.csr_matrix(joint.film.pressure_areas)
-        if bore.solid is not None:
-            area = sparse.diags(bore.solid.ravel()) @ area
-        from_forces = to_gap.T.tocsr()
-        from_pressure = (from_forces @ area).tocsr()
-        return cls(shapes, amplitudes, to_gap, to_observed, from_pressure, from_forces)
-
-
-@dataclass(frozen=True, eq=False)
 class _Body:
-    """Residual patterns of one body in all its bores with films.
+    """Residual patterns of one body on all its surfaces with films.
 
     Attributes
     ----------
     films
         Indices of its films.
     patterns, displacements, loads
-        Indices of its amplitudes, of the displacements of its bores' nodes, and of the loads of
-        its bores among those of all bodies.
+        Indices of its amplitudes, of the displacements of its surfaces' nodes, and of the loads of
+        its surfaces, each among those of all bodies.
     shapes, amplitudes
-        As of `_Bore`, for all its bores together.
+        As of `Compliance`, for all its surfaces together.
     """
 
     films: list[int]
@@ -123,7 +69,7 @@ class BoreResponses:
     """Residual patterns of all bodies that have patterns and films.
 
     Arrays at Gauss points, at points where gaps are observed, and at nodes contain all films, one
-    after the other: the pressure of one film deforms all bores of its body.
+    after the other: the pressure of one film deforms all surfaces of its bodies.
 
     Parameters
     ----------
@@ -136,6 +82,8 @@ class BoreResponses:
         Number r of all patterns.
     indices
         Indices of their amplitudes y in the state ``(z, y)``.
+    bodies
+        Bodies with patterns by name, in the order of their films.
     points
         Indices of every film's Gauss points.
     shift
@@ -144,49 +92,58 @@ class BoreResponses:
         s of the step at the Gauss points, shape (g,).
     past_gap
         ``h' - alpha h`` of the gap change h from past amplitudes, shape (g,) [m/s].
+
+    Raises
+    ------
+    SettingsError
+        A journal that turns has patterns, or two surfaces with patterns and different damping face
+        each other.
     """
 
     def __init__(self, system: System):
         films = system.films
-        flexible = _flexible_bodies(system)
-        parts = [_Bore.of(flexible.get(binding.bore_body), binding) for binding in films]
-        self._to_gap = _block_diagonal([part.to_gap for part in parts])
-        self._to_observed = _block_diagonal([part.to_observed for part in parts])
-        self._from_pressure = _block_diagonal([part.from_pressure for part in parts])
-        self._from_forces = _block_diagonal([part.from_forces for part in parts])
-        self.points = consecutive(0, [part.to_gap.shape[0] for part in parts])
-        self._pressures = consecutive(0, [part.from_pressure.shape[1] for part in parts])
-        displacements = consecutive(0, [part.to_gap.shape[1] for part in parts])
-        loads = consecutive(0, [part.from_pressure.shape[0] for part in parts])
+        surfaces = list(_compliant_surfaces(films))
+        of_film = [[each for film, _, each in surfaces if film == i] for i in range(len(films))]
+        matrices = [_of_film(*each) for each in zip(films, of_film, strict=True)]
+        self._to_gap, self._to_observed, self._from_pressure, self._from_forces = (
+            # The last, empty blocks serve mechanisms without films.
+            sparse.block_diag(blocks, format="csr")
+            for blocks in zip(*matrices, [sparse.csr_matrix((0, 0))] * 4, strict=True)
+        )
+        self.points = consecutive(0, [len(film.film.thickness) for film in films])
+        self._pressures = consecutive(0, [film.film.load.shape[1] for film in films])
+        compliances = [each for _, _, each in surfaces]
+        displacements = consecutive(0, [each.to_gap.shape[1] for each in compliances])
+        loads = consecutive(0, [each.from_pressure.shape[0] for each in compliances])
         self.bodies: dict[str, _Body] = {}
         self.size = 0
         self._damping_at = np.zeros(self._to_gap.shape[0])
         damping = [np.zeros(0)]
         stiffness = [np.zeros(0)]
-        for name, body in flexible.items():
-            members = [i for i, film in enumerate(films) if film.bore_body == name and film.bore]
-            residual = body.reduced.residual
-            zeta = body.damping_time
-            assert residual is not None
+        for name in dict.fromkeys(body for _, body, _ in surfaces):
+            members = [k for k, (_, body, _) in enumerate(surfaces) if body == name]
+            body_films = [surfaces[k][0] for k in members]
+            first = compliances[members[0]]
+            rank = len(first.stiffness)
             self.bodies[name] = _Body(
-                members,
-                slice(self.size, self.size + residual.rank),
+                body_films,
+                slice(self.size, self.size + rank),
                 _indices(displacements, members),
                 _indices(loads, members),
-                np.vstack([parts[i].shapes for i in members]),
-                np.hstack([parts[i].amplitudes for i in members]),
+                np.vstack([compliances[k].shapes for k in members]),
+                np.hstack([compliances[k].amplitudes for k in members]),
             )
-            self.size += residual.rank
-            self._damping_at[_indices(self.points, members)] = zeta
-            damping.append(np.full(residual.rank, zeta))
-            stiffness.append(residual.stiffness)
+            self.size += rank
+            self._damping_at[_indices(self.points, body_films)] = first.damping_time
+            damping.append(np.full(rank, first.damping_time))
+            stiffness.append(first.stiffness)
         self._damping = np.concatenate(damping)
         self._stiffness = np.concatenate(stiffness)
         self.indices = slice(system.n, system.n + self.size)
 
-    def body_of(self, i: int) -> _Body | None:
-        """Body with patterns whose bore a film is in."""
-        return next((body for body in self.bodies.values() if i in body.films), None)
+    def bodies_of(self, i: int) -> list[_Body]:
+        """Bodies with patterns that have a surface of film i, at most two."""
+        return [body for body in self.bodies.values() if i in body.films]
 
     def of_body(self, name: str) -> slice:
         """Indices of a body's amplitudes in the state; an empty slice if it has none."""
@@ -246,35 +203,57 @@ class BoreResponses:
         numpy.ndarray
             shape (a, nodes) [m/Pa].
         """
-        body = self.body_of(i)
-        assert body is not None
-        values = self._to_gap[points][:, body.displacements]
-        for matrix in reversed(body.response):
-            values = values @ matrix
-        from_pressure = self._from_pressure[body.loads][:, self._pressures[i]]
-        return self.share[points, None] * (from_pressure.T @ values.T).T
+        response = np.zeros((len(points), self._pressures[i].stop - self._pressures[i].start))
+        for body in self.bodies_of(i):
+            values = self._to_gap[points][:, body.displacements]
+            for matrix in reversed(body.response):
+                values = values @ matrix
+            from_pressure = self._from_pressure[body.loads][:, self._pressures[i]]
+            response += (from_pressure.T @ values.T).T
+        return self.share[points, None] * response
 
     def retained_patterns(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The k softest patterns at every film, k at most `count`, 0 if its bore has none.
+        """The softest patterns at every film, at most `count` of every body.
 
         Returns
         -------
         list of tuples
             Gap change for unit amplitudes, shape (g, k), and amplitudes at rest for unit nodal
-            pressures, shape (k, nodes).
+            pressures, shape (k, nodes). The k patterns are in the order of `pattern_indices`; k is
+            0 if no surface of the film has patterns.
         """
         retained = []
         for i, (points, nodes) in enumerate(zip(self.points, self._pressures, strict=True)):
-            body = self.body_of(i)
-            if body is None:
-                empty = np.zeros((points.stop - points.start, 0))
-                retained.append((empty, np.zeros((0, nodes.stop - nodes.start))))
-                continue
-            gap = self._to_gap[points][:, body.displacements] @ body.shapes[:, :count]
-            from_pressure = self._from_pressure[body.loads][:, nodes]
-            amplitudes = from_pressure.T @ body.amplitudes[:count].T
-            retained.append((gap, np.ascontiguousarray(amplitudes.T)))
+            gaps = [np.zeros((points.stop - points.start, 0))]
+            amplitudes = [np.zeros((0, nodes.stop - nodes.start))]
+            for body in self.bodies_of(i):
+                gaps.append(self._to_gap[points][:, body.displacements] @ body.shapes[:, :count])
+                from_pressure = self._from_pressure[body.loads][:, nodes]
+                amplitudes.append((from_pressure.T @ body.amplitudes[:count].T).T)
+            both = np.hstack(gaps), np.vstack(amplitudes)
+            retained.append((np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])))
         return retained
+
+    def pattern_indices(self, count: int, first: int) -> tuple[list[np.ndarray], int]:
+        """Indices of every film's retained patterns among unknowns, and the end of all.
+
+        Films on one body have its patterns in common.
+
+        Parameters
+        ----------
+        count
+            Largest number of retained patterns of a body.
+        first
+            Index of the first pattern.
+        """
+        indices = [np.zeros(0, dtype=int)] * len(self.points)
+        last = first
+        for body in self.bodies.values():
+            patterns = np.arange(last, last + min(count, len(body.amplitudes)))
+            last += len(patterns)
+            for i in body.films:
+                indices[i] = np.concatenate([indices[i], patterns])
+        return indices, last
 
     def begin(self, step: ImplicitStep) -> None:
         """Start a step."""
@@ -320,21 +299,65 @@ class BoreResponses:
         return float(self._damping * self._stiffness @ rates**2)
 
 
-def _flexible_bodies(system: System) -> dict[str, FlexibleBody]:
-    """Bodies with residual patterns and films in their bores, in the order of the films."""
-    bodies = {}
-    for binding in system.films:
-        body = system.mechanism.bodies.get(binding.bore_body)
-        if binding.bore and isinstance(body, FlexibleBody):
-            residual = body.reduced.residual
-            if residual is not None and residual.rank:
-                bodies[binding.bore_body] = body
-    return bodies
+def _compliant_surfaces(films: Sequence[FilmBinding]) -> Iterator[tuple[int, str, Compliance]]:
+    """Index of the film, name of the body, and compliance of every surface with patterns.
+
+    Raises
+    ------
+    SettingsError
+        See `BoreResponses`.
+    """
+    for i, binding in enumerate(films):
+        compliances = [(bound, bound.surface.compliance) for bound in binding.surfaces]
+        patterns = [(bound, each) for bound, each in compliances if each is not None]
+        _check_patterns(binding, patterns)
+        for bound, each in patterns:
+            yield i, bound.body, each
 
 
-def _block_diagonal(blocks: list[sparse.csr_matrix]) -> sparse.csr_matrix:
-    """Blocks along a diagonal; the empty block serves lists without any."""
-    return sparse.block_diag([*blocks, sparse.csr_matrix((0, 0))], format="csr")
+def _check_patterns(
+    binding: FilmBinding, patterns: Sequence[tuple[BoundSurface, Compliance]]
+) -> None:
+    """Refuse patterns of a surface that turns through the film, and two kinds of damping."""
+    for bound, _ in patterns:
+        if bound.surface.turning:
+            raise SettingsError(
+                f"joints.{binding.name}.journal = {binding.joint.journal!r}: residual patterns "
+                f"(method M4) of a journal that turns are not available: reduce body {bound.body} "
+                "by another method"
+            )
+    times = {bound.body: compliance.damping_time for bound, compliance in patterns}
+    if len(set(times.values())) > 1:
+        different = ", ".join(f"{name}: {time:g} s" for name, time in times.items())
+        raise SettingsError(
+            f"joints.{binding.name}: the bodies of both surfaces have residual patterns (method "
+            f"M4), but different damping_time ({different}): it must be the same"
+        )
+
+
+def _of_film(
+    binding: FilmBinding, compliances: Sequence[Compliance]
+) -> tuple[sparse.csr_matrix, ...]:
+    """Matrices `to_gap`, `to_observed`, `from_pressure`, `from_forces` of all surfaces of a film.
+
+    Loads and displacements of the surfaces follow each other; there are none without compliance.
+    """
+    joint = binding.film
+    g = len(joint.thickness)
+    w = len(joint.observed)
+    none = [
+        sparse.csr_matrix(shape) for shape in ((g, 0), (w, 0), (0, joint.load.shape[1]), (0, g))
+    ]
+    to_gap, to_observed, from_pressure, from_forces = (
+        [matrix, *(getattr(each, name) for each in compliances)]
+        for name, matrix in zip(MATRICES, none, strict=True)
+    )
+    return (
+        sparse.hstack(to_gap, format="csr"),
+        sparse.hstack(to_observed, format="csr"),
+        sparse.vstack(from_pressure, format="csr"),
+        sparse.vstack(from_forces, format="csr"),
+    )
 
 
 def _indices(slices: Sequence[slice], chosen: Sequence[int]) -> np.ndarray:

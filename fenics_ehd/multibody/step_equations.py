@@ -196,6 +196,7 @@ class StepEquations:
 
     def retain_patterns(self, count: int) -> None:
         """Retain at most `count` residual patterns of every body in the derivatives."""
+        self._retained = count
         patterns = self.responses.retained_patterns(count)
         for coupling, (gap, amplitudes) in zip(self.couplings, patterns, strict=True):
             coupling.retain_patterns(gap, amplitudes)
@@ -316,7 +317,7 @@ class StepEquations:
             each = zip(self.couplings, former.films, point.films, strict=True)
             films = [coupling.with_matrix(block, film) for coupling, block, film in each]
             return Derivative(films, former.core)
-        patterns, count = self._pattern_indices()
+        patterns, count = self.responses.pattern_indices(self._retained, self.rest_size)
         contact = ContactColumns(self.contacts, self.responses, point.films, count)
         speed = self._speed_derivative(point)
         core = self._core(point, speed, contact.size)
@@ -330,21 +331,6 @@ class StepEquations:
             coupling.add_turning_stiffness(film, core)
             films.append(contact.extend(i, block, coupling.model))
         return Derivative(films, core)
-
-    def _pattern_indices(self) -> tuple[list[slice], int]:
-        """Indices of every film's retained patterns among the unknowns x, and the end of all.
-
-        Films in one body have its patterns in common.
-        """
-        last = self.rest_size
-        indices = [slice(last, last)] * len(self.films)
-        for body in self.responses.bodies.values():
-            retained = self.couplings[body.films[0]].retained_patterns
-            first = last
-            last += retained.stop - retained.start
-            for i in body.films:
-                indices[i] = slice(first, last)
-        return indices, last
 
     def _speed_derivative(self, point: Point) -> np.ndarray:
         """Derivative of the rates ``shift z + past - W G^T m`` along (z, l, m), shape (n, .)."""
@@ -397,14 +383,14 @@ class StepEquations:
         complete = True
         by_pressure = responses.gap_change_from_pressure(pressures)
         for i, (coupling, block) in enumerate(zip(self.couplings, blocks, strict=True)):
-            body = responses.body_of(i)
-            if body is None:
+            bodies = responses.bodies_of(i)
+            if not bodies:
                 continue
             retained = coupling.retained_patterns
             by_retained = block.gap[:, retained] @ inputs[i][retained]
             missing = by_pressure[responses.points[i]] - by_retained
             changes[i] = changes[i] + missing
-            if retained.stop - retained.start < len(body.amplitudes):
+            if retained.stop - retained.start < sum(len(body.amplitudes) for body in bodies):
                 residuals[i] = coupling.model.rows(block.along_gap @ missing)
                 complete = False
         return changes, None if complete else residuals

@@ -31,6 +31,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import sparse
 
 from fenics_ehd.film.kinematics import Shape
 
@@ -130,6 +131,42 @@ class TurningRows:
         return matrix
 
 
+@dataclass(frozen=True, eq=False)
+class Compliance:
+    """Residual patterns of a surface: displacements that follow forces without inertia.
+
+    Displacements are those of the surface's m nodes along x and y, which a body computes for all
+    its surfaces together: r patterns of the body move all of them.
+
+    Attributes
+    ----------
+    shapes
+        Displacements of the nodes for unit amplitudes, shape (2 m, r).
+    amplitudes
+        Amplitudes at rest for unit loads of the surface, shape (r, l). Loads are forces on the
+        nodes, l = 2 m; with a mortar, pressures at the body's pressure nodes.
+    to_gap, to_observed
+        Matrices from displacements to changes of the gap at the Gauss points, shape (g, 2 m), and
+        at Gauss points and film nodes, shape (w, 2 m).
+    from_pressure, from_forces
+        Matrices to loads from nodal pressures of the film, shape (l, nodes), and from normal forces
+        on its Gauss points, shape (l, g). The latter is zero with a mortar.
+    stiffness
+        Stiffness of the amplitudes, shape (r,).
+    damping_time
+        Structural damping zeta of the body [s].
+    """
+
+    shapes: np.ndarray
+    amplitudes: np.ndarray
+    to_gap: sparse.csr_matrix
+    to_observed: sparse.csr_matrix
+    from_pressure: sparse.csr_matrix
+    from_forces: sparse.csr_matrix
+    stiffness: np.ndarray
+    damping_time: float
+
+
 class Surface:
     """Surface of a body on one side of a film; rigid, with the shape of its side.
 
@@ -151,6 +188,9 @@ class Surface:
     #: Whether the surface deforms.
     elastic = False
 
+    #: Whether pressures reach the body by a mortar, which does not transfer forces at Gauss points.
+    mortar = False
+
     def __init__(self, side: Side, modes: int = 0):
         self.side = side
         self.modes = modes
@@ -161,7 +201,7 @@ class Surface:
     @property
     def turning(self) -> bool:
         """Whether the gap depends on the angle between journal and bore through this surface."""
-        return self.side.sign == JOURNAL and bool(self.modes or not self.shape.round)
+        return self.side.sign == JOURNAL and (self.elastic or not self.shape.round)
 
     @property
     def largest_second_derivative(self) -> float:
@@ -202,6 +242,11 @@ class Surface:
         load = film.load(gap[: self._inside].reshape(*film.points.angle.shape, self.modes))
         still = np.zeros((self._inside, self.modes))
         return SurfaceRows(gap, still, still, load)
+
+    @property
+    def compliance(self) -> Compliance | None:
+        """Residual patterns; None: the surface has none."""
+        return None
 
     def _displacement(
         self, coordinates: np.ndarray, points: slice = slice(None), order: int = 0

@@ -1,6 +1,6 @@
-"""The reduced body: all data of a part that the time simulation needs, without part-size arrays.
+"""Reduced bodies: all data of a part that a time simulation needs, without part-size arrays.
 
-A body is stored bit for bit in one HDF5 file, and exported to other programs as NumPy's ``.npz``.
+A body is stored bit for bit in one HDF5 file, or exported to other programs as a NumPy ``.npz``.
 """
 
 from __future__ import annotations
@@ -40,27 +40,29 @@ from fenics_ehd.reduction.bore import (
 )
 from fenics_ehd.reduction.structure import check_surface
 
-#: Positions of the unit translations and of the elastic modes among the fields of a body.
+#: Indices of the unit translations among the fields of a body, see `InertiaIntegrals`.
 TRANSLATIONS = slice(1, 3)
+
+#: Indices of the elastic modes among the fields of a body.
 ELASTIC = slice(3, None)
 
 
 @dataclass(frozen=True, eq=False)
 class InertiaIntegrals:
-    """Inertia coupling of a planar floating frame, exact for the finite-element mass matrix.
+    """Inertia integrals of a body in a planar floating frame, from the finite-element mass matrix.
 
-    Fields, in order: the position x (from the bore centre), the unit
-    translations along x and y, the elastic modes; ``B`` holds them as columns,
-    ``S`` rotates a field, ``e_z x`` node by node.
+    The columns of ``B`` are 3 + n fields of all dofs: the position relative to the centre of the
+    first bore, the unit translations along x and y, and the n elastic modes. ``S`` multiplies a
+    field by ``e_z x`` at every node.
 
     Attributes
     ----------
     mass
-        ``B^T M B``, shape (3 + n, 3 + n).
+        ``B^T M B``, symmetric, shape (3 + n, 3 + n).
     spin
-        ``B^T M S B``, antisymmetric: Coriolis and Euler accelerations.
+        ``B^T M S B``, antisymmetric, same shape; for Coriolis and Euler accelerations.
     centrifugal
-        ``(S B)^T M (S B)``, symmetric.
+        ``(S B)^T M (S B)``, symmetric, same shape; for centrifugal accelerations.
     """
 
     mass: np.ndarray
@@ -69,7 +71,7 @@ class InertiaIntegrals:
 
     @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """All three matrices, in the order of the constructor."""
+        """Matrices `mass`, `spin` and `centrifugal`, in the order of the constructor."""
         return self.mass, self.spin, self.centrifugal
 
     @property
@@ -79,7 +81,7 @@ class InertiaIntegrals:
 
     @property
     def centre_of_mass(self) -> np.ndarray:
-        """Centre of mass from the bore centre, x and y [m]."""
+        """Centre of mass relative to the centre of the first bore, x and y [m]."""
         return self.mass[0, TRANSLATIONS] / self.total_mass
 
     @property
@@ -91,23 +93,23 @@ class InertiaIntegrals:
 
 @dataclass(frozen=True, eq=False)
 class ResidualFlexibility:
-    """Bore flexibility beyond the coordinates, which follows the pressure quasi-statically (M4).
+    """Bore flexibility that M4 adds to that of the coordinates; it follows pressure statically.
 
     Attributes
     ----------
     displacement
-        Displacement of the nodes of all bores for unit amplitudes of the r patterns, shape
-        (m, 3, r) [m/Pa].
+        Displacement of the nodes of all bores due to unit amplitudes of the r pressure patterns,
+        shape (m, 3, r) [m/Pa].
     patterns
-        Orthonormal pressure patterns over all bores, shape (r, k): the amplitudes of nodal
-        pressures w are ``patterns @ w`` [Pa].
+        Orthonormal pressure patterns over all bores, shape (r, k): nodal pressures w have the
+        amplitudes ``patterns @ w`` [Pa].
     stiffness
-        Twice the energy of unit amplitudes: diagonal of ``V^T J^T G_res J V``, shape (r,),
-        [J/Pa^2]. The generalised force of a pressure on an amplitude is this times the
-        amplitude of the pressure.
+        Twice the strain energy for a unit amplitude of each pattern, the diagonal of
+        ``V^T J^T G_res J V``, shape (r,) [J/Pa^2]. The generalised force of a pressure on an
+        amplitude is this value times the amplitude of the pressure.
     mass
-        Mass matrix of the patterns' displacements, shape (r, r) [kg m^2/Pa^2]. The method neglects
-        this mass, the error estimate uses it; empty if it was not computed.
+        Mass matrix of the displacements due to the patterns, shape (r, r) [kg m^2/Pa^2]; empty
+        if not computed. The method neglects this mass; the error estimate uses it.
     """
 
     displacement: np.ndarray
@@ -117,25 +119,25 @@ class ResidualFlexibility:
 
     @property
     def rank(self) -> int:
-        """Number r of patterns."""
+        """Number r of pressure patterns."""
         return len(self.stiffness)
 
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """Entry of the mode inventory.
+    """Entry of the inventory of modes, kept and dropped.
 
     Attributes
     ----------
     kind
-        ``"vibration"``, ``"static"`` and others, see `ReducedBody`.
+        Kind of the mode, one of `ReducedBody.kinds`.
     frequency
-        Natural frequency of the mode alone [Hz], infinite without mass.
+        Natural frequency of the mode taken alone [Hz]; infinite for a mode without mass.
     participation
-        Share of the mode in the bore's flexibility, the trace of ``J^T G J``; in the sum of the
-        listed flexibilities if that of the part is not known.
+        Share of the mode in the flexibility of the bores, the trace of ``J^T G J``. If this trace
+        is unknown, the share is that in the sum over all listed modes.
     dropped
-        Reason why the mode was dropped; empty for a mode that is kept.
+        Reason why the mode was dropped; empty for a mode that was kept.
     """
 
     kind: str
@@ -145,12 +147,12 @@ class ModeRecord:
 
 
 def unknown() -> np.ndarray:
-    """An empty matrix in place of an unknown one."""
+    """Return an empty matrix, the value of an unknown one."""
     return np.zeros((0, 0))
 
 
 class BoreRows(NamedTuple):
-    """A bore of a body, with the ranges of its nodes and pressure nodes among those of all."""
+    """A bore of a body, and the ranges of its nodes and pressure nodes in arrays of all bores."""
 
     name: str
     surface: BoreSurface
@@ -168,54 +170,56 @@ class ReducedBody:
     method
         Reduction method: ``"m1"`` to ``"m4"``, ``"full"`` or ``"rigid"``.
     frame
-        Floating frame: ``"mean-axis"``, ``"bore-centre"`` or, of a part held by its
-        support, ``"clamped"``.
+        Floating frame: ``"mean-axis"``, ``"bore-centre"``, or ``"clamped"`` for a part with a
+        fixed support.
     stiffness, mass
-        ``T^T K T`` [N/m] and ``T^T M T`` [kg], shape (n, n). Damping is ``zeta`` times the
-        stiffness with the zeta of the scene.
+        Reduced stiffness ``T^T K T`` [N/m] and mass ``T^T M T`` [kg], shape (n, n). The damping
+        matrix is the stiffness times ``zeta``, a setting of the scene.
     frequencies
         Natural frequency of each coordinate taken alone [Hz], shape (n,).
     kinds
-        ``"vibration"``, ``"fixed-boundary"``, ``"constraint"`` or ``"static"`` for each
-        coordinate.
+        Kind of each coordinate: ``"vibration"``, ``"fixed-boundary"``, ``"constraint"`` or
+        ``"static"``.
     bores
-        Surface of every bore by name. The numbers m of nodes and k of pressure nodes count all
-        bores, one after the other. The origin of the frame is the centre of the first bore.
+        Surface of every bore by name. Arrays over m nodes or k pressure nodes contain all bores,
+        one after the other. The origin of the frame is the centre of the first bore.
     bore_basis
         Displacement of the bore nodes for unit coordinates, shape (m, 3, n).
     load_projection
-        ``B^T J``, shape (3 + n, k): generalised force of nodal pressures on the
-        fields of `InertiaIntegrals`.
-    ``(S B)^T J``, shape (3 + n, k): generalised moment of nodal pressures about z.
-        ``(S B)^T J``, same shape: their moment about z.
+        Generalised forces due to unit nodal pressures on the fields of `InertiaIntegrals`:
+        ``B^T J``, shape (3 + n, k).
+    spin_load_projection
+        Generalised forces due to unit nodal pressures on these fields multiplied by ``e_z x``:
+        ``(S B)^T J``, shape (3 + n, k).
     inertia
         Inertia integrals of plane motion.
     points
-        Mean displacement of each boundary point for unit fields of `InertiaIntegrals`, shape
-        (3, 3 + n).
+        Mean position of each boundary point and its mean displacement in the other fields of
+        `InertiaIntegrals`, by name of the point, shape (3, 3 + n).
     missing_flexibility
         Outward bore displacement per nodal pressure that the basis does not contain, shape
         (m, k) [m/Pa]; empty if not computed.
     mesh_flexibility
-        Outward displacement of the part in excess of that of its mesh, under smooth pressures and
-        forces on its points, see `fenics_ehd.reduction.mesh_error`. At the nodes of `SAMPLED`
-        cells of every bore, k in all: shape (k, s + 2 a) [m/Pa], [m/N]; empty when unknown.
+        Difference of the outward bore displacement of the exact part from that of its mesh, under
+        unit smooth pressures [m/Pa] and unit forces on the boundary points [m/N]; see
+        `fenics_ehd.reduction.mesh_error`. Shape (p, s + 2 a): p nodes of the `SAMPLED` cells of
+        all bores, s smooth pressures, a points; empty if unknown.
     rigid_mass, rigid_coupling
-        ``R^T M R``, shape (6, 6), and ``R^T M T``, shape (6, n), of the unit translations
-        and rotations R about the bore's centre; empty when unknown.
+        ``R^T M R``, shape (6, 6), and ``R^T M T``, shape (6, n); the columns of R are the unit
+        translations and rotations about the centre of the first bore. Empty if unknown.
     rigid_load
-        ``R^T J``, shape (6, k): force and moment of nodal pressures; empty when unknown.
+        Force and moment of unit nodal pressures, ``R^T J``, shape (6, k); empty if unknown.
     residual
-        Flexibility that M4 adds without coordinates, None for the other methods.
+        Flexibility that M4 adds without coordinates; None for other methods.
     inventory
         Records of all modes, kept and dropped.
     accuracy
-        Figures of the reduction by name: rank, dropped columns, residuals.
+        Accuracy figures of the reduction by name: rank, dropped columns, residuals.
     provenance
-        Model and settings of the reduction, texts by name.
+        Texts by name that describe the model and the settings of the reduction.
     columns
-        Part-size basis T, rows owned by this rank, if requested; not stored in the body's file (see
-        `save_basis`).
+        Part-size basis T, rows of this rank; None unless requested. It is not stored in the
+        body's file, see `save_basis`.
     """
 
     method: str
@@ -251,27 +255,27 @@ class ReducedBody:
 
     @property
     def bore(self) -> BoreSurface:
-        """The bore of a body with exactly one bore.
+        """Surface of the bore, if the body has exactly one.
 
         Raises
         ------
         SettingsError
-            The body has several bores.
+            If the body has no bore or several bores.
         """
         return only(self.bores, "reduced body")
 
     @property
     def bore_nodes(self) -> np.ndarray:
-        """Positions of the nodes of the only bore, shape (m, 3) [m]."""
+        """Positions of the nodes of the only bore, relative to its centre, shape (m, 3) [m]."""
         return self.bore.coordinates
 
     @property
     def pressure_nodes(self) -> np.ndarray:
-        """Positions of the pressure nodes of the only bore, shape (k, 3) [m]."""
+        """Positions of the only bore's pressure nodes, relative to its centre, shape (k, 3) [m]."""
         return self.bore.pressure_coordinates
 
     def each_bore(self) -> Iterator[BoreRows]:
-        """Every bore with its ranges of nodes and pressure nodes, in turn."""
+        """Iterate over the bores, each with its ranges of nodes and pressure nodes."""
         nodes = pressures = 0
         for name, bore in self.bores.items():
             last = nodes + len(bore.coordinates)
@@ -281,30 +285,35 @@ class ReducedBody:
             pressures = end
 
     def rows_of(self, name: str) -> BoreRows:
-        """One bore with its ranges of nodes and pressure nodes.
+        """Return the bore of a name with its ranges of nodes and pressure nodes.
 
         Raises
         ------
         SettingsError
-            The body has no bore of this name.
+            If the body has no bore of this name; the message lists the bores.
         """
         for rows in self.each_bore():
             if rows.name == name:
                 return rows
-        raise SettingsError(f"the reduced body has no bore {name!r}: {', '.join(self.bores)}")
+        raise SettingsError(
+            f"the reduced body has no bore {name!r}: its bores are {', '.join(self.bores)}"
+        )
 
     def positions(self, *, of_pressures: bool = False) -> np.ndarray:
-        """Positions of nodes or pressure nodes of all bores, from the origin, (m or k, 3) [m]."""
+        """Positions of the nodes of all bores relative to the origin, shape (m, 3) [m].
+
+        With `of_pressures`, positions of the pressure nodes, shape (k, 3).
+        """
         name = "pressure_coordinates" if of_pressures else "coordinates"
         return np.vstack([bore.centre + getattr(bore, name) for bore in self.bores.values()])
 
     def at_bore(self, name: str) -> ReducedBody:
-        """The body with only one of its bores, as a film in this bore needs it.
+        """Copy the body with only one of its bores, for a film in this bore.
 
         Raises
         ------
         SettingsError
-            The body has no such bore.
+            If the body has no bore of this name.
         """
         _, surface, nodes, pressures = self.rows_of(name)
         if len(self.bores) == 1:
@@ -325,19 +334,22 @@ class ReducedBody:
         )
 
     def outward(self, displacements: np.ndarray) -> np.ndarray:
-        """Radial component at the nodes of all bores, shape (m, 3, n) to (m, n)."""
+        """Outward radial component, (m, n), of displacements of all bore nodes, (m, 3, n)."""
         return all_outward(self.bores, displacements)
 
     def basis_flexibility(self) -> np.ndarray:
-        """Outward bore displacement of the body per nodal pressure, shape (m, k) [m/Pa].
+        """Outward static displacement of the bores per nodal pressure, shape (m, k) [m/Pa].
 
-        The pressures on a free part are in equilibrium with its rigid inertia, and the rigid
-        motion is subtracted, independent of the frame.
+        See `bore_flexibility`.
         """
         return self.outward(self.bore_flexibility())
 
     def bore_flexibility(self) -> np.ndarray:
-        """Bore displacement of the body per nodal pressure, shape (m, 3, k) [m/Pa]."""
+        """Static displacement of the bore nodes per nodal pressure, shape (m, 3, k) [m/Pa].
+
+        For a free part, the pressures are in equilibrium with the inertia forces of the rigid
+        acceleration, and the rigid motion is subtracted. The result does not depend on the frame.
+        """
         m = len(self.bore_basis)
         shape = self.bore_basis.reshape(3 * m, -1)
         load = self.load_projection[ELASTIC]
@@ -353,19 +365,21 @@ class ReducedBody:
 
 
 def bore_fields(body: ReducedBody) -> np.ndarray:
-    """Displacement of all bores' nodes per coordinate and pattern, shape (m, 3, n + r)."""
+    """Displacement of all bore nodes per coordinate and residual pattern, shape (m, 3, n + r)."""
     if body.residual is None:
         return body.bore_basis
     return np.concatenate([body.bore_basis, body.residual.displacement], axis=2)
 
 
+#: Name of the file format of bodies.
 FORMAT = "fenics_ehd reduced body"
 FORMAT_VERSION = 5
 
+#: Layouts of a square matrix of the fields of `InertiaIntegrals`, and of nodal pressures on them.
 _FIELDS = Value("float", ("n + 3", "n + 3"))
 _LOADS = Value("float", ("n + 3", "k"))
 
-#: Layout of the surface of a stored body's bore.
+#: Layout of a stored `BoreSurface`.
 _SURFACE = Group(surface_layout("float", attribute=False))
 
 #: Layout of stored `InertiaIntegrals`.
@@ -392,8 +406,8 @@ _INVENTORY = Group(
     }
 )
 
-#: Layout of a stored `ReducedBody`: n coordinates, m nodes and k pressure nodes of all bores, r
-#: residual patterns.
+#: Layout of a stored `ReducedBody`, with n coordinates, r residual patterns, m nodes and k pressure
+#: nodes of all bores.
 LAYOUT = Group(
     {
         "method": Value("text"),
@@ -423,14 +437,14 @@ LAYOUT = Group(
 
 
 def save_body(body: ReducedBody, path: str | Path) -> None:
-    """Write a body to a file, atomically: a former file stays until the new one is complete."""
+    """Write a body to a file atomically: an existing file is replaced by a complete one."""
     require_class("body", body, ReducedBody)
     require_class("path", path, str, Path)
     save_tree(path, _tree(body), FORMAT, FORMAT_VERSION)
 
 
 def body_digest(body: ReducedBody) -> str:
-    """SHA-256 of all numbers of a body, the same before it is stored and after it is read."""
+    """SHA-256 of a body's contents; equal before a body is stored and after it is read."""
     return digest(_tree(body))
 
 
@@ -445,7 +459,7 @@ def _tree(body: ReducedBody) -> dict[str, Any]:
     }
     return LAYOUT.tree(
         body,
-        # The order of the bores is that of their nodes; groups of a file are sorted by name.
+        # bore_names has the order of the nodes; groups in a file are sorted by name.
         bore_names=tuple(body.bores),
         accuracy={name: float(value) for name, value in body.accuracy.items()},
         inventory=inventory,
@@ -458,15 +472,18 @@ def load_body(path: str | Path) -> ReducedBody:
     Raises
     ------
     BodyFileError
-        The file is missing, is not HDF5, changed since it was written, or holds no reduced body
-        of this format.
+        If the file is missing, is not HDF5, was changed after it was written, or does not contain
+        a reduced body of this format version.
     """
     with named(BodyFileError, f"body file {path}"):
         with open_sealed(path, FORMAT, FORMAT_VERSION, remedy="reduce the part again") as file:
             tree = read_declared(file, LAYOUT)
         names = tree.pop("bore_names")
         if sorted(names) != sorted(tree["bores"]):
-            raise ValueError(f"bore_names {', '.join(names)} are not those of /bores")
+            raise ValueError(
+                f"bore_names {', '.join(names)} differ from the groups of /bores, "
+                f"{', '.join(sorted(tree['bores']))}"
+            )
         surfaces = tree["bores"]
         tree["bores"] = {name: BoreSurface(**_SURFACE.arguments(surfaces[name])) for name in names}
         tree["inertia"] = InertiaIntegrals(**_INERTIA.arguments(tree["inertia"]))
@@ -478,29 +495,29 @@ def load_body(path: str | Path) -> ReducedBody:
         return body
 
 
-#: Largest difference of a stored matrix from its transpose, and largest size of a negative
-#: eigenvalue due to round-off, both of the matrix scaled by its diagonal; stored matrices have 0
-#: and none.
+#: Largest round-off accepted in a stored matrix that is scaled to a unit diagonal: difference from
+#: its transpose, and magnitude of negative eigenvalues. Matrices that this package writes are
+#: exactly symmetric and have no negative eigenvalues.
 ROUND_OFF = 1e-9
 
 
 def _require_sound(body: ReducedBody) -> None:
-    """Refuse a body whose arrays have the right shapes but cannot be those of a part.
+    """Refuse a body whose values are impossible for a part, though the arrays have right shapes.
 
     Raises
     ------
     ValueError
-        Bores have other numbers of nodes than bases and loads, stiffness or a mass matrix is not
-        symmetric positive semidefinite, nodes of a bore are not on its cylinder, or there is no
-        mass.
+        If the numbers of nodes of bores and bases differ, if stiffness or a mass matrix is not
+        symmetric positive semidefinite, if a bore's nodes are not on its cylinder, or if the mass
+        is not above 0.
     """
     every = list(body.each_bore())
     counts = (every[-1].nodes.stop, every[-1].pressures.stop) if every else (0, 0)
     wanted = len(body.bore_basis), body.load_projection.shape[1]
     if counts != wanted:
         raise ValueError(
-            f"bores have {counts[0]} nodes and {counts[1]} pressure nodes, the bases {wanted[0]} "
-            f"and {wanted[1]}"
+            f"the bores have {counts[0]} nodes and {counts[1]} pressure nodes, but /bore_basis has "
+            f"{wanted[0]} nodes and /load_projection {wanted[1]} pressure nodes"
         )
     shape = SAMPLED_NODES * len(every), SMOOTH * len(every) + 2 * len(body.points)
     mesh = body.mesh_flexibility
@@ -524,7 +541,7 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
     Raises
     ------
     ValueError
-        The message has the name of the matrix.
+        If the matrix is not; the message names it.
     """
     diagonal = np.diag(matrix)
     if diagonal.min(initial=0.0) < 0.0:
@@ -537,7 +554,7 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
             f"/{name} is not symmetric: relative defect {defect:.1e}, limit {ROUND_OFF:.0e}"
         )
     try:
-        # A sixth of the work of eigenvalues.
+        # A Cholesky factorisation takes a sixth of the time that eigenvalues would take.
         np.linalg.cholesky(scaled + ROUND_OFF * np.eye(len(scaled)))
     except np.linalg.LinAlgError:
         raise ValueError(
@@ -546,7 +563,7 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
 
 
 def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
-    """Mode inventory of a file, read by the keys of `_INVENTORY`."""
+    """Mode inventory from the arrays of a file, which have the keys of `_INVENTORY`."""
     rows = zip(
         columns["kind"],
         columns["frequency"],
@@ -560,15 +577,16 @@ def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
     )
 
 
+#: Text in an export that names its format.
 EXPORT_FORMAT = "fenics_ehd reduced body, exported"
 EXPORT_VERSION = 2
 
-#: Most bytes of the label of an export.
+#: Largest size of the format label of an export [bytes]; a larger member is not read.
 _LABEL = 4096
 
 
 def _is_export(path: Path) -> bool:
-    """True of a file that `export_npz` wrote."""
+    """Whether `export_npz` wrote a file."""
     try:
         with ZipFile(path) as archive:
             label = archive.getinfo("format.npy")
@@ -579,62 +597,64 @@ def _is_export(path: Path) -> bool:
         return False
 
 
-#: Kinds of output files.
+#: Kinds of files that commands recognise: stored bodies and exported ones.
 BODY_KIND = stored_as("a reduced body", FORMAT)
 EXPORT_KIND = Kind("an exported reduced body", _is_export)
 
 
 def export_npz(body: ReducedBody, path: str | Path) -> Path:
-    """Write a body as one ``.npz`` of plain arrays, read by ``numpy.load`` without pickles.
+    """Write a body as one ``.npz`` file of plain arrays, which ``numpy.load`` reads without pickle.
 
-    With n modes, m bore nodes, k pressure nodes and r residual patterns it holds, in SI units:
+    With n modes, m bore nodes, k pressure nodes and r residual patterns, the file contains the
+    following arrays in SI units:
 
     ``format``, ``format_version``
-        Text and number.
+        Text that names the format, and version number.
     ``method``, ``frame``, ``kinds``
-        Text as in `ReducedBody`; `kinds` has shape (n,).
+        Texts as in `ReducedBody`; `kinds` has shape (n,).
     ``stiffness``, ``mass``
-        ``T^T K T`` [N/m] and ``T^T M T`` [kg], shape (n, n).
+        Reduced stiffness ``T^T K T`` [N/m] and mass ``T^T M T`` [kg], shape (n, n).
     ``frequencies``
         Natural frequency of each coordinate taken alone, shape (n,) [Hz].
     ``bore_names``, ``bore_radius``, ``bore_width``, ``bore_centre``, ``bore_sizes``
         Data of every bore: name, radius [m], width [m], centre relative to the origin, shape (3,)
-        [m], and numbers of its nodes and pressure nodes among the m and k of all.
+        [m], and numbers of its nodes and pressure nodes. Bores follow one another in arrays over
+        the m nodes or k pressure nodes.
     ``bore_nodes``, ``pressure_nodes``
         Positions relative to the origin, with the bores' axes along z, shapes (m, 3), (k, 3) [m].
     ``bore_basis``
         Displacement of the bore nodes for unit coordinates, shape (m, 3, n).
     ``bore_cells``, ``bore_family``, ``pressure_cells``, ``pressure_family``
-        Surface meshes of bore and pressure nodes as in `BoreSurface`; without cells and with an
-        empty name when unknown.
+        Surface meshes of bore and pressure nodes as in `BoreSurface`; empty if unknown.
     ``load_projection``
-        ``T^T J``: generalised force of nodal pressures, shape (n, k) [m^2].
+        Generalised forces due to unit nodal pressures, ``T^T J``, shape (n, k) [m^2].
     ``rigid_mass``, ``rigid_coupling``, ``rigid_load``
-        ``R^T M R``, ``R^T M T`` and ``R^T J`` of the unit translations [m] and rotations
-        [rad] R about the origin, shapes (6, 6), (6, n) and (6, k); the free part has
-        the mass matrix ``[[R^T M R, R^T M T], [T^T M R, T^T M T]]``.
+        ``R^T M R``, ``R^T M T`` and ``R^T J``, shapes (6, 6), (6, n) and (6, k); the columns of R
+        are the unit translations [m] and rotations [rad] about the origin. The mass matrix of the
+        free part is ``[[R^T M R, R^T M T], [T^T M R, T^T M T]]``. Missing if unknown.
     ``inertia_mass``, ``inertia_spin``, ``inertia_centrifugal``
         `InertiaIntegrals` of plane motion, shape (3 + n, 3 + n).
     ``points``, ``point_position``, ``point_basis``
         Names of the b boundary points, their mean positions, shape (b, 3) [m], and mean
         displacements for unit coordinates, shape (b, 3, n).
     ``residual_displacement``, ``residual_patterns``, ``residual_stiffness``, ``residual_mass``
-        `ResidualFlexibility` (M4), shapes (m, 3, r) [m/Pa], (r, k), (r,) [J/Pa^2] and (r, r)
-        [kg m^2/Pa^2] or empty: the bores' displacement is ``bore_basis @ q +
-        residual_displacement @ residual_patterns @ p`` of coordinates q and pressures p. Only of
-        bodies with residual flexibility.
+        `ResidualFlexibility`, shapes (m, 3, r) [m/Pa], (r, k), (r,) [J/Pa^2] and (r, r)
+        [kg m^2/Pa^2] or empty; only for bodies reduced by M4. For coordinates q and pressures p,
+        the displacement of the bores is
+        ``bore_basis @ q + residual_displacement @ residual_patterns @ p``.
 
     Parameters
     ----------
     body
         Reduced body to be exported.
     path
-        Path of the file; ``.npz`` is appended to another extension. An existing file is replaced.
+        Path of the file; ``.npz`` is appended if the name does not end with it. An existing file
+        is replaced.
 
     Returns
     -------
     pathlib.Path
-        The file.
+        Path of the file that was written.
     """
     path = Path(path)
     if path.suffix != ".npz":
@@ -646,7 +666,7 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
 
 
 def contents(body: ReducedBody) -> dict[str, np.ndarray]:
-    """Arrays of an export by the names of `export_npz`."""
+    """Arrays of an exported body, by the names that `export_npz` lists."""
     every = list(body.each_bore())
     bores = list(body.bores.values())
     points = np.array(list(body.points.values())).reshape(-1, 3, 3 + body.modes)

@@ -1,8 +1,8 @@
-"""Lubricated bores of a part: cylinders along z with their surface meshes, and rigid motion.
+"""Lubricated bores of a part: cylinders along z with their surface meshes, and their mean motion.
 
-The load matrix (15) and the mean motion of a part from another program are computed from the faces
-of its surface. Faces may have holes, such as oil passages, whose rims, positions and sizes are
-found.
+If a part comes from another program, the load matrix (15) and the mean motion of its bores are
+computed from the faces of its surface. The bore may have holes, such as oil passages: their rims,
+positions and sizes are detected.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # the import would start MPI
 
 
 def rigid_fields(coordinates: np.ndarray) -> np.ndarray:
-    """Unit translations and rotations about the origin, shape (3 nodes, 6)."""
+    """Displacements of unit translations and rotations about the origin, shape (3 nodes, 6)."""
     x, y, z = coordinates.T
     fields = np.zeros((len(coordinates), 3, 6))
     fields[:, range(3), range(3)] = 1.0
@@ -44,7 +44,7 @@ def rigid_fields(coordinates: np.ndarray) -> np.ndarray:
 
 
 def turned(columns: np.ndarray, axis: int) -> np.ndarray:
-    """``e_axis x u`` node by node, for displacement fields of shape (3 nodes, k)."""
+    """Cross product ``e_axis x u`` at every node, for displacements u of shape (3 nodes, k)."""
     result = np.zeros_like(columns)
     first = (axis + 1) % 3
     second = (axis + 2) % 3
@@ -60,10 +60,10 @@ BORE = "bore"
 
 
 def make_row_major(record: Any) -> None:
-    """Store arrays of a dataclass in row-major order, as in files; part-size columns excepted.
+    """Store the arrays of a dataclass in row-major order, as in files; `columns` is left out.
 
-    Products of arrays in another order round differently, and a body from a file must give the
-    same run to the last bit.
+    Products of arrays in another order round differently, but a body read from a file must give
+    the same run to the last bit. The part-size array `columns` is not stored in files.
     """
     for name, value in vars(record).items():
         if isinstance(value, np.ndarray) and name != "columns":
@@ -73,41 +73,43 @@ def make_row_major(record: Any) -> None:
 #: Largest number of waves around a bore in the smooth pressures.
 WAVES = 9
 
-#: Legendre polynomials along the bore, whose products with the waves are the smooth pressures.
+#: Number of Legendre polynomials along the bore; smooth pressures are products of a wave and one.
 HEIGHTS = 3
+
+#: Number of smooth pressures of a bore: a constant, sines and cosines, times the polynomials.
 SMOOTH = (2 * WAVES + 1) * HEIGHTS
 
-#: Quadratic cells around and along a bore at whose nodes displacements are stored.
+#: Numbers of quadratic cells around and along a bore; the mesh error is stored at their nodes.
 SAMPLED = 40, 8
 
-#: Number of nodes of these cells.
+#: Number of nodes of the `SAMPLED` cells of one bore.
 SAMPLED_NODES = 2 * SAMPLED[0] * (2 * SAMPLED[1] + 1)
 
 
 def no_cells() -> np.ndarray:
-    """Empty array of cells, for a bore whose surface mesh is unknown."""
+    """Return an empty array of cells, for a bore whose surface mesh is unknown."""
     return np.zeros((0, 0), dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoreSurface:
-    """Surface of a bore; positions are relative to its centre.
+    """Surface of a bore; positions of nodes are relative to the bore's centre.
 
     Attributes
     ----------
     radius, width
-        Bore radius R2 and bearing width B [m]; the axis is along z through the centre.
+        Bore radius R2 and bearing width B [m]; the axis of the bore is parallel to z.
     coordinates
         Positions of the bore's nodes, shape (m, 3) [m].
     pressure_coordinates
         Positions of the pressure nodes, shape (k, 3) [m].
     cells, family
-        Surface mesh of the displacement: positions in `coordinates` of the nodes of each
-        bore cell, shape (c, 8, 9 or 6), corners, edge midpoints, centre in dolfinx
-        order, and ``"serendipity"``, ``"lagrange"`` or ``"triangle"``. Empty when
-        unknown; a film that does not match the bore needs it.
+        Surface mesh of the displacement. `cells` has the row numbers in `coordinates` of the
+        nodes of each cell, shape (c, 8, 9 or 6): corners, edge midpoints and centre, in dolfinx
+        order. `family` is ``"serendipity"``, ``"lagrange"`` or ``"triangle"``. Both are empty if
+        the mesh is unknown; a film whose mesh does not match the bore needs them.
     pressure_cells, pressure_family
-        Surface mesh of the pressure nodes, with the same conventions.
+        Surface mesh of the pressure, with row numbers in `pressure_coordinates`, else alike.
     centre
         Centre of the bore relative to the origin of the part, shape (3,) [m]. The origin is the
         centre of the part's first bore.
@@ -127,27 +129,29 @@ class BoreSurface:
         make_row_major(self)
 
     def surface(self) -> BoreSurface:
-        """The surface without the further attributes of a `Bore`."""
+        """Copy the surface without the further attributes of a `Bore`."""
         return BoreSurface(**{f.name: getattr(self, f.name) for f in fields(BoreSurface)})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bore(BoreSurface):
-    """Lubricated interface of a part: surface, nodes and pressure load.
+    """Lubricated bore of a part: surface, node numbers, load matrix and mean motion.
 
     Attributes
     ----------
     nodes
-        Global node numbers, shape (m,), sorted by z, then angle, the same on every rank.
+        Global numbers of the bore's nodes, shape (m,), sorted by z, then angle; the same on every
+        rank.
     load
-        J = M_ss of (15), (3 nodes) x k: nodal forces [N] of unit nodal pressures
-        [Pa], pushing the bore outward. Any source of `as_matrix`; in a `Structure` it is
-        a PETSc matrix with the rows of K.
+        Load matrix J = M_ss of (15), shape (3 nodes of the part, k): nodal forces [N] due to unit
+        nodal pressures [Pa], which push the bore outward. Any type that `as_matrix` accepts; in a
+        `Structure` a PETSc matrix with the rows of K.
     reference
-        Mean motion of the bore, its centre C2: ``sum_ic reference[i, c, k] u[i, c]`` is for
-        k < 3 the mean translation [m], else the mean rotation about its centre [rad], see
-        `mean_motion`; shape (m, 3, 6). Read the other way it spreads a unit force or moment
-        at C2 over the nodes. None when unknown; M1 and M2 need that of the first bore.
+        Weights of the mean motion at the bore's centre C2, shape (m, 3, 6), see `mean_motion`:
+        ``sum_ic reference[i, c, k] u[i, c]`` is the mean translation [m] for k < 3, the mean
+        rotation [rad] for k >= 3. Column k is also the set of nodal forces with the resultant of
+        a unit force or moment at C2. None if unknown; M1 and M2 need the weights of the first
+        bore.
     """
 
     nodes: np.ndarray
@@ -156,14 +160,14 @@ class Bore(BoreSurface):
 
 
 def surface_layout(number: str, *, attribute: bool) -> dict[str, Value]:
-    """Layout of a stored `BoreSurface`.
+    """Layout of a `BoreSurface` in a file.
 
     Parameters
     ----------
     number
-        Kind of its numbers, see `fenics_ehd.base.layout.KINDS`.
+        Kind of the floating-point values, see `fenics_ehd.base.layout.KINDS`.
     attribute
-        Whether single values are attributes.
+        True to store single values as attributes of the HDF5 group, not as datasets.
     """
     single = Value(number, attribute=attribute)
     family = Value("text", attribute=attribute, required=False)
@@ -182,12 +186,19 @@ def surface_layout(number: str, *, attribute: bool) -> dict[str, Value]:
 
 
 def only(bores: Mapping[str, B], of: str) -> B:
-    """The bore of a part with exactly one bore.
+    """Return the bore of a part that has exactly one.
+
+    Parameters
+    ----------
+    bores
+        Bores of the part by name.
+    of
+        Noun for the part, used in messages.
 
     Raises
     ------
     SettingsError
-        The part has no bore, or several; the message lists their names.
+        If the part has no bore or several bores; the message lists their names.
     """
     if len(bores) == 1:
         return next(iter(bores.values()))
@@ -197,44 +208,48 @@ def only(bores: Mapping[str, B], of: str) -> B:
 
 
 def outward(nodes: np.ndarray, displacements: np.ndarray) -> np.ndarray:
-    """Radial component at nodes of one bore, shape (m, 3, n) to (m, n)."""
+    """Outward radial component, shape (m, n), of displacements of a bore's nodes, (m, 3, n)."""
     radial = nodes[:, :2] / np.linalg.norm(nodes[:, :2], axis=1)[:, None]
     return np.einsum("ic,icn->in", radial, displacements[:, :2])
 
 
 def all_outward(bores: Mapping[str, BoreSurface], displacements: np.ndarray) -> np.ndarray:
-    """Radial component at the nodes of all bores in turn, relative to the axis of each."""
+    """Radial component of displacements at the nodes of all bores, away from each bore's own axis.
+
+    `displacements` has the shape (m, 3, n), with the m nodes of all bores, one bore after the
+    other; the result has the shape (m, n).
+    """
     nodes = np.vstack([bore.coordinates for bore in bores.values()])
     return outward(nodes, displacements)
 
 
 def mean_motion(coordinates: np.ndarray, weights: Any) -> np.ndarray:
-    """Mean rigid motion of a surface as linear functions of its nodal displacements.
+    """Weights that give the mean rigid motion of a surface from its nodal displacements.
 
-    Least-squares fit of ``a + b x r`` to the displacement u over the surface: the
-    a and b that minimise ``int |u - a - b x r|^2 dA``. On a surface centred at the
-    origin a is the area-weighted mean of u.
+    The mean motion is the least-squares fit of ``a + b x r`` to the displacement u over the
+    surface: the translation a and the rotation b minimise ``int |u - a - b x r|^2 dA``. On a
+    surface centred at the origin, a is the area-weighted mean of u.
 
     Parameters
     ----------
     coordinates
         Positions r of the nodes, shape (m, 3) [m].
     weights
-        ``int N_i N_j dA`` of the shape functions, shape (m, m), an array or a SciPy sparse
-        matrix; or lumped nodal areas, shape (m,) [m^2].
+        Integrals ``int N_i N_j dA`` of the shape functions, shape (m, m) [m^2], an array or a
+        SciPy sparse matrix; or lumped nodal areas, shape (m,) [m^2].
 
     Returns
     -------
     numpy.ndarray
-        shape (m, 3, 6): weights of u_i for the components of a, and those of b about the
-        Shape (m, 3, 6): weights of u_i for the components of a, and for those of b about the
-        origin. For a rigid motion the result is this motion. As nodal forces, column k has the
-        resultant of a unit force or moment along its axis at the origin, and no other.
+        Weights of the nodal displacements, shape (m, 3, 6): for the three components of a, then
+        the three of b, about the origin. For displacements of a rigid motion, the weighted sums
+        are this motion. Read as nodal forces, the only resultant of column k is a unit force or
+        moment at the origin.
 
     Raises
     ------
     StructureError
-        The nodes lie on one line, so that they have no rotation about it.
+        If the nodes lie on one line, so that their rotation about it is undefined.
     """
     size = np.abs(coordinates).max()
     fields = rigid_fields(coordinates / size).reshape(len(coordinates), 18)
@@ -251,10 +266,10 @@ def mean_motion(coordinates: np.ndarray, weights: Any) -> np.ndarray:
 # Faces
 
 
-#: Smallest number of edges of a rim: a rim with fewer edges surrounds one or two missing faces.
+#: Smallest number of edges of a hole's rim: fewer edges surround only one or two missing faces.
 FEWEST_EDGES = 6
 
-#: Tolerance, relative to the width, for an edge to lie at an end of the bore.
+#: Largest distance of an edge at an end of the bore from that end, relative to the bore's width.
 END_TOLERANCE = 1e-6
 
 
@@ -265,14 +280,14 @@ class BoreHole:
     Attributes
     ----------
     rim
-        Nodes around the hole in order, midpoints of edges included.
+        Numbers of the r nodes around the hole, in order, midpoints of edges included.
     polygon
-        Angle of these nodes [rad], within half a turn of the first one, and height [m], shape
-        (r, 2).
+        Angle [rad] and height [m] of the rim's nodes, shape (r, 2); angles are within half a turn
+        of the first one.
     angle, height
-        Centroid of the hole [rad], [m].
+        Angle [rad] and height [m] of the hole's centroid.
     diameter
-        Diameter of the circle of the same area on the unwrapped bore [m].
+        Diameter [m] of the circle that has the hole's area on the unwrapped bore.
     radius
         Radius of the bore [m].
     """
@@ -286,20 +301,20 @@ class BoreHole:
 
     @property
     def area(self) -> float:
-        """Area in the plane of angle and height [rad m]."""
+        """Area of the hole in the plane of angle and height [rad m]."""
         return abs(_moments(self.polygon)[0])
 
     def straight(self) -> BoreHole:
-        """Hole with straight edges between corners, of a mesh of quadratic cells."""
+        """Copy the hole with straight edges between corners; the mesh has quadratic cells."""
         polygon = self.polygon.copy()
         closed = np.vstack([polygon[0::2], polygon[:1]])
         polygon[1::2] = 0.5 * (closed[:-1] + closed[1:])
         return replace(self, polygon=polygon)
 
     def contains(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
-        """True at points within the rim."""
+        """Whether each point, given by angle [rad] and height [m], is within the rim."""
         x = self.angle + np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi
-        # Crossings of a ray along the circumference with every edge.
+        # A point is inside if a ray along the circumference crosses an odd number of edges.
         (a, low) = self.polygon.T
         (b, high) = np.roll(self.polygon, -1, axis=0).T
         x = x[..., None]
@@ -310,7 +325,7 @@ class BoreHole:
 
 
 def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[BoreHole]:
-    """Holes of a bore's surface mesh, by height, then angle.
+    """Find the holes of a bore's surface mesh, sorted by height, then angle.
 
     Parameters
     ----------
@@ -322,7 +337,8 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
     Raises
     ------
     StructureError
-        A rim does not close around a hole, or has fewer than `FEWEST_EDGES` edges.
+        If a rim runs around the whole bore, meets another rim, or has fewer than `FEWEST_EDGES`
+        edges.
     """
     radius = float(np.linalg.norm(coordinates[:, :2], axis=1).mean())
     holes = []
@@ -333,8 +349,12 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
         edges = len(rim) // (1 if family in ("bilinear", "linear triangle") else 2)
         if turned or edges < FEWEST_EDGES:
             raise StructureError(
-                f"the bore is not a whole cylinder: a rim of {edges} edges "
-                + ("goes all around it" if turned else f"is no hole, which has {FEWEST_EDGES}")
+                f"the bore is not a complete cylinder: a rim of {edges} edges "
+                + (
+                    "runs around the whole bore"
+                    if turned
+                    else f"is too short for a hole, which has at least {FEWEST_EDGES}"
+                )
             )
         area, x, z = _moments(polygon)
         diameter = float(np.sqrt(4 * radius * abs(area) / np.pi))
@@ -343,7 +363,7 @@ def bore_holes(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[
 
 
 def _moments(polygon: np.ndarray) -> tuple[float, float, float]:
-    """Signed area of a polygon, and its centroid."""
+    """Signed area of a polygon and the two coordinates of its centroid."""
     first = polygon[0]
     a = polygon - first
     b = np.roll(polygon, -1, axis=0) - first
@@ -354,22 +374,25 @@ def _moments(polygon: np.ndarray) -> tuple[float, float, float]:
 
 
 def _rims(coordinates: np.ndarray, cells: np.ndarray, family: str) -> list[np.ndarray]:
-    """Nodes around every hole: along edges of a single cell that are not at an end of the bore."""
+    """Node numbers around every hole, in order along the rim.
+
+    A rim consists of the edges that belong to one cell only and are not at an end of the bore.
+    """
     kind = ELEMENTS[family]
     ends, first, uses, at_end = _edges(coordinates, cells, family)
     count = len(kind.edges)
     single = first[(uses == 1) & ~at_end]
     ways = corners = ends[single]
     if cells.shape[1] >= kind.corners + count:
-        # Mid-side nodes come behind the corners, edge by edge.
+        # In a cell, midpoints of edges follow the corners, in the order of the edges.
         middle = cells[single // count, kind.corners + single % count]
         ways = np.vstack([np.column_stack([end, middle]) for end in corners.T])
     meeting = np.bincount(ways.ravel(), minlength=len(coordinates))
     odd = np.flatnonzero((meeting != 0) & (meeting != 2))
     if len(odd):
         raise StructureError(
-            f"the bore is not a whole cylinder: {meeting[odd[0]]} edges of a rim meet at node "
-            f"{odd[0]}"
+            f"the bore is not a complete cylinder: {meeting[odd[0]]} edges of a rim meet at node "
+            f"{odd[0]}, not 2"
         )
     graph = summed(np.ones(len(ways)), ways[:, 0], ways[:, 1], (len(coordinates),) * 2)
     loops = []
@@ -388,11 +411,11 @@ def _edges(
     Returns
     -------
     ends
-        End nodes of every edge of every cell, shape (cells edges, 2).
+        Two end nodes of every edge of every cell, shape (cells x edges per cell, 2).
     first
-        Row in `ends` of each distinct edge, shape (edges,).
+        First row in `ends` of each distinct edge, shape (edges,).
     uses
-        Number of cells of each distinct edge, shape (edges,).
+        Number of cells that share each distinct edge, shape (edges,).
     at_end
         Whether each distinct edge is at an end of the bore, shape (edges,).
     """
@@ -405,29 +428,30 @@ def _edges(
     return ends, first, uses, at_end
 
 
-#: Gauss points in each direction for load matrices, whose integrands are polynomials of degree 7 in
-#: each variable with 9 nodes, and of degree 6 with 6 nodes: the rule is exact.
+#: Number of Gauss points in each direction for load matrices. The rule is exact: the integrands are
+#: polynomials of degree 7 in each variable for cells of 9 nodes, of degree 6 for cells of 6 nodes.
 _LOAD_POINTS = 4
 
-#: Gauss points in each direction for areas, which are no polynomials: enough for a cell bent by 30
-#: degrees.
+#: Number of Gauss points in each direction for areas, whose integrands are not polynomials: enough
+#: for a cell that spans 30 degrees of the bore.
 _AREA_POINTS = 8
 
-#: Largest distance of a bore node from the cylinder, relative to its radius.
+#: Largest distance of a bore node from the fitted cylinder, relative to the bore's radius.
 CYLINDER_TOLERANCE = 1e-6
 
 
 def bore_load_matrix(nodes: np.ndarray, faces: np.ndarray, element: str) -> sparse.csr_matrix:
-    """Load matrix J of (15): nodal forces of nodal pressures that push the bore outward.
+    """Load matrix J of (15): nodal forces due to nodal pressures, which push the bore outward.
 
     Parameters
     ----------
     nodes
         Positions of all nodes of the part, shape (n, 3) [m]; the bore's axis is z.
     faces
-        Global numbers of the nodes of each face, shape (c, k): corners, then edge midpoints and
-        centre, each in any order (`package_order` finds it), or corners and midpoints in turn.
-        The orientation of a face does not matter: the force points away from the axis.
+        Global numbers of the nodes of each face, shape (c, k). Either corners come first, then
+        edge midpoints, then the centre, in any order within these groups; or corners and
+        midpoints alternate. `package_order` detects the order. The orientation of a face does not
+        matter: the force points away from the axis.
     element
         A key of `elements.ELEMENTS`: ``"serendipity"`` (8 nodes), ``"lagrange"``
         (9), ``"triangle"`` (6), ``"bilinear"`` (4) or ``"linear triangle"`` (3).
@@ -435,13 +459,14 @@ def bore_load_matrix(nodes: np.ndarray, faces: np.ndarray, element: str) -> spar
     Returns
     -------
     scipy.sparse.csr_matrix
-        shape (3 n, m) [m^2]: entry (3 i + c, j) is the integral of ``N_i N_j n_c``, n the
-        normal away from the axis. The columns are the nodes of the faces by z, then angle.
+        Load matrix, shape (3 n, m) [m^2]: entry (3 i + c, j) is the integral of ``N_i N_j n_c``,
+        where the normal n points away from the axis. Columns are the nodes of the faces, sorted
+        by z, then angle.
 
     Raises
     ------
     StructureError
-        Faces that do not fit the element or the nodes, or are folded.
+        If the faces do not fit the element or the nodes, or if a face is folded.
     """
     nodes, faces, kind = _checked(nodes, faces, element)
     numbers, cells = _ordered(nodes, faces)
@@ -454,25 +479,25 @@ def bore_load_matrix(nodes: np.ndarray, faces: np.ndarray, element: str) -> spar
 def bore_from_faces(
     nodes: np.ndarray, faces: np.ndarray, element: str, centre: tuple = (0.0, 0.0, 0.0)
 ) -> Bore:
-    """The bore of a part from the faces of its surface.
+    """Make the bore of a part from the faces of its surface.
 
     Parameters
     ----------
     nodes, faces, element
-        See `bore_load_matrix`. Pressures have the nodes and shape functions of the faces.
+        See `bore_load_matrix`. The pressure has the nodes and shape functions of the faces.
     centre
-        Centre of the bore [m].
+        Centre of the bore, three coordinates [m].
 
     Returns
     -------
     Bore
-        Nodes sorted by z, then angle, with `load` as SciPy matrix and `reference`. The family of
-        linear triangles stays unknown: films have no such elements.
+        Bore with nodes sorted by z, then angle; `load` is a SciPy matrix. For linear triangles
+        `family` is empty, as films have no such elements.
 
     Raises
     ------
     StructureError
-        The faces are not a complete cylinder along z, centred at the centre.
+        If the faces are not a complete cylinder along z about `centre`.
     """
     nodes, faces, _ = _checked(nodes, faces, element, np.asarray(centre, dtype=float))
     numbers, cells = _ordered(nodes, faces)
@@ -498,14 +523,14 @@ def bore_from_faces(
 
 
 def surface_gram(coordinates: np.ndarray, cells: np.ndarray, element: str) -> sparse.csr_matrix:
-    """Consistent surface mass ``int N_i N_j dA`` on any surface.
+    """Integrals ``int N_i N_j dA`` of the shape functions over any surface.
 
     Parameters
     ----------
     coordinates
         Positions of the nodes, shape (m, 3) [m].
     cells
-        Positions in `coordinates` of the nodes of each cell, shape (c, k), as in
+        Row numbers in `coordinates` of the nodes of each cell, shape (c, k), in the order of
         `bore_load_matrix`.
     element
         A key of `elements.ELEMENTS`.
@@ -513,7 +538,7 @@ def surface_gram(coordinates: np.ndarray, cells: np.ndarray, element: str) -> sp
     Returns
     -------
     scipy.sparse.csr_matrix
-        shape (m, m) [m^2].
+        Integrals, shape (m, m) [m^2].
     """
     kind = surface_element(element, np.asarray(cells))
     values, normals = _area_vectors(coordinates, cells, kind, _AREA_POINTS)
@@ -524,21 +549,21 @@ def surface_gram(coordinates: np.ndarray, cells: np.ndarray, element: str) -> sp
 def _checked(
     nodes: np.ndarray, faces: np.ndarray, element: str, centre: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, NodalElement]:
-    """Nodes relative to the centre, faces in the package's order of nodes, and their element."""
+    """Check nodes and faces; return nodes relative to the centre, ordered faces and the element."""
     nodes = np.asarray(nodes, dtype=float)
     faces = np.asarray(faces)
     kind = surface_element(element, faces)
     if nodes.ndim != 2 or nodes.shape[1] != 3:
-        raise StructureError(f"nodes have shape {nodes.shape}, (nodes, 3) is needed")
+        raise StructureError(f"nodes have shape {nodes.shape}, but (number of nodes, 3) is needed")
     if faces.dtype.kind not in "iu" or not 0 <= faces.min() <= faces.max() < len(nodes):
         raise StructureError(
-            f"faces name nodes {faces.min()} to {faces.max()} (type {faces.dtype}), there are 0 to "
-            f"{len(nodes) - 1}"
+            f"faces refer to nodes {faces.min()} to {faces.max()} (type {faces.dtype}), but nodes "
+            f"are numbered 0 to {len(nodes) - 1} by integers"
         )
     ordered = np.sort(faces, axis=1)
     repeated = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
     if len(repeated):
-        raise StructureError(f"face {repeated[0]} names a node twice: {faces[repeated[0]]}")
+        raise StructureError(f"face {repeated[0]} has a node twice: {faces[repeated[0]]}")
     used = nodes[np.unique(faces)]
     if not np.isfinite(used).all():
         raise StructureError("a node of the faces has a coordinate that is not finite")
@@ -548,7 +573,10 @@ def _checked(
 
 
 def _unrolled(x: np.ndarray) -> np.ndarray:
-    """Nodes of faces, shape (c, k, 3), on the unrolled cylinder, shape (c, k, 2) [m]."""
+    """Map nodes of faces, shape (c, k, 3), to the unrolled cylinder, shape (c, k, 2) [m].
+
+    Each face has its own zero of the circumferential coordinate, half a turn before its middle.
+    """
     angle = np.arctan2(x[:, :, 1], x[:, :, 0])
     middle = x.mean(axis=1, keepdims=True)
     angle = np.mod(angle - np.arctan2(middle[:, :, 1], middle[:, :, 0]) + np.pi, 2 * np.pi)
@@ -558,7 +586,7 @@ def _unrolled(x: np.ndarray) -> np.ndarray:
 def in_order(
     numbers: np.ndarray, x: np.ndarray, faces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Order of a bore's nodes by z, then angle, and the faces in positions of that order.
+    """Sort a bore's nodes by z, then angle, and renumber its faces.
 
     Parameters
     ----------
@@ -567,6 +595,12 @@ def in_order(
         (m, 3) [m].
     faces
         Numbers of the nodes of each face, shape (c, k).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Indices that sort `numbers` and `x`, shape (m,); and for each face the positions of its
+        nodes in the sorted order, shape (c, k).
     """
     radius = np.linalg.norm(x[:, :2], axis=1).mean()
     angle = np.mod(np.arctan2(x[:, 1], x[:, 0]) + 1e-9, 2 * np.pi)
@@ -576,7 +610,7 @@ def in_order(
 
 
 def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the faces by z, then angle, and the faces in positions of that order."""
+    """Numbers of the faces' nodes, sorted by z, then angle, and the faces renumbered likewise."""
     numbers = np.unique(faces)
     order, cells = in_order(numbers, nodes[numbers], faces)
     return numbers[order], cells
@@ -585,7 +619,14 @@ def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _area_vectors(
     nodes: np.ndarray, faces: np.ndarray, kind: NodalElement, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions at the Gauss points, shape (q, k), and normals times area, (c, q, 3)."""
+    """Shape functions and area vectors at the Gauss points.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Values of the shape functions, shape (q, k), and normals of the surface times the area of
+        each Gauss point, shape (c, q, 3) [m^2].
+    """
     points, weights = kind.rule(count)
     values, derivatives = kind.tabulate(points)
     along, across = np.einsum("dqk,ckx->dcqx", derivatives, nodes[faces])
@@ -595,7 +636,7 @@ def _area_vectors(
 def _normals(
     nodes: np.ndarray, faces: np.ndarray, kind: NodalElement
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions and normals of `_area_vectors`, all pointing away from the z axis."""
+    """Shape functions and area vectors as in `_area_vectors`, pointing away from the z axis."""
     values, normals = _area_vectors(nodes, faces, kind, _LOAD_POINTS)
     x = values @ nodes[faces]
     outward = np.einsum("cqx,cqx->cq", normals[:, :, :2], x[:, :, :2])
@@ -604,7 +645,7 @@ def _normals(
     if len(folded):
         raise StructureError(
             f"face {folded[0]} with nodes {faces[folded[0]]} is folded or does not face the z "
-            "axis: its corners must come first, or corners and middles of edges in turn"
+            "axis: its corners must come first, or corners and midpoints of edges must alternate"
         )
     return values, normals * signs[:, :, None]
 
@@ -612,19 +653,20 @@ def _normals(
 def require_cylinder(
     x: np.ndarray, cells: np.ndarray, element: str, numbers: np.ndarray, name: str = "the bore"
 ) -> float:
-    """Radius of a bore's nodes about the z axis [m].
+    """Check that a bore is a cylinder about the z axis and return its radius [m].
 
     Parameters
     ----------
     x, cells, element
-        Nodes, shape (m, 3) [m], and their surface mesh.
+        Positions of the nodes, shape (m, 3) [m], and their surface mesh.
     numbers, name
         Numbers of the nodes and name of the bore, for messages.
 
     Raises
     ------
     StructureError
-        The nodes are not a complete cylinder, apart from holes, centred at z = 0.
+        If the nodes do not form a complete cylinder, apart from holes, or if it is not centred
+        at z = 0.
     """
     radii = np.linalg.norm(x[:, :2], axis=1)
     radius = float(radii.mean())
@@ -633,22 +675,22 @@ def require_cylinder(
         raise StructureError(
             f"{name} is not a cylinder about the z axis: node {numbers[worst]} lies "
             f"{radii[worst] - radius:.1e} m off the mean radius {radius:.6g} m, above "
-            f"{CYLINDER_TOLERANCE:.0e} radii; midpoints of edges must lie on it too"
+            f"{CYLINDER_TOLERANCE:.0e} radii; midpoints of edges must lie on the cylinder too"
         )
     middle = 0.5 * (x[:, 2].min() + x[:, 2].max())
     if not abs(middle) <= CYLINDER_TOLERANCE * radius:
         raise StructureError(
-            f"{name} must be centred at z = 0, its middle is at z = {middle:.3e} m"
+            f"{name} must be centred at z = 0, but its middle is at z = {middle:.3e} m"
         )
     ends, first, uses, at_end = _edges(x, cells, element)
-    # Every edge has two faces, those of the two ends and of holes have one.
+    # An edge belongs to two faces, but to one at an end of the bore and at the rim of a hole.
     wrong = np.flatnonzero(uses != np.where(at_end, 1, 2))
     if len(wrong) >= FEWEST_EDGES and (uses[wrong] == 1).all():
-        bore_holes(x, cells, element)  # refuses gaps that are no holes
+        bore_holes(x, cells, element)  # raises if a gap is not a hole
     elif len(wrong):
         one, other = numbers[ends[first[wrong[0]]]]
         raise StructureError(
-            f"{name} is not a whole cylinder: the edge of nodes {one} and {other} belongs to "
+            f"{name} is not a complete cylinder: the edge of nodes {one} and {other} belongs to "
             f"{uses[wrong[0]]} faces, not {1 if at_end[wrong[0]] else 2}"
         )
     return radius

@@ -2,8 +2,8 @@
 
 The static modes are mass-orthonormal and uncoupled in stiffness.
 
-Residual modes are selected, (31) and (32), from the responses to pressure distributions: those of
-(34) and (35), or any others, trained on snapshots of a former run for instance.
+Residual modes are selected by (31) and (32) from the responses to a set of pressure distributions.
+The set is (34), (35) or any other, for instance one computed from the pressures of a former run.
 
 Imports inside functions: scipy.linalg is needed only for pressure sets given by name.
 """
@@ -28,16 +28,17 @@ from fenics_ehd.reduction.reductor import (
 )
 from fenics_ehd.reduction.structure import Structure
 
-#: Energy, relative to the largest, below which directions count as linearly dependent.
+#: Strain energy, relative to the largest, below which directions count as linearly dependent.
 RANK_TOLERANCE = 1e-11
 
 #: Singular value, relative to the largest, below which a combination of pressures is redundant.
 REDUNDANT = 1e-8
 
-#: Energy of a combination, over its size times the trace of ``K_cc``, that counts as round-off.
+#: Strain energy of a combination of candidates, relative to its squared norm times the trace of
+#: ``K_cc``, up to which the energy counts as round-off.
 ROUND_OFF = 1e-14
 
-#: Energy of a column, relative to the largest, that counts as round-off.
+#: Strain energy of a column, relative to the largest, up to which it counts as round-off.
 NULL_COLUMN = 1e-22
 
 
@@ -46,12 +47,20 @@ SELECTIONS = ("smallest-eigenvalue", "largest-eigenvalue", "lowest-frequency", "
 
 
 def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np.ndarray:
-    """Combinations of the candidates with reduced matrices ``K_cc``, ``M_cc``, sorted by rank.
+    """Combinations of candidate responses, as columns, in the order in which modes are selected.
 
-    ``"smallest-eigenvalue"`` follows (31), (32) literally. ``"largest-eigenvalue"`` has the most
-    flexible pressure patterns first. Both depend on ``K_cc`` only. ``"lowest-frequency"`` depends
-    on both matrices, within the range of ``K_cc``. ``"every-column"`` keeps the order of
-    candidates.
+    ``"smallest-eigenvalue"`` follows (31), (32) literally. ``"largest-eigenvalue"`` puts the most
+    flexible pressure patterns first. Both depend on ``K_cc`` only. ``"lowest-frequency"`` uses
+    ``K_cc`` and ``M_cc``, within the range of ``K_cc``. ``"every-column"`` returns the candidates
+    themselves, in their order.
+
+    Parameters
+    ----------
+    selection
+        One of `SELECTIONS`.
+    stiffness, mass
+        Reduced matrices ``K_cc`` and ``M_cc`` of the candidates, shape (c, c); the mass matrix is
+        only needed for ``"lowest-frequency"``.
     """
     if selection == "every-column":
         return np.eye(len(stiffness))
@@ -64,9 +73,9 @@ def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np
 
 
 def without_redundancy(patterns: np.ndarray) -> np.ndarray:
-    """Linearly independent patterns with the same ``P P^T``.
+    """Replace pressure patterns P by linearly independent ones with the same ``P P^T``.
 
-    Selections by energy or frequency give the same modes from them, with fewer solves.
+    Selections by energy or frequency give the same modes from fewer static solves.
 
     Parameters
     ----------
@@ -76,7 +85,7 @@ def without_redundancy(patterns: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        Patterns, shape (k, rank); the argument itself if its columns are independent.
+        Patterns, shape (k, rank); `patterns` itself if its columns are independent.
     """
     vectors, sizes, _ = np.linalg.svd(patterns, full_matrices=False)
     kept = sizes > REDUNDANT * sizes.max(initial=0.0)
@@ -86,10 +95,10 @@ def without_redundancy(patterns: np.ndarray) -> np.ndarray:
 
 
 def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    """Combinations of candidates without those whose energy is round-off of ``K_cc``.
+    """Remove combinations of candidates whose strain energy is only round-off of ``K_cc``.
 
-    Pressures of a richer element than that of the displacement have combinations without any
-    nodal force.
+    If the pressure element is of higher order than the displacement element, some combinations of
+    pressures cause no nodal forces.
     """
     energy = np.einsum("ij,ij->j", combinations, stiffness @ combinations)
     size = np.sum(combinations**2, axis=0) * np.trace(stiffness)
@@ -97,22 +106,28 @@ def without_round_off(combinations: np.ndarray, stiffness: np.ndarray) -> np.nda
 
 
 def lowest_first(stiffness: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Modal masses, descending, and eigenvectors of unit strain energy in the range of K."""
+    """Eigenvectors of unit strain energy in the range of K, lowest frequency first.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Modal masses, descending, and eigenvectors as columns.
+    """
     basis = energy_orthonormal(stiffness)
     values, vectors = falling_eigenpairs(basis.T @ mass @ basis)
     return values, basis @ vectors
 
 
 def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:
-    """Combinations ``Z`` with ``Z^T K Z = I``, dependent directions dropped.
+    """Combinations Z of columns with ``Z^T K Z = I``; linearly dependent directions are dropped.
 
-    Columns are first scaled to unit energy, so that the rank does not depend on the scaling of
-    the load columns.
+    Columns are first scaled to unit strain energy, so that the rank does not depend on the scaling
+    of the load columns.
 
     Parameters
     ----------
     stiffness
-        ``G^T K G``, symmetric positive semidefinite, shape (n, n).
+        Reduced stiffness ``G^T K G`` of the columns, positive semidefinite, shape (n, n).
 
     Returns
     -------
@@ -127,61 +142,69 @@ def energy_orthonormal(stiffness: np.ndarray) -> np.ndarray:
     return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
 
 
-#: Mean pressure of the long-bearing solution, section 4.2.
+#: Mean pressure of a long-bearing pattern, section 4.2 of the paper.
 LONG_BEARING_PRESSURE = 1.0
 
-#: Peak pressure of the short-bearing solution, section 4.2.
+#: Peak pressure of a short-bearing pattern, section 4.2 of the paper; its mean along z is 1.
 SHORT_BEARING_PRESSURE = 1.5
 
-#: Scatter of the angles of nodes at one circumferential position [rad].
+#: Largest deviation of a node's angle from that of its circumferential position [rad].
 ANGLE_TOLERANCE = 1e-5
 
-#: Eccentricities and powers of the axial parabola of `journal_shapes`.
+#: Relative eccentricities of the pressures in `journal_shapes`.
 JOURNAL_ECCENTRICITIES = (0.5, 0.8, 0.9, 0.95)
+
+#: Exponents of the axial parabola in `journal_shapes`.
 AXIAL_POWERS = (0.5, 1.0)
 
-#: Circumferential positions on an unstructured bore, as many as in the paper.
+#: Number of circumferential positions on an unstructured bore, the same as in the paper.
 HAT_POSITIONS = 40
 
 
 def unit_pressures(bore: Bore) -> np.ndarray:
-    """``P_c1 = I`` (34), shape (k, k)."""
+    """Patterns ``P_c1 = I`` of (34): unit pressure at one node each, shape (k, k)."""
     return np.eye(len(bore.pressure_coordinates))
 
 
 def long_bearing_shapes(bore: Bore) -> np.ndarray:
-    """First half of (35): constant in z at every circumferential position, shape (k, m_sy)."""
+    """Long-bearing patterns of (35), shape (k, m_sy): one per circumferential position.
+
+    Each one is constant in z.
+    """
     return LONG_BEARING_PRESSURE * _positions(bore)
 
 
 def short_bearing_shapes(bore: Bore) -> np.ndarray:
-    """Second half of (35): a parabola in z at every circumferential position, shape (k, m_sy)."""
+    """Short-bearing patterns of (35), shape (k, m_sy): one per circumferential position.
+
+    Each one is a parabola in z, zero at the ends of the bore.
+    """
     parabola = 1.0 - (2.0 * bore.pressure_coordinates[:, 2] / bore.width) ** 2
     return SHORT_BEARING_PRESSURE * parabola[:, None] * _positions(bore)
 
 
 def bearing_shapes(bore: Bore) -> np.ndarray:
-    """``P_c2`` (35): long and short bearing shapes at every circumferential position.
+    """Patterns ``P_c2`` of (35): long and short bearing at each circumferential position.
 
     Returns
     -------
     numpy.ndarray
-        Patterns, shape (k, 2 m_sy): first the long (constant in z), then the short bearing
-        solutions (parabolic in z), each by ascending angle.
+        Patterns, shape (k, 2 m_sy): first the long-bearing patterns, constant in z, then the
+        short-bearing patterns, parabolic in z; both by ascending angle.
     """
     return np.hstack([long_bearing_shapes(bore), short_bearing_shapes(bore)])
 
 
 def _positions(bore: Bore) -> np.ndarray:
-    """One pattern for each circumferential position, by ascending angle, shape (k, m_sy)."""
+    """Patterns of one circumferential position each, by ascending angle, shape (k, m_sy)."""
     x, y, _ = bore.pressure_coordinates.T
-    # Angles of one position scatter on both sides of zero.
+    # Round-off puts angles of the position 0 on both sides of zero.
     angle = np.mod(np.arctan2(y, x) + ANGLE_TOLERANCE, 2 * np.pi)
     return _hats(angle - ANGLE_TOLERANCE) if bore.pressure_family == "triangle" else _columns(angle)
 
 
 def _columns(angle: np.ndarray) -> np.ndarray:
-    """Patterns equal to one at the nodes of one circumferential position of a structured bore."""
+    """Patterns on a structured bore: 1 at the nodes of one circumferential position, else 0."""
     order = np.argsort(angle)
     steps = np.diff(angle[order], prepend=angle[order[0]]) > 2 * ANGLE_TOLERANCE
     position = np.empty(len(angle), dtype=int)
@@ -190,9 +213,9 @@ def _columns(angle: np.ndarray) -> np.ndarray:
 
 
 def _hats(angle: np.ndarray) -> np.ndarray:
-    """Piecewise linear hats at evenly spaced positions, for a bore without columns of nodes.
+    """Patterns on an unstructured bore: piecewise linear hats at evenly spaced angles.
 
-    At the nodes of a structured bore with as many positions they are `_columns`.
+    On a structured bore with `HAT_POSITIONS` circumferential positions, they equal `_columns`.
     """
     position = angle / (2 * np.pi) * HAT_POSITIONS
     distance = position[:, None] - np.arange(HAT_POSITIONS)
@@ -201,16 +224,17 @@ def _hats(angle: np.ndarray) -> np.ndarray:
 
 
 def journal_shapes(bore: Bore) -> np.ndarray:
-    """Short-bearing pressures of a journal at every angle.
+    """Short-bearing pressures of an eccentric journal, for eccentricities in all directions.
 
-    Half-Sommerfeld pressures of several eccentricities and both directions of rotation, with a
-    parabola along the bore and a flatter profile, as in a bent bore. They are smooth, as real
-    pressures are: the most energetic combinations of their responses need fewer modes than (35).
+    The patterns are half-Sommerfeld pressures for several eccentricities and both directions of
+    rotation. Along the bore they are parabolas or, as in a bent bore, flatter profiles. They are
+    smooth, as film pressures are, so that fewer of their most energetic combinations are needed
+    than of (35).
 
     Returns
     -------
     numpy.ndarray
-        Patterns, shape (k, 16 `HAT_POSITIONS`), of much lower rank.
+        Patterns, shape (k, 16 `HAT_POSITIONS`); their rank is much lower.
     """
     x, y, z = bore.pressure_coordinates.T
     parabola = np.maximum(1.0 - (2.0 * z / bore.width) ** 2, 0.0)
@@ -226,6 +250,7 @@ def journal_shapes(bore: Bore) -> np.ndarray:
     return np.hstack(columns)
 
 
+#: Functions that make the pressure patterns of a bore, by name of the pressure set.
 PRESSURE_SETS = {
     "pc1": unit_pressures,
     "pc2": bearing_shapes,
@@ -236,17 +261,18 @@ PRESSURE_SETS = {
 
 
 def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> np.ndarray:
-    """Pressure patterns ``P_c`` of a named set, or checked columns.
+    """Pressure patterns ``P_c`` of a named set, or given patterns after a check.
 
     Returns
     -------
     numpy.ndarray
-        Patterns, shape (k, p) [Pa]; a pattern of one bore is zero on the others.
+        Patterns, shape (k, p) [Pa]; patterns of a named set are zero except on one bore.
 
     Raises
     ------
     SettingsError
-        No set has this name, or the columns are no finite nodal pressures of the bores.
+        If no set has this name, or if the given array does not consist of columns of finite
+        nodal pressures of all bores.
     """
     bores = structure.every_bore()
     if isinstance(pressure_set, str):
@@ -263,25 +289,25 @@ def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> n
             f"pressure_set has shape {patterns.shape}: it needs columns of {nodes} nodal pressures"
         )
     if not np.isfinite(patterns).all():
-        raise SettingsError("pressure_set holds a value that is not finite")
+        raise SettingsError("pressure_set has a value that is not finite")
     return patterns
 
 
-# Patterns of a run
+# Patterns from the pressures of a run
 
-#: Relative difference of singular values below which round-off chooses their vectors.
+#: Relative difference of singular values below which their vectors are determined by round-off.
 EQUAL = 1e-6
 
 
 def proper_orthogonal(snapshots: np.ndarray, count: int) -> np.ndarray:
-    """Proper orthogonal decomposition of recorded pressures, largest share first.
+    """Proper orthogonal decomposition of recorded pressures, largest singular value first.
 
-    Patterns of equal singular values span a space whose basis is arbitrary round-off of the linear
-    algebra library. Such a space is not cut: there may be more patterns than `count`.
+    The patterns minimise the least-squares error of the nodal pressures, all of equal weight, and
+    do not depend on the part. (Selecting the largest eigenvalues of ``K_cc`` is the same
+    decomposition in the norm of strain energy, but needs a static solve for every column.)
 
-    The columns are nodal pressures of equal weight. The patterns minimise the least squares error
-    of the pressures and do not depend on the part. (Largest eigenvalues of ``K_cc`` are the same
-    decomposition in the norm of the strain energy, after solving for every column.)
+    Patterns of equal singular values span a space whose basis is determined by round-off. Such a
+    space is returned completely, so that there may be more patterns than `count`.
 
     Parameters
     ----------
@@ -317,36 +343,36 @@ def load_dependent(
     Parameters
     ----------
     part
-        The part, free or clamped, or a `Reductor` of it, which shares results and has further
-        options: `attachment_directions`, `solver`, `options_prefix`.
+        The part, free or clamped, or its `Reductor`. Reductions with one `Reductor` share
+        results, and it has further options: `attachment_directions`, `solver`, `options_prefix`.
     n_vibration
-        Vibration modes ``n_v`` (27).
+        Number ``n_v`` of vibration modes (27).
     n_residual
-        Residual modes ``n_r`` kept of the pressure set (32).
+        Number ``n_r`` of residual modes selected from the pressure set (32).
     pressure_set
-        Name of one of `PRESSURE_SETS`, or columns of nodal pressures, shape (k, p) [Pa]: patterns
-        trained on snapshots, for instance, see `proper_orthogonal`.
+        Name of one of `PRESSURE_SETS`, or an array of nodal pressures, shape (k, p) [Pa], one
+        pattern per column, for instance from `proper_orthogonal`.
     selection
-        Selection of residual modes, one of `SELECTIONS`.
+        Rule that selects residual modes, one of `SELECTIONS`.
     estimate_error
-        Also compute the bore flexibility that the basis does not contain, by one static solve per
-        pressure node.
+        Whether to compute the bore flexibility that the basis does not contain; this needs one
+        static solve per pressure node.
     keep_basis
-        Store the part-size basis in the body.
+        Whether to store the part-size basis in the body.
 
     Returns
     -------
     ReducedBody
-        Frame at the mean axis; vibration coordinates first, then the static
-        ones by frequency.
+        Body with a mean-axis frame; vibration coordinates come first, then static ones by
+        frequency.
 
     Raises
     ------
     SettingsError
-        An unknown set or selection, more residual modes than the set has columns, or no mode at
-        all.
+        If the set or the selection is unknown, if there are more residual modes than columns of
+        the set, or if there is no mode at all.
     SolverError, VerificationError
-        A solver or a check of the result fails.
+        If a solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     if selection not in SELECTIONS:
@@ -355,10 +381,12 @@ def load_dependent(
     if not 0 <= n_residual <= patterns.shape[1]:
         raise SettingsError(
             f"residual_modes {n_residual} is not between 0 and {patterns.shape[1]}, "
-            "the size of the pressure set"
+            "the number of patterns in the pressure set"
         )
     if n_vibration + n_residual == 0:
-        raise SettingsError("vibration_modes and residual_modes are both 0: a rigid part has none")
+        raise SettingsError(
+            "vibration_modes and residual_modes are both 0: a flexible part needs at least one mode"
+        )
     if selection != "every-column":
         patterns = without_redundancy(patterns)
     basis = _basis(reductor, n_vibration, n_residual, patterns, selection)
@@ -371,10 +399,11 @@ def full_interface(
     *,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """Reduce a part with the response to every nodal pressure: the reference.
+    """Reduce a part with the static response to every nodal pressure, as a reference.
 
-    `load_dependent` with all columns of ``P_c1`` (34) and its parameters. No flexibility is
-    missing, so that its error estimate is zero.
+    This is `load_dependent` with all columns of ``P_c1`` (34); the parameters have the same
+    meaning. The basis contains the whole static flexibility of the bores, so that the error
+    estimate is zero.
     """
     reductor = Reductor.of(part)
     every = reductor.structure.pressures, "pc1", "every-column"
@@ -385,13 +414,14 @@ def full_interface(
 def _basis(
     reductor: Reductor, n_vibration: int, n_residual: int, patterns: np.ndarray, selection: str
 ) -> Basis:
-    """T of (26) without the rigid-body modes."""
+    """Compute the basis T of (26), without rigid-body modes, and the inventory of dropped modes."""
 
     def respond() -> StaticResponses:
+        """Solve for the static responses to boundary loads and pressure patterns."""
         modes = reductor.vibration(n_vibration)
         return StaticResponses(reductor.static, reductor.points, patterns, *modes)
 
-    # The checksum of the first rank is used, so that either all ranks solve or none.
+    # All ranks use the checksum of the first rank, so that either all of them solve or none.
     digest = reductor.structure.comm.bcast(sha256(patterns.tobytes()).digest())
     responses = reductor.once("responses", (n_vibration, digest), respond)
     a = reductor.points.shape[1]
@@ -414,32 +444,34 @@ def dual_basis(
     requested: int,
     dropped: tuple[ModeRecord, ...] = (),
 ) -> Basis:
-    """Basis of the vibration modes and of ``X @ weights``, checked for its diagonal form.
+    """Make a basis of the vibration modes and of combinations of static responses, and check it.
+
+    The reduced matrices of the basis are diagonal.
 
     Parameters
     ----------
     responses
-        X, without the part that the vibration modes cover.
+        Static responses, from which the share of the vibration modes is subtracted.
     weights
-        Combinations of responses, shape (count, r); nearly dependent directions are dropped.
+        Weights of the responses in each combination, shape (count, r); nearly dependent
+        combinations are dropped.
     requested
-        Number of static modes requested, for the record.
+        Number of static modes requested, for the figures of accuracy.
     dropped
         Inventory of the modes that were not selected.
 
     Raises
     ------
     VerificationError
-        The reduced matrices are not diagonal, a column moves the mean axis, or the static modes
-        lack energy of the responses.
+        If the reduced matrices are not diagonal, if a column moves the mean axis, or if the
+        static modes do not contain the whole strain energy of the combinations.
     """
     solver = responses.solver
     angular = responses.angular
     modes = responses.modes
     exact = weights.T @ responses.stiffness @ weights
     columns = combine(responses.columns, weights @ energy_orthonormal(exact))
-    # Twice: the products of solved columns in the first pass have round-off as large as the
-    # smallest direction kept.
+    # Two passes: round-off of the products in the first one is as large as the smallest direction.
     for _ in range(2):
         columns, static = _diagonalise(responses, columns)
     # Largest share of the responses' energy that the static modes do not contain.
@@ -471,6 +503,7 @@ def dual_basis(
 
 
 def _diagonalise(responses: StaticResponses, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Combine columns to mass-orthonormal modes; return modes and angular frequencies [rad/s]."""
     solver = responses.solver
     stiffness, mass = gram_matrices(solver.structure, solver.mass, columns)
     values, combinations = lowest_first(stiffness, mass)
@@ -489,15 +522,15 @@ def dropped_patterns(
     Parameters
     ----------
     responses
-        All static responses.
+        Static responses to boundary loads and pressure patterns.
     candidates
-        Range of the pressure patterns among the responses.
+        Range of the responses to pressure patterns.
     mass
-        Mass matrix of the pressure patterns; None when unknown.
+        Reduced mass matrix of the candidates; None if unknown: frequencies are then infinite.
     combinations
-        All ranked combinations, best first, shape (candidates, c).
+        All combinations in the order of `ranked`, shape (candidates, c).
     kept
-        Number of combinations that were kept.
+        Number of the first combinations, which were selected.
     """
     rest = combinations[:, kept:]
     energy = np.einsum("ij,ij->j", rest, responses.stiffness[candidates, candidates] @ rest)

@@ -1,8 +1,8 @@
 """Static responses of a free or clamped part, (29), and its rigid-body modes, (26).
 
-Rigid-body modes are computed from the geometry. Static responses to many loads need one
-factorisation of the stiffness matrix, or algebraic multigrid. Large factors and many part-size
-columns are stored in temporary files.
+Rigid-body modes are computed from the geometry. Static responses are solved for with one
+factorisation of the stiffness matrix for all loads, or iteratively with algebraic multigrid. Large
+factors and many part-size columns are stored in temporary files.
 
 Imports inside functions: scipy.linalg is needed only for free parts.
 """
@@ -36,17 +36,18 @@ from fenics_ehd.reduction.structure import Structure, rigid_motions
 
 
 def rigid_body_modes(structure: Structure) -> np.ndarray:
-    """Mass-orthonormal rigid-body modes of a free part, none of a clamped one.
+    """Mass-orthonormal rigid-body modes of a free part; a clamped part has none.
 
     Returns
     -------
     numpy.ndarray
-        Owned rows, shape (owned dofs, 6) or (owned dofs, 0).
+        Rows of this rank, shape (owned dofs, 6) for a free part, (owned dofs, 0) for a clamped
+        one.
 
     Raises
     ------
     StructureError
-        See `rigid_motions`.
+        If `rigid_motions` refuses the part.
     """
     fields, free = rigid_motions(structure)
     if not free:
@@ -57,33 +58,35 @@ def rigid_body_modes(structure: Structure) -> np.ndarray:
 
 SOLVERS = ("auto", "direct", "iterative")
 
-#: Degrees of freedom above which factors are stored on disk: those of compact parts and the
-#: matrices exceed 16 GB there (measured: 1.1 GB at 134 000, 15.6 GB at 1 081 000).
+#: Number of degrees of freedom above which factors are stored on disk. For compact parts above it,
+#: factors and matrices exceed 16 GB (measured: factors of 1.1 GB at 134 000 degrees of freedom,
+#: 15.6 GB at 1 081 000).
 IN_CORE_LIMIT = 700_000
 
-#: Degrees of freedom above which ``"auto"`` is iterative: the factors would need 40 GB and more.
+#: Number of degrees of freedom above which ``"auto"`` is iterative: factors would need 40 GB or
+#: more.
 DIRECT_LIMIT = 2_000_000
 
 DIRECT_OPTIONS: dict[str, object] = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "mumps",
-    # Right-hand sides that MUMPS solves at once.
+    # Number of right-hand sides that MUMPS solves at once.
     "mat_mumps_icntl_27": 64,
 }
 
 #: Options for factors on disk, which every solve reads twice.
 OUT_OF_CORE = {"mat_mumps_icntl_22": 1}
 
-#: INFOG(1) of MUMPS if there is no room on the disk.
+#: Value of MUMPS's INFOG(1) if the disk is full.
 NO_ROOM_ON_DISK = -90
 
-#: Variable with the folder of MUMPS's factors, whose default is ``/tmp``.
+#: Environment variable that sets the folder for MUMPS's factors; MUMPS's default is ``/tmp``.
 FACTORS_FOLDER = "MUMPS_OOC_TMPDIR"
 
-#: Smoothed aggregation on the rigid motions of the part, and conjugate gradients. Their tolerance
-#: is between the round-off of a smooth load (1e-9 of it at 70 000 degrees of freedom) and that of
-#: the check of the responses.
+#: Conjugate gradients, preconditioned by smoothed aggregation on the rigid motions of the part. The
+#: relative tolerance is between the round-off in the residual of a smooth load (1e-9 at 70 000
+#: degrees of freedom) and `RESIDUAL_TOLERANCE`, the limit in the check of the responses.
 ITERATIVE_OPTIONS: dict[str, object] = {
     "ksp_type": "cg",
     "ksp_rtol": 3e-9,
@@ -92,8 +95,8 @@ ITERATIVE_OPTIONS: dict[str, object] = {
     "ksp_max_it": 1000,
     "pc_type": "gamg",
     "pc_gamg_threshold": 0.02,
-    # Chebyshev and Jacobi, PETSc's default: an aggregate of one node causes zeros on the diagonal
-    # of a coarse matrix, on which Gauss-Seidel fails.
+    # Chebyshev with Jacobi, PETSc's default. Gauss-Seidel fails: an aggregate of one node causes
+    # zeros on the diagonal of a coarse matrix.
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
     # The coarse matrix is singular if the part is free.
@@ -103,12 +106,12 @@ ITERATIVE_OPTIONS: dict[str, object] = {
 
 
 def is_direct(solver: str, size: int) -> bool:
-    """Choice of factorisation (True) or iteration for a part of `size` degrees of freedom.
+    """Whether a part of `size` degrees of freedom is solved directly, not iteratively.
 
     Raises
     ------
     SettingsError
-        `solver` is none of `SOLVERS`.
+        If `solver` is not one of `SOLVERS`.
     """
     if solver not in SOLVERS:
         raise SettingsError(f"solver {solver!r} is not one of {', '.join(SOLVERS)}")
@@ -117,7 +120,7 @@ def is_direct(solver: str, size: int) -> bool:
 
 @contextmanager
 def _factors_on_disk() -> Iterator[None]:
-    """Set MUMPS's folder of factors to the scratch folder, unless the user has set it."""
+    """Set the folder for MUMPS's factors to the scratch folder, unless the user has set one."""
     is_set = FACTORS_FOLDER in os.environ
     os.environ.setdefault(FACTORS_FOLDER, scratch_folder())
     try:
@@ -128,25 +131,27 @@ def _factors_on_disk() -> Iterator[None]:
 
 
 class LinearSolver:
-    """Solves ``A x = b`` for blocks of columns.
+    """Linear solver of ``A x = b`` for several right-hand sides at once.
 
     Parameters
     ----------
     matrix
-        Symmetric positive definite matrix; with `kernel` and an iterative solver, semidefinite.
-    Whether the matrix is factorised; otherwise the solver is iterative.
-        Factorise, or iterate.
+        Symmetric positive definite matrix A; it may be semidefinite for an iterative solver with
+        `kernel`.
+    direct
+        Whether the matrix is factorised; otherwise the solver is iterative.
     near_kernel
-        Fields of nearly no energy for the multigrid hierarchy, owned rows (rows, p).
+        Fields with almost no strain energy, for the multigrid hierarchy: rows of this rank, shape
+        (owned rows, p).
     kernel
-        Whether the matrix is singular exactly on `near_kernel`.
+        Whether the null space of the matrix is the span of `near_kernel`.
     options_prefix
         Prefix of the PETSc options of the KSP.
 
     Raises
     ------
     SolverError
-        The matrix cannot be factorised, or has negative pivots.
+        If the matrix cannot be factorised or has negative pivots.
     """
 
     def __init__(
@@ -177,19 +182,19 @@ class LinearSolver:
             ) from None
         self._factor: PETSc.Mat | None = None
         if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
-            # The factors outlive the solver, and the matrix, whose memory is thus freed.
+            # Only the factors are kept: the memory of the KSP and of the matrix is freed.
             self._factor = ksp.pc.getFactorMatrix()
             destroy_with(self, self._factor)
             _check_factors(self._factor, ksp.pc.getFactorSolverType(), options_prefix)
             ksp.destroy()
 
     def solve(self, loads: np.ndarray) -> np.ndarray:
-        """Owned rows of the solutions for owned rows of the loads, (rows, k).
+        """Solve for load columns; loads and solutions have shape (owned rows, k).
 
         Raises
         ------
         SolverError
-            The iteration did not converge.
+            If the iteration does not converge, or the factors cannot be used.
         """
         result = np.zeros_like(loads, order="F")
         rhs, response = (dense_matrix(columns, self._comm) for columns in (loads, result))
@@ -204,8 +209,8 @@ class LinearSolver:
             ) from None
         except PETSc.Error as error:
             raise SolverError(
-                f"the factorised stiffness matrix cannot be solved with "
-                f"({str(error).splitlines()[-1]}): is it singular?"
+                f"the solve with the factorised stiffness matrix failed "
+                f"({str(error).splitlines()[-1]}): is the matrix singular?"
             ) from None
         for matrix in (rhs, response):
             matrix.destroy()
@@ -224,7 +229,13 @@ def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -
 
 
 def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None:
-    """Raise if MUMPS failed or found a negative pivot; other packages raise errors themselves."""
+    """Check the factors of MUMPS; other packages raise errors themselves.
+
+    Raises
+    ------
+    SolverError
+        If MUMPS failed or found negative pivots.
+    """
     if package != "mumps":
         return
     failure, detail, negative = (factor.getMumpsInfog(i) for i in (1, 2, 12))
@@ -241,18 +252,18 @@ def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None
     if negative:
         raise SolverError(
             f"the stiffness matrix has {negative} negative pivots: it is not positive "
-            "semidefinite, or more than the rigid motions store no energy"
+            "semidefinite, or it is singular for motions other than the rigid ones"
         )
 
 
 # Room for columns
 
-#: Largest number of columns that are stored in memory.
+#: Largest number of columns that `room_for_columns` keeps in memory.
 KEPT_COLUMNS = 128
 
 
 def scratch_folder() -> str:
-    """Folder of large temporary files: TMPDIR, else /var/tmp, since /tmp may be memory."""
+    """Folder for large temporary files: TMPDIR if set, else /var/tmp, as /tmp may be in memory."""
     folder = os.environ.get("TMPDIR")
     if folder:
         return folder
@@ -260,10 +271,11 @@ def scratch_folder() -> str:
 
 
 def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
-    """Column-major array (rows, count), in memory for few columns, else in a temporary file.
+    """Make a column-major array (rows, count): in memory if small, else in a temporary file.
 
-    Columns for every bore node would need as much memory as all other data of a reduction. Each
-    rank has a file, without a name, which is deleted with the array.
+    An array with a column for every bore node would need as much memory as all other data of a
+    reduction. Above `KEPT_COLUMNS` columns, each rank therefore uses a temporary file without a
+    name, which is deleted with the array.
 
     Parameters
     ----------
@@ -272,12 +284,12 @@ def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
     count
         Number of columns.
     comm
-        Ranks that share the columns.
+        Communicator of the ranks that share the columns.
 
     Raises
     ------
     SolverError
-        A rank finds no room on its disk.
+        If the file of a rank does not fit on its disk.
     """
     if count <= KEPT_COLUMNS:
         return np.empty((rows, count), order="F")
@@ -285,32 +297,32 @@ def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
     failure = ""
     file = tempfile.TemporaryFile(dir=scratch_folder())
     try:
-        os.posix_fallocate(file.fileno(), 0, size)  # a mapped file without room ends the process
+        os.posix_fallocate(file.fileno(), 0, size)  # on a full disk, a mapped file kills the run
     except OSError as error:
         failure = error.strerror or str(error)
     failures = [text for text in comm.allgather(failure) if text]
     if failures:
         raise SolverError(
-            f"{count} static responses, {1e-9 * size:.2g} GB a rank, do not fit in "
+            f"{count} static responses, {1e-9 * size:.2g} GB per rank, do not fit in "
             f"{scratch_folder()} ({failures[0]}): set TMPDIR to a larger folder"
         )
     return np.ndarray((rows, count), buffer=mmap(file.fileno(), size), order="F")
 
 
-#: Largest relative residual of a static solve, in the 2-norm of a random combination of the
-#: columns, which detects a wrong column with probability one.
+#: Largest relative residual of a static solve, in the 2-norm. The residual is evaluated for a
+#: random combination of the columns, which is wrong if any column is.
 RESIDUAL_TOLERANCE = 1e-8
 
-#: Largest response to balanced loads: mean diagonal of K times displacement over load. Slender
-#: parts have 1e8; a part with a further free motion 1e15 and more.
+#: Largest dimensionless response to balanced loads: displacement over load, times the mean diagonal
+#: of K. It is 1e8 for slender parts, and 1e15 or more for a part with a further free motion.
 COMPLIANCE_LIMIT = 1e13
 
 
 def supporting_rows(modes: np.ndarray, comm: MPI.Comm) -> np.ndarray:
-    """Global dofs of a statically determinate support: pivot rows of the rigid modes.
+    """Global numbers of dofs that support a part statically determinate.
 
-    Loads in equilibrium cause no reactions there, so that holding these dofs changes the response
-    by a rigid motion only.
+    They are the pivot rows of the rigid-body modes `modes`. Loads in equilibrium cause no reactions
+    at these dofs, so that holding them changes the response by a rigid motion only.
     """
     from scipy import linalg
 
@@ -319,41 +331,42 @@ def supporting_rows(modes: np.ndarray, comm: MPI.Comm) -> np.ndarray:
 
 
 class StaticSolver:
-    """Applies the elastic flexibility of a part: the ``G`` block of (29).
+    """Solver for the elastic static response of a part: the ``G`` block of (29).
 
-    The load is made self-equilibrated with the inertia of its rigid acceleration, the response is
-    solved for on a determinate support, and its rigid motion is removed. The result is that of the
-    saddle-point system (29) without its dense rows. A clamped part has no rigid modes, and the same
-    lines are a plain solve. An iterative solver uses the singular matrix without a support: point
-    supports slow it down.
+    The load is brought into equilibrium with the inertia forces of the rigid acceleration that it
+    causes. The response is solved for with a statically determinate support, and its rigid motion
+    is subtracted. The result is that of the saddle-point system (29), but no dense rows are
+    needed. For a clamped part, which has no rigid-body modes, this is an ordinary solve. An
+    iterative solver uses the singular matrix without a support, as supports at single nodes slow
+    the iteration down.
 
     Parameters
     ----------
     structure
-        The part.
+        Matrices and geometry of the part.
     solver
-        ``"direct"``, ``"iterative"`` or ``"auto"``, by size.
+        ``"direct"``, ``"iterative"``, or ``"auto"`` to choose by the number of dofs.
     options_prefix
         Prefix of the PETSc options of the linear solver.
     mass
-        Products with M, to be shared; None: they are set up.
+        Operator of products with M, if one exists already; None to make a new one.
     clamped
-        Global numbers of nodes that are held in addition, the same on every rank: the flexibility
-        is then that of ``K_ii`` of (21), without rigid modes.
+        Global numbers of nodes to hold, the same on every rank; None for no such nodes. With held
+        nodes the flexibility is that of ``K_ii`` of (21), without rigid-body modes.
 
     Attributes
     ----------
     rigid_modes
-        Mass-orthonormal U of (26), owned rows, shape (owned dofs, 6 or 0).
+        Mass-orthonormal rigid-body modes U of (26), rows of this rank, shape (owned dofs, 6 or 0).
     mass
         Operator of products with M.
 
     Raises
     ------
     SolverError
-        The matrix cannot be factorised.
+        If the matrix cannot be factorised.
     VerificationError
-        The part moves without energy in more ways than a rigid body.
+        If the part has a motion of nearly no strain energy that is not rigid.
     """
 
     def __init__(
@@ -396,55 +409,62 @@ class StaticSolver:
         self._check_compliance()
 
     def equilibrate(self, loads: np.ndarray) -> np.ndarray:
-        """Loads minus the inertia of the rigid acceleration they cause; zero at clamps."""
+        """Subtract from loads the inertia forces of their rigid acceleration; zero at held dofs."""
         moved = inner(self.rigid_modes, loads, self.structure.comm)
         balanced = loads - combine(self._mass_rigid, moved)
         balanced[self._clamped] = 0.0
         return balanced
 
     def admissible(self, columns: np.ndarray) -> np.ndarray:
-        """Columns made mass-orthogonal to the rigid-body modes, and zero at clamps."""
+        """Make columns mass-orthogonal to the rigid-body modes and zero at held nodes."""
         moved = inner(self._mass_rigid, columns, self.structure.comm)
         elastic = columns - combine(self.rigid_modes, moved)
         elastic[self._clamped] = 0.0
         return elastic
 
-    #: Part of the forces that causes an elastic response.
+    #: Part of given forces that deforms the part; eigensolvers use `equilibrate` under this name.
     without_reactions = equilibrate
 
     def apply(self, loads: np.ndarray) -> np.ndarray:
-        """Static response without the check of `solve`, for use inside an eigensolver."""
+        """Compute static responses as `solve` does, but without its check, for an eigensolver."""
         balanced = self.equilibrate(loads)
         balanced[self._held] = 0.0
         return self.admissible(self.linear.solve(balanced))
 
     def solve(self, loads: np.ndarray) -> np.ndarray:
-        """Static responses G of (29).
+        """Compute and check static responses to loads: G of (29) times the loads.
 
         Parameters
         ----------
         loads
-            Owned rows of the load columns, shape (owned dofs, k) [N].
+            Load columns, rows of this rank, shape (owned dofs, k) [N].
 
         Returns
         -------
         numpy.ndarray
-            Owned rows, same shape [m], mass-orthogonal to the rigid-body modes.
+            Displacements, same shape [m], mass-orthogonal to the rigid-body modes.
 
         Raises
         ------
         VerificationError
-            The residual of (29) exceeds `RESIDUAL_TOLERANCE` relative to the loads.
+            If the residual of (29), relative to the loads, exceeds `RESIDUAL_TOLERANCE`.
         """
         response = self.apply(loads)
         verify_responses(self.structure, self.equilibrate(loads), response)
         return response
 
     def _check_compliance(self) -> None:
+        """Refuse a part that has a motion of nearly no strain energy besides the rigid ones.
+
+        Raises
+        ------
+        VerificationError
+            If the dimensionless compliance exceeds `COMPLIANCE_LIMIT`.
+        """
         structure = self.structure
         first = structure.stiffness.getOwnershipRange()[0]
         rows = structure.stiffness.local_size[0]
-        # Two steps of inverse iteration find a motion without energy.
+        # Two steps of inverse iteration are enough to find a motion without energy.
         load = np.cos(0.7 * np.arange(first, first + rows) ** 2.0)[:, None]
         for _ in range(2):
             load = self.equilibrate(load)
@@ -453,7 +473,7 @@ class StaticSolver:
             compliance = norm(response, structure.comm) * mean_diagonal(structure.stiffness)
             if not compliance <= COMPLIANCE_LIMIT:
                 raise VerificationError(
-                    "the stiffness matrix has a motion of nearly no energy beyond the "
+                    "the part has a motion of nearly no strain energy besides its "
                     f"{self.rigid_modes.shape[1]} rigid ones (compliance {compliance:.1e}, limit "
                     f"{COMPLIANCE_LIMIT:.0e}): is a node or a piece of the part loose?"
                 )
@@ -461,7 +481,7 @@ class StaticSolver:
 
 
 def mean_diagonal(matrix: PETSc.Mat) -> float:
-    """Mean of the diagonal of a matrix."""
+    """Mean of a matrix's diagonal entries."""
     diagonal = matrix.getDiagonal()
     mean = diagonal.sum() / diagonal.getSize()
     diagonal.destroy()
@@ -469,16 +489,16 @@ def mean_diagonal(matrix: PETSc.Mat) -> float:
 
 
 def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndarray) -> None:
-    """Check ``K x = f`` for a random combination of the columns.
+    """Check that static responses satisfy ``K x = f``, by a random combination of the columns.
 
     Raises
     ------
     VerificationError
-        The residual exceeds `RESIDUAL_TOLERANCE`, relative to the load.
+        If the residual, relative to the combined load, exceeds `RESIDUAL_TOLERANCE`.
     """
     if not loads.shape[1]:
         return
-    # Scaled to unit size, so that small columns matter as much as large ones.
+    # Columns are scaled to unit norm, so that errors of small columns count as those of large ones.
     sizes = np.sqrt(structure.comm.allreduce(np.sum(loads**2, axis=0)))
     signs = np.random.default_rng(0).choice([-1.0, 1.0], loads.shape[1])
     weights = signs / np.where(sizes > 0, sizes, 1.0)
@@ -487,6 +507,6 @@ def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndar
     ratio = norm(defect, structure.comm) / max(norm(load, structure.comm), 1e-300)
     if not ratio <= RESIDUAL_TOLERANCE:
         raise VerificationError(
-            f"static responses leave a relative residual of {ratio:.1e}, above "
+            f"static responses have a relative residual of {ratio:.1e}, above "
             f"{RESIDUAL_TOLERANCE:.0e}: is the stiffness matrix symmetric and non-singular?"
         )
