@@ -36,13 +36,11 @@ from fenics_ehd.reduction.matrices import (
 from fenics_ehd.reduction.reductor import (
     Basis,
     Reductor,
-    bore_rows,
     gram_matrices,
-    on_bores,
     require_small,
 )
 from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.reduction.structure import Structure
+from fenics_ehd.reduction.structure import Structure, bore_rows, on_bores
 
 
 def craig_bampton(

@@ -100,7 +100,7 @@ class SmoothResponses(NamedTuple):
 def smooth_responses(solver: StaticSolver) -> SmoothResponses:
     """Responses of a mesh to the smooth pressures and unit forces; collective."""
     from fenics_ehd.reduction.matrices import inner, load_columns
-    from fenics_ehd.reduction.reductor import bore_rows
+    from fenics_ehd.reduction.structure import bore_rows
 
     part = solver.structure
     bores = solver.structure.every_bore()

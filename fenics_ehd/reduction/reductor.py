@@ -26,6 +26,11 @@ from fenics_ehd.reduction.body import (
 )
 from fenics_ehd.reduction.bore import rigid_fields, turned
 from fenics_ehd.reduction.eigenmodes import LowestModes
+from fenics_ehd.reduction.family_responses import (
+    FamilyResponses,
+    Responses,
+    missing_flexibility,
+)
 from fenics_ehd.reduction.matrices import (
     MassOperator,
     blocks,
@@ -36,8 +41,14 @@ from fenics_ehd.reduction.matrices import (
     symmetric,
     transpose_multiply,
 )
+from fenics_ehd.reduction.pressure_family import PressureFamily
 from fenics_ehd.reduction.static import StaticSolver, room_for_columns
-from fenics_ehd.reduction.structure import Structure, check_structure, rigid_motions
+from fenics_ehd.reduction.structure import (
+    Structure,
+    bore_rows,
+    check_structure,
+    rigid_motions,
+)
 
 #: Largest relative defect of the reduced matrices from their required form.
 FORM_TOLERANCE = 1e-6
@@ -67,35 +78,6 @@ class Basis:
     kinds: tuple[str, ...]
     dropped: tuple[ModeRecord, ...]
     accuracy: Mapping[str, float]
-
-
-def _owned_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Mask of the bores' nodes that this rank owns, and their local indices."""
-    local = structure.bore_nodes - structure.node_range[0]
-    mine = (local >= 0) & (local < len(structure.coordinates))
-    return mine, local[mine]
-
-
-def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
-    """Rows of part-size columns at the nodes of all bores, on every rank, shape (m, 3, n)."""
-    mine, local = _owned_nodes(structure)
-    rows = np.zeros((len(mine), 3, columns.shape[1]))
-    rows[mine] = columns[3 * local[:, None] + np.arange(3)]
-    return structure.comm.allreduce(rows, op=MPI.SUM)
-
-
-def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
-    """Part-size fields with values at the bores' nodes, shape (m, 3, n), and zero elsewhere.
-
-    Returns
-    -------
-    numpy.ndarray
-        Owned rows, shape (owned dofs, n).
-    """
-    mine, local = _owned_nodes(structure)
-    columns = np.zeros((len(structure.coordinates), 3, values.shape[2]))
-    columns[local] = values[mine]
-    return np.asfortranarray(columns.reshape(-1, values.shape[2]))
 
 
 def product(
@@ -152,21 +134,32 @@ def inertia_integrals(
 
 
 def _inventory(
-    body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
+    body: ReducedBody, dropped: Sequence[ModeRecord], measure: np.ndarray, total: float | None
 ) -> tuple[ModeRecord, ...]:
-    """Records of kept and dropped modes; shares relative to `total`, or to the sum."""
-    load = body.load_projection[ELASTIC]
+    """Records of kept and dropped modes.
+
+    Parameters
+    ----------
+    body, dropped
+        Body with the kept modes, and records of the others.
+    measure
+        Orthonormal pressures over which flexibility is measured, shape (k, r).
+    total
+        Flexibility of the part, the trace over `measure`; None: the sum over all records.
+    """
+    load = body.load_projection[ELASTIC] @ measure
     if body.frame != "clamped" and body.modes:
-        load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
+        rigid_load = body.rigid_load @ measure
+        load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, rigid_load)
     shares = np.einsum("ij,ij->i", load, np.linalg.solve(body.stiffness, load))
     kept = [
         ModeRecord(kind, float(frequency), float(share))
         for kind, frequency, share in zip(body.kinds, body.frequencies, shares, strict=True)
     ]
     if body.residual is not None:
-        kept += [
-            ModeRecord("quasi-static", np.inf, float(share)) for share in body.residual.stiffness
-        ]
+        within = np.sum((body.residual.patterns @ measure) ** 2, axis=1)
+        energies = body.residual.stiffness * within
+        kept += [ModeRecord("quasi-static", np.inf, float(share)) for share in energies]
     records = [*kept, *dropped]
     if total is None:
         total = sum(record.participation for record in records)
@@ -278,6 +271,12 @@ class Reductor:
         ``"direct"``, ``"iterative"`` or ``"auto"``, by size.
     options_prefix
         Beginning of the prefixes ``static_``, ``modes_`` and ``interior_`` of the PETSc options.
+    film_edges
+        Heights of the films' edges from the middle of a bore, by its name, see `PressureFamily`
+        [m].
+    every_pressure
+        Whether errors of M1 to M3 are estimated for every nodal pressure, one solve each, instead
+        of for the base family.
 
     Raises
     ------
@@ -292,12 +291,17 @@ class Reductor:
         attachment_directions: tuple[int, ...] = (0, 1),
         solver: str = "auto",
         options_prefix: str = "",
+        film_edges: Mapping[str, Sequence[float]] | None = None,
+        every_pressure: bool = False,
     ):
         require_class("structure", structure, Structure)
         check_structure(structure)
         self.structure = structure
         self.solver = solver
         self.options_prefix = options_prefix
+        self.film_edges = film_edges or {}
+        self._every_pressure = every_pressure
+        self._family_responses: FamilyResponses | None = None
         self._directions = attachment_directions
         self._kept: dict[str, tuple[Hashable, Any]] = {}
 
@@ -338,24 +342,37 @@ class Reductor:
         return np.column_stack(vectors or [np.zeros((self.structure.stiffness.local_size[0], 0))])
 
     @cached_property
-    def flexibility(self) -> tuple[np.ndarray, np.ndarray]:
-        """Static response of all bores to nodal pressures, ``G J`` of the whole part.
+    def family(self) -> PressureFamily:
+        """Pressures that films make, with which the bores' flexibility is measured."""
+        return PressureFamily(self.structure.bores, self.film_edges)
 
-        Returns
-        -------
-        displacement, energy : numpy.ndarray
-            Displacement of the bore nodes, shape (m, 3, k) [m/Pa]; ``J^T G J``, shape (k, k)
-            [J/Pa^2].
+    @property
+    def measure(self) -> np.ndarray:
+        """Orthonormal pressures over which flexibility is measured, shape (k, r) [Pa]."""
+        known = self._family_responses
+        if known is not None and not self._every_pressure:
+            return known.up_to(0).pressures
+        every = np.eye(self.structure.pressures)
+        return every if self._every_pressure else self.structure.comm.bcast(self.family.base)
+
+    def family_responses(self, *, keep_columns: bool = False) -> FamilyResponses:
+        """Static responses of all bores to the pressure family; collective.
+
+        Parameters
+        ----------
+        keep_columns
+            Whether part-size responses are needed.
         """
-        load = self.structure.load
-        identity = np.eye(load.size[1])
-        rows = []
-        work = []
-        for part in blocks(len(identity), load.local_size[0], self.structure.comm):
-            responses = self.static.solve(load_columns(load, identity[:, part]))
-            rows.append(bore_rows(self.structure, responses))
-            work.append(transpose_multiply(load, responses))
-        return np.concatenate(rows, axis=2), np.hstack(work)
+        known = self._family_responses
+        if known is None or (keep_columns and not known.keeps_columns):
+            known = FamilyResponses(self.static, self.family, keep_columns=keep_columns)
+            self._family_responses = known
+        return known
+
+    def measured_responses(self) -> Responses:
+        """Static responses of all bores to `measure`, or a basis of its span; collective."""
+        level = self.family.last if self._every_pressure else 0
+        return self.family_responses().up_to(level)
 
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
         """Result of `make` for a key; the last result of each name is kept."""
@@ -412,16 +429,17 @@ class Reductor:
             columns=basis.columns if keep_basis else None,
         )
         if not estimate_error:
-            return replace(body, inventory=_inventory(body, basis.dropped, None))
-        displacement, energy = self.flexibility
-        inventory = _inventory(body, basis.dropped, float(np.trace(energy)))
+            return replace(body, inventory=_inventory(body, basis.dropped, self.measure, None))
+        responses = self.measured_responses()
+        total = float(np.sum(responses.pressures * responses.work))
+        inventory = _inventory(body, basis.dropped, responses.pressures, total)
         followed = sum(record.participation for record in inventory if not record.dropped)
-        return replace(
-            body,
-            missing_flexibility=body.outward(displacement) - body.basis_flexibility(),
-            inventory=inventory,
-            accuracy={**body.accuracy, "flexibility_followed": followed},
+        body = replace(
+            body, inventory=inventory, accuracy={**body.accuracy, "flexibility_followed": followed}
         )
+        if residual is not None:
+            return body
+        return replace(body, missing_flexibility=missing_flexibility(responses, body))
 
 
 # Without modes
@@ -440,7 +458,7 @@ def rigid(
     part
         The part, free or clamped, or a `Reductor` of it.
     estimate_error
-        Also compute the neglected bore flexibility, one static solve per pressure node.
+        Also compute the neglected bore flexibility, one static solve for each pressure of the family.
     keep_basis
         Store the basis, without columns, in the body.
     """
