@@ -42,7 +42,8 @@ test-mpi: set-up  ## run the parallel tests on 2 ranks
 	@rm -f $(VENV)/rank-1.log
 	timeout $(MPI_TIME_LIMIT) mpirun -n 2 --oversubscribe sh -c ' \
 	  test "$$OMPI_COMM_WORLD_RANK" = 0 || exec > $(VENV)/rank-1.log 2>&1; \
-	  exec $(VENV)/bin/python -m pytest -m mpi -p no:cacheprovider --color=no $(ARGS)' \
+	  exec $(VENV)/bin/python -m pytest -m mpi -p no:cacheprovider --color=no \
+	    $$(grep -l mark.mpi tests/test_*.py) $(ARGS)' \
 	|| { status=$$?; cat $(VENV)/rank-1.log; exit $$status; }
 
 test-kernels: set-up  ## run the numeric tests on every BLAS kernel this processor has

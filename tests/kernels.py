@@ -54,15 +54,21 @@ def obstacle(kernel: str, environment: dict[str, str]) -> str:
     return "" if found == kernel else f"numpy's library takes {found} instead"
 
 
+def marked() -> list[str]:
+    """Files with such tests: to read all the others takes longer than many of these tests."""
+    files = sorted(Path(__file__).parent.glob("test_*.py"))
+    return [str(file) for file in files if "mark.kernels" in file.read_text()]
+
+
 def main(arguments: list[str]) -> int:
     """Test one kernel after the other; how many failed, 1 if none could be tried."""
     results = []
+    command = [sys.executable, "-m", "pytest", "-m", "kernels and not slow", *marked(), *arguments]
     for kernel in NEEDED:
         environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
         reason = obstacle(kernel, environment)
         print(f"--- {kernel}{f': skipped, {reason}' if reason else ''}", flush=True)
         if not reason:
-            command = [sys.executable, "-m", "pytest", "-m", "kernels and not slow", *arguments]
             results.append(subprocess.run(command, env=environment, check=False).returncode)
     return sum(map(bool, results)) if results else 1
 

@@ -90,6 +90,7 @@ def tight_run(tmp_path_factory):
     return folder / "run"
 
 
+@pytest.mark.slow
 def test_a_run_meets_its_accuracy_and_says_how(tight_run, capsys):
     summary = json.loads((tight_run / "summary.json").read_text())
     found = summary["accuracy"]
@@ -104,6 +105,7 @@ def test_a_run_meets_its_accuracy_and_says_how(tight_run, capsys):
     assert "largest by step size" in lines
 
 
+@pytest.mark.slow
 def test_its_scene_is_run_again_without_a_pilot(tight_run):
     scene = tomllib.loads((tight_run / "scene.toml").read_text())
     found = json.loads((tight_run / "summary.json").read_text())

@@ -14,8 +14,6 @@ import fenics_ehd as ehd
 from fenics_ehd.analysis.equilibrium import stability
 from fenics_ehd.base.plane import rotation
 
-pytestmark = pytest.mark.kernels
-
 R, C, ETA, OMEGA = 0.0225, 0.0225e-5, 0.01, 500.0
 PLAIN = ehd.BearingSettings(radius=R, clearance=C, width=2 * R, viscosity=ETA, speed=OMEGA)
 SCALE = 6 * ETA * OMEGA * (R / C) ** 2
@@ -34,6 +32,8 @@ TABLE = [
     ("A", 0.95, 6.27285, 19.5371, 16.369, 171.129, 0.00845734, 0.838368),
     ("B", 0.95, 6.28016, 19.44, 16.3664, 171.13, 0.0084475, 0.73318),
 ]
+
+LOADED = {ratio for _, ratio, *_ in TABLE}
 
 # Its linear coefficients: eccentricity ratio, Sommerfeld number, attitude [degrees],
 # k c / W and b c omega / W row by row, M c omega^2 / W at the stability threshold.
@@ -69,6 +69,7 @@ def plain(ratio):
     return ehd.solve_bearing(PLAIN, eccentricity=ratio, with_coefficients=True)
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize(
     ("mode", "ratio", "load", "attitude", "pressure", "place", "sommerfeld", "flow"), TABLE
 )
@@ -91,7 +92,12 @@ def test_table_of_rigid_bearings(
 
 
 @pytest.mark.parametrize(
-    ("ratio", "sommerfeld", "attitude", "stiffness", "damping", "mass"), COEFFICIENTS
+    ("ratio", "sommerfeld", "attitude", "stiffness", "damping", "mass"),
+    [
+        # On every kernel those of which the table has the load: they are computed together.
+        pytest.param(*row, marks=pytest.mark.kernels if row[0] in LOADED else ())
+        for row in COEFFICIENTS
+    ],
 )
 def test_table_of_coefficients(ratio, sommerfeld, attitude, stiffness, damping, mass, figure):
     result = plain(ratio)
@@ -114,6 +120,7 @@ def test_table_of_coefficients(ratio, sommerfeld, attitude, stiffness, damping, 
         assert linear.threshold == pytest.approx(np.sqrt(mass), rel=0.005)
 
 
+@pytest.mark.kernels
 def test_threshold_is_where_a_root_becomes_imaginary():
     linear = plain(0.6).coefficients
     for factor, stable in ((0.999, True), (1.001, False)):
@@ -138,6 +145,7 @@ def test_pure_cross_coupling_is_unstable_at_every_mass_without_damping_to_hold_i
     assert stability(2.0 * np.eye(2), np.eye(2)) == (None, None)
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("size", [1e-200, 1e200])
 def test_stability_of_a_tiny_or_huge_bearing_is_that_of_a_scaled_one(size):
     k, b = np.array([[2.5, 3.2], [-0.57, 2.0]]), np.array([[5.9, 2.1], [2.1, 2.7]])
@@ -145,6 +153,7 @@ def test_stability_of_a_tiny_or_huge_bearing_is_that_of_a_scaled_one(size):
     assert stability(size * k, size * b) == pytest.approx((size * mass, frequency))
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("ratio", [1e-4, 0.3, 0.9, 0.998])
 def test_load_finds_the_eccentricity_that_gave_it(ratio):
     settings = attrs.evolve(PLAIN, cells_around=40, cells_along=6)
@@ -156,6 +165,7 @@ def test_load_finds_the_eccentricity_that_gave_it(ratio):
     assert found.attitude == pytest.approx(given.attitude, abs=5e-4)
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize(
     "settings",
     [
@@ -234,6 +244,7 @@ def test_short_bearing_squeezed_without_rotation(ratio):
     assert result.sommerfeld_number == 0.0
 
 
+@pytest.mark.kernels
 def test_tilted_shaft_is_turned_back():
     result = ehd.solve_bearing(ehd.BearingSettings(tilt=(1e-4, 2e-4)), eccentricity=0.4)
     work = result.tilting_moment @ result.settings.tilt
@@ -250,6 +261,7 @@ def test_side_flow_comes_from_the_grooves():
     assert flow.side == pytest.approx(flow.supply + flow.cavities, rel=1e-9)
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize(
     ("changes", "given"),
     [
@@ -303,6 +315,7 @@ def test_extremes_that_are_refused(changes, given, message):
         ehd.solve_bearing(ehd.BearingSettings(**changes), **given)
 
 
+@pytest.mark.kernels
 def test_viscosity_that_runs_away_is_a_named_error():
     """1 / p of Barus' film is bounded: at constant viscosity, 54 MPa, it may have 50 at most."""
     with pytest.raises(ehd.errors.ViscosityError, match="viscosity runs away with the pressure"):
@@ -343,6 +356,7 @@ def test_a_bore_that_turns_entrains_as_much_oil_as_its_journal():
         np.testing.assert_allclose(found.sommerfeld_number, alone.sommerfeld_number, rtol=1e-12)
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("bore_speed", [-500.0, -500.7, -499.3])
 def test_surfaces_that_turn_against_each_other_draw_no_oil_in(bore_speed):
     """Of terms of clearance / radius a film would carry 2 kN at eccentricity 0.9965."""

@@ -59,6 +59,7 @@ def journal(tmp_path_factory):
     return scene_sensitivity(scene("loaded-journal", JOURNAL, changes), *found)
 
 
+@pytest.mark.slow
 def test_derivatives_obey_sommerfeld_scaling(journal, figure):
     # h / c and p over the load are functions of eta / (load (c / R)^2) alone: with a the derivative
     # along the viscosity those along load and clearance follow, to c / R of the journal's radius.
@@ -99,6 +100,7 @@ def test_a_simulated_mechanism_has_the_derivatives_of_its_scene(periodic):
         ehd.sensitivity(history, make, {"clearance": 0.0}, names)
 
 
+@pytest.mark.slow
 def test_a_derivative_takes_about_a_run(journal):
     assert journal.reduced == []
     assert journal.seconds["derivatives"] < 2.0 * 3 * journal.seconds["run"]

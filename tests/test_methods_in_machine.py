@@ -168,9 +168,9 @@ def test_residual_flexibility_is_the_full_interface(rod_structure):
     found, film_thickness, estimates = (
         np.array([row[name] for row in rows])
         for name in (
-            "joints/big_end/max_pressure",
-            "joints/big_end/min_film_thickness",
-            "joints/big_end/basis_error_estimate",
+            "big_end.max_pressure_Pa",
+            "big_end.min_film_thickness_m",
+            "big_end.basis_error_estimate_m",
         )
     )
     pressure = np.abs(found - expected_pressure).max() / expected_pressure.max()

@@ -76,7 +76,8 @@ def command(folder, name, every=0, scene="press.toml"):
     return ("run", folder / scene, "--no-plots", "--checkpoint-every", every, "-o", folder / name)
 
 
-@pytest.mark.parametrize("every", [0, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [0, 1000])
 def test_a_killed_run_goes_on_to_the_same_result(prepared, every):
     folder, whole = prepared / f"killed_{every}", prepared / "whole"
     resume = ("run", "--resume", folder, "--no-plots", "--checkpoint-every", every)
@@ -103,7 +104,7 @@ def steps_of(folder):
     "how",
     [
         signal.SIGINT,
-        signal.SIGTERM,
+        pytest.param(signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
         pytest.param(signal.SIGPIPE, marks=pytest.mark.slow),
     ],
@@ -201,6 +202,7 @@ def assert_ends_in_order_and_goes_on(found, folder, whole, make_room=lambda: Non
     assert_same_results(folder, whole)
 
 
+@pytest.mark.slow
 def test_a_run_whose_files_may_not_grow_ends_in_order_and_goes_on(prepared):
     """As on a disk that is full; without room for its first files it leaves nothing."""
 

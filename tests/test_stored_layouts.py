@@ -306,7 +306,11 @@ IMPOSSIBLE = [
     ("bores/bore/pressure_coordinates", moved, "m off the cylinder of radius 0.0225 m"),
     ("bores/bore/radius", lambda radius: np.float64(1.001 * radius), "off the cylinder"),
     ("bores/bore/cells", lambda cells: cells + 1, "must use each of the 110 nodes"),
-    ("bores/bore/cells", lambda cells: np.delete(cells, 15, axis=0), "a rim of 4 edges is too short for a hole"),
+    (
+        "bores/bore/cells",
+        lambda cells: np.delete(cells, 15, axis=0),
+        "a rim of 4 edges is too short for a hole",
+    ),
     ("points/pin", lambda fields: fields[:2], "/points/pin has shape (2, 12), not (3, 12)"),
 ]
 

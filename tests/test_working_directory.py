@@ -115,6 +115,7 @@ def same_figures(folders, name):
         assert one[key] == other[key], key
 
 
+@pytest.mark.slow
 def test_a_bearing_and_its_picture_are_the_same_in_every_folder(folders):
     bearing = ("bearing", "--eccentricity", "0.5", "--cells", "16x4", "--json")
     one, other = both(folders, *bearing, "--plot", "film.png")
@@ -132,6 +133,7 @@ def test_petsc_is_found_without_the_folder_s_configuration(tmp_path):
     assert Path(path, architecture).is_relative_to(path), architecture
 
 
+@pytest.mark.slow
 def test_workers_of_a_sweep_run_no_file_of_the_folder(folders):
     sweep = ("sweep", "short.toml", "--set", "clearance=17e-6,20e-6", "--workers", "1")
     both(folders, *sweep, "-o", "out", "--keep")
