@@ -9,8 +9,9 @@ step size
 film mesh
     in the same long steps, on films of half as many cells again in both directions;
 basis
-    in the same steps, with the gaps changed by the flexibility that the basis lacks, or with M4 by
-    the inertia of the residual patterns;
+    in the same steps, with the gaps changed by the flexibility that the basis lacks. M4 lacks a
+    share that is verified, if possible with the run's own pressures, and the inertia of its
+    residual patterns;
 part mesh
     the same with the flexibility that another mesh of the part adds;
 start
@@ -41,6 +42,7 @@ import attrs
 import numpy as np
 from scipy import sparse
 
+from fenics_ehd.analysis.flexibility_check import Responding, checked_errors
 from fenics_ehd.analysis.replay import (
     FINER,
     Replay,
@@ -272,15 +274,24 @@ def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
 Missing = tuple[BasisErrorEstimate, sparse.spmatrix]
 
 
-def missing_in_basis(body: FlexibleBody, binding: FilmBinding) -> Missing:
+def missing_in_basis(
+    errors: Mapping[str, float], body: FlexibleBody, binding: FilmBinding
+) -> Missing:
     """Displacement that the basis of a body lacks in the bore of a film.
+
+    Parameters
+    ----------
+    errors
+        Errors of the run's displacements by name of the body, see `checked_errors`.
+    body, binding
+        The body, and the film in one of its bores.
 
     Raises
     ------
     SettingsError
         The missing flexibility of the body is not known.
     """
-    estimate = estimate_at(body, binding.bore)
+    estimate = estimate_at(body, binding.bore, errors.get(binding.bore_body))
     bore = binding.film.bore
     if not estimate.known:
         raise SettingsError(f"{binding.name}: reduction.estimate_error is off")
@@ -448,6 +459,9 @@ class ErrorBudget:
         Newton iterations of the estimate.
     seconds
         Processor time of the estimate [s].
+    flexibility_errors
+        Relative errors of displacements under the run's own pressures by name of the body, of M4
+        if the part is at hand.
     """
 
     joints: dict[str, dict[str, Any]]
@@ -457,6 +471,7 @@ class ErrorBudget:
     left_out: dict[str, float] = field(default_factory=dict)
     iterations: int = 0
     seconds: float = 0.0
+    flexibility_errors: dict[str, float] = field(default_factory=dict)
 
     def over_time(self, start: float) -> dict[str, Any]:
         """Errors over time by joint and component, times counted from a start [s]."""
@@ -476,9 +491,12 @@ class Estimator:
     ----------
     solved
         The run.
+    parts
+        Static responses of the parts that are at hand, see `checked_errors`.
     """
 
-    def __init__(self, solved: Recorder):
+    def __init__(self, solved: Recorder, parts: Mapping[str, Responding] | None = None):
+        self._parts = parts or {}
         self._summary = RunSummary(solved)
         self._trajectory = trajectory_of(solved)
         self._run = solved.run
@@ -510,7 +528,8 @@ class Estimator:
             "film_mesh": self._change_by_films,
         }
         if any(binding.bore for binding in self._system.films):
-            estimates["basis"] = partial(self._change_by_gaps, missing_in_basis)
+            missing = partial(missing_in_basis, self._flexibility_errors)
+            estimates["basis"] = partial(self._change_by_gaps, missing)
             estimates["part_mesh"] = partial(self._change_by_gaps, missing_in_mesh)
         try:
             again = self._follow(self._long, stride=self._stride)
@@ -533,7 +552,24 @@ class Estimator:
             for i, binding in enumerate(self._system.films)
         }
         seconds = process_time() - began
-        return ErrorBudget(joints, self._curves, changes, notes, left_out, self.iterations, seconds)
+        return ErrorBudget(
+            joints,
+            self._curves,
+            changes,
+            notes,
+            left_out,
+            self.iterations,
+            seconds,
+            self._flexibility_errors,
+        )
+
+    @cached_property
+    def _flexibility_errors(self) -> dict[str, float]:
+        """Relative errors of displacements under the run's own pressures by name of the body."""
+        try:
+            return checked_errors(self._system, self._trajectory, self._parts)
+        except FAILURES:  # the verified errors of the bodies remain
+            return {}
 
     def _follow(self, trajectory: Trajectory, run: Run | None = None, **how: Any) -> Trajectory:
         """Replay of a trajectory of the run, by the run itself or another one; see `Replay`."""

@@ -241,11 +241,21 @@ class BasisErrorEstimate(Stateful):
         return field
 
 
-def estimate_at(body: FlexibleBody, bore: str) -> BasisErrorEstimate:
-    """Estimate at one of a body's bores, for pressures on all of them."""
+def estimate_at(
+    body: FlexibleBody, bore: str, flexibility_error: float | None = None
+) -> BasisErrorEstimate:
+    """Estimate at one of a body's bores, for pressures on all of them.
+
+    Parameters
+    ----------
+    body, bore
+        The body and the name of its bore.
+    flexibility_error
+        See `ReducedBody.missing_flexibility_at`.
+    """
     reduced = body.reduced
     part = reduced.at_bore(bore)
-    missing = reduced.missing_flexibility[reduced.rows_of(bore).nodes]
+    missing = reduced.missing_flexibility_at(bore, flexibility_error)
     if part.residual is None or not part.residual.mass.size:
         return BasisErrorEstimate(missing, body.damping_time)
     inertia = neglected_inertia(part, part.residual)

@@ -205,9 +205,7 @@ def missing_flexibility(responses: Responses, body: ReducedBody) -> np.ndarray:
     It is exact for the pressures of the responses, and never too large in energy for others.
     """
     displacement, work = body.pressure_responses(responses.pressures)
-    form = flexibility_form(
-        responses.pressures, responses.work - work, largest_energy(responses)
-    )
+    form = flexibility_form(responses.pressures, responses.work - work, largest_energy(responses))
     missing = body.outward(responses.displacement - displacement)
     return np.asarray(missing @ form.combinations @ form.patterns.T)
 

@@ -7,11 +7,11 @@ around it, the base family consists of
 
     (1 - zeta^2) P_n(zeta) cos m phi,   (1 - zeta^2) P_n(zeta) sin m phi,   m <= M_n,
 
-with Legendre polynomials P_n. An edge at a height within the bore adds the same functions of every
-land between edges, and a hat that is 1 at the edge and 0 at its neighbours. An edge at an end of
-the bore adds ``exp(-d / (s B / 2))`` of the distance d from this end, for two lengths s. The
-functions are evaluated at the pressure nodes, which need not form a grid. Orders M_n are cut at the
-shortest wave of the mesh, so that its highest cosine is included.
+with Legendre polynomials P_n, and the uniform pressure. An edge at a height within the bore adds
+the same functions of every land between edges, and a hat that is 1 at the edge and 0 at its
+neighbours. An edge at an end of the bore adds ``exp(-d / (s B / 2))`` of the distance d from this
+end, for two lengths s. The functions are evaluated at the pressure nodes, which need not form a
+grid. Orders M_n are cut at the shortest wave of the mesh, so that its highest cosine is included.
 
 A family has levels: each contains the columns of the level before, and the last one is every nodal
 pressure. The level that a part needs is found by pressures that are not in the family
@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +70,8 @@ class PressureFamily:
     bores
         Surfaces by name of the bore.
     edges
-        Heights of the films' edges from the middle of a bore, by its name [m].
+        Heights of the films' edges from the middle of a bore, by its name [m]; minus infinity and
+        infinity are its ends.
     """
 
     bores: Mapping[str, BoreSurface]
@@ -83,7 +85,7 @@ class PressureFamily:
     def every_edge(self, name: str) -> tuple[float, ...]:
         """Heights of a bore's edges [m], ascending: those of films and of holes in its mesh."""
         bore = self.bores[name]
-        heights = {round(float(z), 9) for z in self.edges.get(name, ())}
+        heights = set(_rounded(self.edges.get(name, ())))
         if bore.cells.size and bore.family:
             for hole in bore_holes(bore.coordinates, bore.cells, bore.family):
                 heights |= {round(hole.height + s * 0.5 * hole.diameter, 9) for s in (-1, 1)}
@@ -162,7 +164,10 @@ def _functions(bore: BoreSurface, edges: Sequence[float], level: int) -> np.ndar
     half = 0.5 * bore.width
     waves = _Waves(np.arctan2(y, x), _shortest_wave(bore))
     rows = _rows(bore)
-    columns = [waves.times(_bubbles(z / half, ORDERS[level][:rows]), ORDERS[level])]
+    columns = [
+        waves.times(np.ones((len(z), 1)), (0,)),
+        waves.times(_bubbles(z / half, ORDERS[level][:rows]), ORDERS[level]),
+    ]
     ends = [z_e for z_e in edges if abs(z_e) > half - AT_END * bore.width]
     knots = np.array([-half, *(z_e for z_e in edges if z_e not in ends), half])
     for end in ends:
@@ -173,7 +178,7 @@ def _functions(bore: BoreSurface, edges: Sequence[float], level: int) -> np.ndar
         orders = LAND_ORDERS[level]
         hats = np.column_stack([np.interp(z, knots, hat) for hat in np.eye(len(knots))[1:-1]])
         columns.append(waves.times(hats, orders[:1] * hats.shape[1]))
-        for low, high in zip(knots[:-1], knots[1:], strict=True):
+        for low, high in pairwise(knots):
             within = (2.0 * z - low - high) / (high - low)
             columns.append(waves.times(_bubbles(within, orders), orders))
     return np.hstack(columns)
@@ -233,14 +238,18 @@ def _spaced(bore: BoreSurface, length: float) -> int:
 
 def edges_text(edges: Mapping[str, Sequence[float]]) -> str:
     """Edges of films as text for the provenance of a body: ``"bore -0.0044 0.0044, pin 0.0"``."""
-    heights = {name: sorted({round(float(z), 9) for z in edges[name]}) for name in sorted(edges)}
-    each = [" ".join([name, *map(repr, values)]) for name, values in heights.items()]
-    return ", ".join(text for text, values in zip(each, heights.values(), strict=True) if values)
+    each = {name: map(repr, _rounded(edges[name])) for name in sorted(edges) if edges[name]}
+    return ", ".join(" ".join([name, *heights]) for name, heights in each.items())
+
+
+def _rounded(heights: Sequence[float]) -> list[float]:
+    """Distinct heights to a nanometre, ascending."""
+    return sorted({round(float(height), 9) for height in heights})
 
 
 def edges_of(text: str) -> dict[str, tuple[float, ...]]:
     """Edges of films from the text of a body's provenance, see `edges_text`."""
-    entries = (entry.split() for entry in text.split(",") if entry.strip())
+    entries = (entry.split() for entry in text.split(", ") if entry)
     return {name: tuple(map(float, heights)) for name, *heights in entries}
 
 
@@ -326,7 +335,7 @@ def verification_pressures(bore: BoreSurface, edges: Sequence[float]) -> np.ndar
 def _drained(z: np.ndarray, knots: Sequence[float]) -> np.ndarray:
     """Parabolas on the lands between grooves, zero at the grooves' edges and at the ends."""
     profile = np.zeros(len(z))
-    for low, high in zip(knots[:-1], knots[1:], strict=True):
+    for low, high in pairwise(knots):
         within = np.clip((2.0 * z - low - high) / (high - low), -1.0, 1.0)
         profile = np.maximum(profile, 1.0 - within**2)
     return profile
@@ -335,18 +344,19 @@ def _drained(z: np.ndarray, knots: Sequence[float]) -> np.ndarray:
 def stored_pressures(angle: np.ndarray, zeta: np.ndarray) -> np.ndarray:
     """The four pressures of `STORED` at angles [rad] and relative heights, shape (k, 4)."""
     table = _stored()
-    heights = table.shape[1] - 1
-    row = np.clip(np.abs(zeta), 0.0, 1.0) * heights
-    position = np.mod(angle / (2 * np.pi), 1.0) * table.shape[2]
-    low = np.minimum(row.astype(int), heights - 1)
-    left = position.astype(int)
-    up = row - low
-    right = position - left
-    left %= table.shape[2]
-    next_column = (left + 1) % table.shape[2]
-    lower = (1.0 - right) * table[:, low, left] + right * table[:, low, next_column]
-    upper = (1.0 - right) * table[:, low + 1, left] + right * table[:, low + 1, next_column]
-    return np.asarray(((1.0 - up) * lower + up * upper).T)
+    last = table.shape[1] - 1
+    columns = table.shape[2]
+    height = np.clip(np.abs(zeta), 0.0, 1.0) * last
+    position = np.mod(angle / (2 * np.pi), 1.0) * columns
+    row = np.minimum(height.astype(int), last - 1)
+    column = position.astype(int)
+    weights = {0: 1.0 - position + column, 1: position - column}
+    pressures = np.zeros((len(table), len(angle)))
+    for k, weight in weights.items():
+        lower = table[:, row, (column + k) % columns]
+        upper = table[:, row + 1, (column + k) % columns]
+        pressures += weight * (lower + (height - row) * (upper - lower))
+    return np.asarray(pressures.T)
 
 
 @cache

@@ -458,7 +458,7 @@ def rigid(
     part
         The part, free or clamped, or a `Reductor` of it.
     estimate_error
-        Also compute the neglected bore flexibility, one static solve for each pressure of the family.
+        Also compute the neglected bore flexibility, one static solve per pressure of the family.
     keep_basis
         Store the basis, without columns, in the body.
     """

@@ -311,9 +311,7 @@ class Remainder:
         """Residual flexibility from all pressures up to a level, without mass."""
         form = self._form(level)
         displacement = self._displacement(self.responses.up_to(level)) @ form.combinations
-        return ResidualFlexibility(
-            displacement, form.patterns.T, form.stiffness, np.zeros((0, 0))
-        )
+        return ResidualFlexibility(displacement, form.patterns.T, form.stiffness, np.zeros((0, 0)))
 
     def error(self, residual: ResidualFlexibility) -> float:
         """Largest relative error of the bores' displacement under the verification pressures."""

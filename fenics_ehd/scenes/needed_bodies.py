@@ -15,6 +15,7 @@ from pathlib import Path
 from fenics_ehd import __version__
 from fenics_ehd.multibody.history import FIELDS_NAME
 from fenics_ehd.reduction.body import FORMAT_VERSION
+from fenics_ehd.reduction.pressure_family import edges_text
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
 from fenics_ehd.scenes.scene import Scene, meshed
@@ -28,8 +29,8 @@ class NeededBody:
     ----------
     key
         Table of the scene with its settings, ``"bodies.rod"``.
-    settings, film_element
-        Settings of the part, and element of the pressures in its bore.
+    settings, film_element, film_edges
+        Settings of the part, element of the pressures in its bores, and edges of their films.
     part
         Checksum of all that the assembled structure depends on.
     name
@@ -39,6 +40,7 @@ class NeededBody:
     key: str
     settings: schema.FlexibleSettings
     film_element: str
+    film_edges: Mapping[str, tuple[float, ...]]
     part: str
     name: str
 
@@ -59,11 +61,13 @@ def _needed_body(scene: Scene, name: str) -> NeededBody:
     settings: schema.FlexibleSettings = scene.bodies[name]
     key = f"bodies.{name}"
     element = scene.film_element(name)
+    edges = scene.film_edges(name)
     part = checksum(
         structure_provenance(settings, model_file(settings, key), element)
         | {
             "version": f"{__version__} {FORMAT_VERSION}",
             "solver": settings.reduction.solver,
+            "film_edges": edges_text(edges),
         }
     )
     reduction = reduction_provenance(settings.reduction)
@@ -72,7 +76,7 @@ def _needed_body(scene: Scene, name: str) -> NeededBody:
         folder = settings.reduction.snapshots
         reduction["snapshots"] = content_of(folder) or folder
     reduction |= {"part": part, "estimate_error": str(settings.reduction.estimate_error)}
-    return NeededBody(key, settings, element, part, checksum(reduction))
+    return NeededBody(key, settings, element, edges, part, checksum(reduction))
 
 
 def checksum(values: Mapping[str, str]) -> str:

@@ -65,13 +65,19 @@ class ReductionSettings:
         ),
         "snapshots",
     )
-    residual_truncation: float = only_with(
-        number(1e-4, "relative displacement of dropped residual patterns (m4)", least=0, below=1),
+    flexibility_tolerance: float = only_with(
+        number(
+            2e-3,
+            "largest verified error of the bore's displacement under pressure, 0: every nodal "
+            "pressure is solved for (m4)",
+            least=0,
+            below=1,
+        ),
         "method",
         among=("m4",),
     )
     solver: str = choice("auto", SOLVERS, "of the static responses, by size or as named")
-    estimate_error: bool = flag(True, "also solve for the bore flexibility the basis misses")
+    estimate_error: bool = flag(True, "also solve for the bore flexibility that the basis lacks")
 
 
 def method_keys(method: str) -> tuple[str, ...]:
