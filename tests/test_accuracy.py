@@ -101,7 +101,7 @@ def test_a_run_meets_its_accuracy_and_says_how(tight_run, capsys):
     assert found["estimate"] == max(budget[quantity]["total"] for quantity in QUANTITIES)
     assert found["pilot_processor_time_s"] > 0.0
     lines = "\n".join(accuracy_lines(summary))
-    assert "accuracy, 0.5 % asked" in lines
+    assert "accuracy, 0.5 % requested" in lines
     assert "largest by step size" in lines
 
 
@@ -161,7 +161,11 @@ def judged_rod(**errors):
     """Stand-in of a slider-crank's run with some errors of its figures."""
     grid = SimpleNamespace(cells=(22, 6), family="lagrange")
     film = SimpleNamespace(film=SimpleNamespace(parameters=SimpleNamespace(grid=grid)))
-    place = SimpleNamespace(name="big_end", bore="bore", bore_body="rod", film=film)
+    surfaces = [
+        SimpleNamespace(body=body, surface=SimpleNamespace(elastic=body == "rod"))
+        for body in ("rod", "crank")
+    ]
+    place = SimpleNamespace(name="big_end", surfaces=surfaces, film=film)
     budget = dict.fromkeys(COMPONENTS, 1e-4) | errors
     budget = {"known": sum(budget.values())} | budget
     budget["between_nodes"] = 0.5 * budget["film_mesh"]

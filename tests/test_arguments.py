@@ -79,7 +79,7 @@ VALUES = [
     (lambda: parameters(clearance=NAN), "clearance = nan must be a finite number"),
     (lambda: ehd.Film(parameters(), tolerance=NAN), "tolerance = nan must be a finite number"),
     (lambda: ehd.Shape(barrel=1e-6, half_width=NAN), "half_width = nan must be a finite number"),
-    (lambda: ehd.ShapeTable([0, 1, 2, 3], [0], [[1], [2]]), r"deviations of shape \(2, 1\) for 4"),
+    (lambda: ehd.ShapeTable([0, 1, 2, 3], [0], [[1], [2]]), r"shape \(2, 1\), not \(4, 1\)"),
     (lambda: ehd.ShaftMotion((NAN, 0), 1.0), "eccentricity = .* must be two finite numbers"),
     (lambda: ehd.Lubricant(0.01, temperature=NAN), "temperature = nan must be a finite number"),
     (lambda: ehd.AxialGroove(NAN, 0.1), "angle of a groove = nan must be a finite number"),
@@ -189,7 +189,7 @@ def test_totals_that_a_part_hardly_has_are_notices():
     assert unusual_totals({"rod": part(), "other": like, "ground": ehd.ground()}) == []
     far, heavy = unusual_totals({"rod": part(centre=(5.0, 0.0), inertia=1e9)})
     assert far.startswith("bodies.rod.centre = [5.0, 0.0] m is 4.93 m from the centre of mass of")
-    assert "is a radius of gyration of 3.21e+04 m, the part has 0.0641 m" in heavy
+    assert "radius of gyration of 3.21e+04 m, that of the part is 0.0641 m" in heavy
     crank = ehd.RigidBody(1.0, 1e-3, {"pin": (0.048, 0.0)})
     assert unusual_totals({"crank": crank}) == []
     off = ehd.RigidBody(1.0, 1e3, {"pin": (0.048, 0.0)}, (5.0, 0.0))

@@ -202,6 +202,7 @@ def test_unbalance_response_of_a_jeffcott_rotor(ratio, damping, figure):
     assert y == pytest.approx(-1j * expected, rel=2e-6)
 
 
+@pytest.mark.slow
 def test_unbalance_whirl_in_time(figure):
     ratio, damping = 1.4, 0.05
     body, critical, speed, amplitude = jeffcott(ratio, damping)

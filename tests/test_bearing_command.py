@@ -111,6 +111,7 @@ def test_table_and_picture(call, tmp_path):
     assert path.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_pictures_without_a_film(call, tmp_path):
     for number, arguments in enumerate((["--speed", 0], ["--line-at-max-film"])):
         path = tmp_path / f"{number}.svg"

@@ -72,7 +72,7 @@ def test_force_and_gap_are_conjugate(rod_body, mesh, tilting):
     film = film_in(rod_body, *mesh)
     joint = JointFilm(
         ehd.LubricatedJoint("shaft", "rod.bore", film),
-        partial(ElasticBore, rod_body),
+        partial(ElasticBore, rod_body, "bore"),
         tilting=tilting,
     )
     random = np.random.default_rng(0)

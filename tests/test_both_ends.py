@@ -17,7 +17,7 @@ from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.static_correction import BoreResponses
-from fenics_ehd.multibody.trust import bore_loads
+from fenics_ehd.multibody.trust import surface_loads
 from fenics_ehd.plotting.animated_bodies import shape_of_bores
 from fenics_ehd.reduction.fixed_interface_modes import two_step_craig_bampton
 from fenics_ehd.results.motion import RecordedMotion
@@ -239,7 +239,7 @@ def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both():
     for estimate in estimates:
         assert 0.0 < estimate < np.abs(missing).sum(axis=1).max() * largest
     pressures = [film.pressure for film in step.solution.films]
-    loads = bore_loads(run.equations.system, pressures)["rod"]
+    loads = surface_loads(run.equations.system, pressures, step.x)["rod"]
     assert len(loads) == missing.shape[1]
     for place, film in zip(run.equations.system.films, step.solution.films, strict=True):
         own = loads[body_of("m3").rows_of(place.bore).pressures]

@@ -230,7 +230,13 @@ OTHER_NUMPY = {
 }
 
 
-@pytest.mark.parametrize("text", OTHER_NUMPY)
+@pytest.mark.parametrize(
+    "text",
+    [
+        text if "import" in text else pytest.param(text, marks=pytest.mark.slow)
+        for text in OTHER_NUMPY
+    ],
+)
 def test_a_numpy_that_does_not_work_is_explained(text, tmp_path):
     place = tmp_path / "numpy" / "__init__.py"
     place.parent.mkdir()
@@ -277,7 +283,7 @@ def test_a_python_without_debians_packages_is_told_what_to_install(command, tmp_
     assert f"lacks Debian's packages {packages}: install them" in line
 
 
-@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", [pytest.param(">&-", marks=pytest.mark.slow), "<&- >&- 2>&-"])
 def test_streams_that_are_closed_take_no_file(closed, tmp_path):
     scene = write_scene(tmp_path / "s.toml", "slider-crank-paper", START)
     options = ["--no-plots", "--no-error-budget", "-o", "out"]
@@ -294,13 +300,13 @@ def test_too_little_memory_is_one_line(most):
     command = f"ulimit -v {most}; exec {' '.join(COMMAND)} bearing --eccentricity 0.5"
     found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=30)
     assert found.returncode == 1
-    assert found.stderr.startswith("fenics-ehd: EhdError: less than 768 MB of address space left")
+    assert found.stderr.startswith("fenics-ehd: EhdError: less than 768 MB of address space")
     assert found.stderr.count("\n") == 1
 
 
 def test_no_figure_that_is_not_finite_is_printed(capsys):
     found = {"joint": {"peak_Pa": float("nan"), "film_m": 1e-6, "flows": [float("inf")]}}
-    with pytest.raises(ehd.errors.VerificationError, match="flows, peak_Pa: no finite number, in"):
+    with pytest.raises(ehd.errors.VerificationError, match="flows, peak_Pa: not a finite number"):
         answer(found, "  peak        nan MPa\n  film 1 um", as_json=False)
     with pytest.raises(ehd.errors.VerificationError, match="in: at 3 ms, -inf % of it"):
         answer(found, "film 1 um\n  at 3 ms, -inf % of it", as_json=False)
@@ -324,7 +330,7 @@ def test_info_names_the_package_and_its_models(capfd):
 def test_an_installation_tests_itself(monkeypatch, capsys):
     status, printed, _ = exit_of(capsys, "check")
     assert status == 0
-    assert printed.endswith("all is well\n")
+    assert printed.endswith("all checks passed\n")
     assert "attitude angle 51.9" in printed
     # And reports it if it does not work.
     monkeypatch.setitem(check.CHECKS, "film", lambda _: check._within(50.0, 51.98, 0.1, "{:.2f}"))

@@ -73,6 +73,7 @@ def test_orphans_are_removed_and_compiled_forms_need_no_lock(tmp_path):
     assert os.listdir(tmp_path / "fenics") == ["fenics_ehd"]
 
 
+@pytest.mark.slow
 def test_a_held_lock_stops_no_run_of_compiled_forms():
     arguments = ("bearing", "--eccentricity", "0.5", "--cells", "16x4", "--json")
     first = program(*arguments)

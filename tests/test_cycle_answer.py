@@ -60,7 +60,7 @@ def at_rest(load, *, turned=0.0):
     return ehd.simulate(machine, 6 * TURN, tolerance=1e-3)
 
 
-@pytest.mark.parametrize("turned", [0.0, 0.8])
+@pytest.mark.parametrize("turned", [pytest.param(0.0, marks=pytest.mark.slow), 0.8])
 def test_journal_at_rest_lies_where_its_bearing_says(turned, figure):
     settings = ehd.BearingSettings(
         radius=R, width=2 * R, clearance=C, viscosity=ETA, speed=OMEGA, cells_along=8
@@ -134,6 +134,7 @@ def test_run_without_a_full_cycle_is_told_whole():
     assert found["cycle_max_pressure_Pa"] == found["max_pressure_Pa"]
 
 
+@pytest.mark.slow
 def test_search_tells_its_last_cycle_from_its_own_zero():
     mechanism, period = journal(make_film((16, 3)), ellipse(0.2, 0.5, 2), 2 * TURN)
     result = ehd.simulate(mechanism, period=period, tolerance=1e-2, periodicity=1e-2)

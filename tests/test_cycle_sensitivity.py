@@ -186,9 +186,9 @@ def test_an_initial_value_problem_starts_from_the_derivative_of_its_start():
     [
         ("clearence", "did you mean joints.bearing.clearance"),
         ("bearing.cells", "not a continuous parameter"),
-        ("barus", "0.0 means that the setting is off"),
+        ("barus", "0.0 means that the setting is not used"),
         ("time.tolerance", "is a setting of the run"),
-        ("journal.position", "is a pair: ask along bodies.journal.position.x"),
+        ("journal.position", "is a pair: give bodies.journal.position.x"),
         ("bearing.lubricant", "not a continuous parameter"),
     ],
 )
@@ -221,7 +221,7 @@ def test_a_number_that_breaks_the_period_is_refused_before_the_run(key, off, tmp
 def test_a_temperature_in_celsius_has_no_elasticity():
     once = {"time.periodic": False, "time.revolutions": 0.02, "time.tolerance": 1e-2}
     oil = {"lubricants.oil": {"grade": "ISO VG 46", "temperature": 60.0}}
-    with pytest.raises(ehd.errors.SensitivityError, match=r"= -273\.15 means .* not given"):
+    with pytest.raises(ehd.errors.SensitivityError, match=r"= -273\.15 means .* not used"):
         parameter_path(scene("loaded-journal"), "lubricants.oil.temperature")
     found = scene_sensitivity(
         scene("loaded-journal", JOURNAL, once, oil), ["max_pressure"], ["oil.temperature"]

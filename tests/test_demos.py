@@ -25,6 +25,7 @@ def test_every_demo_is_tested():
     assert {path.stem for path in DEMOS.glob("*.py")} == tested
 
 
+@pytest.mark.slow
 def test_slider_crank_builds_up_its_film():
     result = demo("slider_crank").main(revolutions=0.05)
     # The inertia of the rod's end against the crank: 38 MPa after a twentieth of a revolution.

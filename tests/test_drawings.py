@@ -140,6 +140,7 @@ def test_closed_surfaces_are_sewn_and_open_ones_refused(tmp_path):
         read_drawing(drawn(tmp_path / "open.step", bored_plate))
 
 
+@pytest.mark.slow
 def test_faces_of_one_plane_are_merged(tmp_path):
     file = drawn(tmp_path / "rod.step", rod(), unify=False)
     drawing = read_drawing(file)
@@ -189,7 +190,7 @@ def test_long_lists_are_grouped_and_no_mesh_is_made(tmp_path, monkeypatch):
     assert rows[2][:5] == ["1-32", "bore", "2.0000", "5.000", "360"]
     assert rows[2][-2:] == ["32", "faces"]
     assert len(rows) < 12
-    assert "198 faces, those of equal size in one row: --json lists each" in done.stdout
+    assert "198 faces, faces of equal size in one row: --json lists every face" in done.stdout
     faces = json.loads(listed(file, "--json").stdout)["faces"]
     assert [face["number"] for face in faces] == list(range(1, 199))
     assert {face["arc_degrees"] for face in faces[:32]} == {360.0}
@@ -268,6 +269,7 @@ def refusing(monkeypatch, count):
     return cells
 
 
+@pytest.mark.slow
 def test_cells_inside_out_make_them_finer(monkeypatch):
     ring = read_drawing(RING)
     # Each size is judged again after nodes were moved.
@@ -285,6 +287,7 @@ def test_cells_inside_out_make_them_finer(monkeypatch):
     assert len(cells) == 2 * len(TRIED_SIZES)
 
 
+@pytest.mark.slow
 def test_size_that_passed_is_printed(monkeypatch, tmp_path):
     def here(drawing, sizes):
         return drawing_module._mesh(drawing.path, drawing.shape, drawing.scale, sizes)
@@ -295,7 +298,7 @@ def test_size_that_passed_is_printed(monkeypatch, tmp_path):
     done = listed(*call, "--json")
     figures, warning = done.stdout, done.stderr if done.stderr_bytes is not None else done.output
     assert '"cells_around": 20.0' in figures
-    assert "has 20 cells around its bores: with 16, cells were turned inside out" in warning
+    assert "has 20 cells around its bores: with 16 cells, some were inside out" in warning
 
 
 def test_size_of_cells_is_that_of_the_nearest_cylinder():

@@ -232,7 +232,7 @@ def test_a_course_of_one_step_has_no_rates(course):
     with pytest.raises(
         ehd.errors.SettingsError, match="one step is too short for an estimate: raise time"
     ):
-        missing_gaps(course.base.equations, one, None, periodic=False)
+        missing_gaps(course.base.equations, one, "basis", periodic=False)
 
 
 @pytest.mark.parametrize(

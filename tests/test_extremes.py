@@ -116,6 +116,7 @@ def test_a_thin_film_of_a_large_clearance_is_no_touch():
         films(smallest_film=0.011)
 
 
+@pytest.mark.slow
 def test_few_patterns_without_damping_start_a_film(monkeypatch):
     """Full updates lead from one active set to another and back there, from 1e-8 s down."""
     few = {f"{REDUCTION}.residual_truncation": 0.1, "bodies.rod.damping_time": 0.0}

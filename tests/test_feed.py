@@ -161,12 +161,12 @@ def test_no_pressure_gives_no_oil():
 @pytest.mark.parametrize(
     ("feed", "message"),
     [
-        (lambda: ehd.HoleSupply(diameter=2 * R), "must leave land at both sides"),
-        (lambda: ehd.HoleSupply(height=0.9 * R, diameter=0.5 * R), "must leave land at both sides"),
+        (lambda: ehd.HoleSupply(diameter=2 * R), "land remains at both sides"),
+        (lambda: ehd.HoleSupply(height=0.9 * R, diameter=0.5 * R), "land remains at both sides"),
         (lambda: ehd.HoleSupply(diameter=0.1 * R), r"use cells = \[63, 20\] or more"),
-        (lambda: ehd.HoleSupply(diameter=1.8 * R), r"a land of 2.25 mm, less than"),
-        (lambda: evolve(GROOVE, extent=3, width=R), "less than a film cell's"),
-        (lambda: evolve(GROOVE, extent=358, width=R), "less than a film cell's"),
+        (lambda: ehd.HoleSupply(diameter=1.8 * R), r"a land of 2.25 mm, below"),
+        (lambda: evolve(GROOVE, extent=3, width=R), "below the cell size of"),
+        (lambda: evolve(GROOVE, extent=358, width=R), "below the cell size of"),
         (lambda: evolve(HOLE, pressure=-1), "pressure = -1.0 must be at least 0"),
         (lambda: evolve(HOLE, resistance=-1), "resistance = -1.0 must be at least 0"),
     ],
@@ -177,7 +177,7 @@ def test_what_no_bearing_or_mesh_can_hold_is_refused(feed, message):
 
 
 def test_two_supplies_have_two_names():
-    with pytest.raises(ehd.errors.SettingsError, match="two supplies of one name, 'a', 'a'"):
+    with pytest.raises(ehd.errors.SettingsError, match="supplies have the names 'a', 'a'"):
         make_film((40, 10), feeds=(HOLE, evolve(GROOVE, name="a")))
 
 

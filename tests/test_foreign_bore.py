@@ -244,8 +244,8 @@ def straight(nodes, faces):
         (lambda n, f: (n, f.astype(float)), "type float64"),
         (lambda n, f: (n, f[:, [0, 0, 1, 2, 3, 4, 5, 6]]), "face 0 has a node twice"),
         (lambda n, f: (n, f[:, [4, 5, 6, 7, 0, 1, 2, 3]]), "face 0 .* is folded .*come first"),
-        (lambda n, f: (n, f[:, :7]), r"faces of shape \(36, 7\), serendipity needs \(faces, 8\)"),
-        (lambda n, f: (n, f[:0]), r"faces of shape \(0, 8\)"),
+        (lambda n, f: (n, f[:, :7]), r"faces have shape \(36, 7\), but serendipity needs"),
+        (lambda n, f: (n, f[:0]), r"faces have shape \(0, 8\)"),
         (lambda n, f: (n[:, :2], f), r"nodes have shape \(\d+, 2\)"),
     ],
 )

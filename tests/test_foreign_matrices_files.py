@@ -214,16 +214,16 @@ GOOD = {
         ("m.sti", "1 1 2.0\n1 2\n", r"m\.sti: "),
         ("m.sti", "1 1 x\n", r"m\.sti: .*could not convert"),
         ("m.sti", "1 1 2.0\n1 2 nan\n", "m.sti, entry 2: a number is not finite"),
-        ("m.sti", "1 1.5 2.0\n", "m.sti, entry 1: .* are no numbers of"),
-        ("m.sti", "1 4 2.0\n", "m.sti has row 4, there are 3"),
-        ("m.sti", "0 1 2.0\n", "m.sti has node or row 0, the first is 1"),
-        ("m.sti", "1 1\n", "rows of 2 numbers, they must have 3"),
-        ("m.mas", "1 1 1.0\n1 1 1.0\n", "m.mas: the entry of row 1, column 1 is there twice"),
-        ("m.mas", "1 1 1.0\n1 2 .5\n2 1 .5\n2 3 .5\n", "row 2, column 3, but not its mirror"),
+        ("m.sti", "1 1.5 2.0\n", "m.sti, entry 1: .* must be whole numbers of"),
+        ("m.sti", "1 4 2.0\n", "m.sti has row 4, but there are 3 rows"),
+        ("m.sti", "0 1 2.0\n", "m.sti has the node or row 0, but numbers begin at 1"),
+        ("m.sti", "1 1\n", "lines of 2 numbers, not 3"),
+        ("m.mas", "1 1 1.0\n1 1 1.0\n", "m.mas has the entry of row 1, column 1 more than once"),
+        ("m.mas", "1 1 1.0\n1 2 .5\n2 1 .5\n2 3 .5\n", "row 2, column 3 without its mirror"),
         ("m.dof", "7.1\n7\n7.3\n", r"m\.dof: .*columns changed"),
         ("m.dof", "", "m.dof is empty"),
         ("m.dof", "7.1\n7.2\n7.4\n", "node 7 has degree of freedom 4: only displacements"),
-        ("m.dof", "7.1\n7.2\n7.2\n", "a node's direction has two rows"),
+        ("m.dof", "7.1\n7.2\n7.2\n", "a degree of freedom of a node has two rows"),
     ],
 )
 def test_files_of_calculix_that_do_not_fit_are_named(tmp_path, file, text, message):
@@ -238,11 +238,15 @@ def test_files_of_calculix_that_do_not_fit_are_named(tmp_path, file, text, messa
     ("stiffness", "numbers", "message"),
     [
         ("1,1, 1,1, 2.0\n", [2], "node 1 is not in .numbers."),
-        ("1,1, 1,1, 2.0\n", [1, 1], "the number of every node once"),
-        ("1,1, 1,1, 2.0\n", [1.0], "as whole numbers"),
-        ("-1,1, -1,1, 2.0\n", None, "has node or row -1, the first is 1: internal nodes"),
+        ("1,1, 1,1, 2.0\n", [1, 1], "the whole number of every node once"),
+        ("1,1, 1,1, 2.0\n", [1.0], "the whole number of every node"),
+        (
+            "-1,1, -1,1, 2.0\n",
+            None,
+            "has the node or row -1, but numbers begin at 1: internal",
+        ),
         ("1,6, 1,6, 2.0\n", None, "node 1 has degree of freedom 6"),
-        ("1 1 2.0\n", None, "rows of 3 and 5 numbers; write both"),
+        ("1 1 2.0\n", None, "lines of 3 and 5 numbers: write both"),
         ("*MATRIX, TYPE=STIFFNESS\n1,1\n", None, "STIF"),
     ],
 )
@@ -274,7 +278,7 @@ def test_mass_of_tetrahedra_is_that_of_rigid_motions_and_refuses_folded_cells():
     assert x @ mass @ x == pytest.approx(y @ mass @ y, rel=1e-3)
     with pytest.raises(ehd.errors.StructureError, match=r"cell 0 .* is folded"):
         tetrahedron_mass(solid.points, solid.cells[:, [4, 1, 2, 3, 0, *range(5, 10)]], 1.0)
-    with pytest.raises(ehd.errors.StructureError, match=r"cells of shape \(144, 4\)"):
+    with pytest.raises(ehd.errors.StructureError, match=r"cells have shape \(144, 4\)"):
         tetrahedron_mass(solid.points, solid.cells[:, :4], 1.0)
-    with pytest.raises(ehd.errors.StructureError, match="cells name nodes 0 to"):
+    with pytest.raises(ehd.errors.StructureError, match="cells refer to nodes 0 to"):
         tetrahedron_mass(solid.points[:-1], solid.cells, 1.0)

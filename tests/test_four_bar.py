@@ -110,6 +110,7 @@ def ideal_energy(time, step=1e-6):
 # --- Under a drive
 
 
+@pytest.mark.slow
 def test_energy_of_a_four_bar_without_a_film_converges_with_the_step(figure):
     """Over whole turns nothing is lost and nothing stays: the drive's work is the kinetic energy's.
 

@@ -143,7 +143,7 @@ def test_an_oil_of_one_viscosity_has_no_balance():
 def test_heat_that_cannot_leave_is_told():
     # Wide and lightly loaded: hardly any oil leaves.
     film = oil_film(width=0.3)
-    with pytest.raises(ehd.errors.HeatError, match=r"bearing\.heat: the heat cannot leave: .* W"):
+    with pytest.raises(ehd.errors.HeatError, match=r"bearing\.heat: the oil cannot carry away"):
         periodic_run(
             journal(film, load=30.0, heat=ehd.Heat(supply_temperature=SUPPLY)), tolerance=1e-3
         )

@@ -118,5 +118,5 @@ def test_turning_both_bodies_and_the_frame_leaves_the_pressure():
 
 
 def test_shaft_far_off_is_refused():
-    with pytest.raises(ehd.errors.SettingsError, match="outside the shaft's radius"):
+    with pytest.raises(ehd.errors.SettingsError, match="less than the shaft's radius"):
         ehd.shaft_gap(POINTS, R, C, motion(np.array([2 * R / C, 0, 0, 0])))

@@ -11,10 +11,10 @@ from snapshot_cases import reduce_by
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
+from fenics_ehd.multibody.elastic_bore import neglected_inertia
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.trust import neglected_inertia
 from fenics_ehd.reduction.bore import rigid_fields
 from fenics_ehd.reduction.fixed_interface_modes import centre_constraints, two_step_craig_bampton
 from fenics_ehd.reduction.matrices import MassOperator
@@ -146,7 +146,7 @@ def test_snapshots_of_a_run_are_a_pressure_set(rod_structure, tmp_path):
     other = ehd.Film(replace(joint.film.parameters, grid=cells))
     joints = {**mechanism.joints, "big_end": replace(joint, film=other)}
     recorded(replace(mechanism, joints=joints), 1e-7, tmp_path / "other")
-    with pytest.raises(ehd.errors.SettingsError, match="168 film nodes are not the 440 pressure"):
+    with pytest.raises(ehd.errors.SettingsError, match="168 film nodes are not at the 440"):
         reduce_structure(rod_structure, attrs.evolve(reduction, snapshots=str(tmp_path / "other")))
 
 

@@ -60,7 +60,7 @@ def test_motorcycle_runs_from_an_empty_folder(folder, capfd):
     assert history["rod.x_m"][-1] == pytest.approx(0.0275 * np.cos(np.radians(36)), abs=25e-6)
     status, _, errors = exit_of(capfd, "run", "motorcycle.toml", "--multiplier", "-o", "again")
     assert status == 2
-    assert "--multiplier: scene motorcycle is no periodic solution" in errors
+    assert "--multiplier: scene motorcycle has no periodic solution" in errors
 
 
 @pytest.mark.slow

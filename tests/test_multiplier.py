@@ -47,7 +47,7 @@ def test_mass_on_a_spring_keeps_what_its_damper_leaves(figure):
     figure("periodic solutions", "multiplier of a mass on spring and damper", error, most=2e-3)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.9])
+@pytest.mark.parametrize("share", [0.3, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_rotor_in_its_bearing_keeps_what_its_coefficients_say(share, figure):
     """A rigid rotor under its weight: roots of the linear machine over a turn."""
     load = 0.15 * UNIT_LOAD

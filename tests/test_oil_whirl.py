@@ -82,7 +82,7 @@ def threshold(light, heavy):
     return 0.95 - 0.1 * light.real / (heavy.real - light.real)
 
 
-@pytest.mark.parametrize("ratio", [0.3, 0.6])
+@pytest.mark.parametrize("ratio", [pytest.param(0.3, marks=pytest.mark.slow), 0.6])
 def test_onset_of_oil_whirl(ratio, figure):
     # Masses 5 % below and above the table's threshold, at its speed and load.
     bearing = Bearing(ratio)

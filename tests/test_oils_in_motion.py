@@ -137,11 +137,12 @@ def test_a_step_that_fails_with_thick_oil_says_so():
         )
 
 
+@pytest.mark.slow
 def test_pressures_that_are_the_mesh_s_own_are_not_trusted():
     # 6 times the load of eccentricity 0.6 is beyond what the oil can bear; so coarse a mesh does.
     _, tracker = stages(OILS["Barus"], 6.0)
     assert RunSummary(tracker).steepest_thickening(*tracker.system.films) > 1e3
-    assert verdict(RunSummary(tracker)).startswith("untrustworthy: the oil in bearing thickens")
+    assert verdict(RunSummary(tracker)).startswith("untrustworthy: the viscosity in bearing varies")
     _, tracker = stages(OILS["Barus"], 3.0)
     assert 1.0 < RunSummary(tracker).steepest_thickening(*tracker.system.films) < 10.0
     assert verdict(RunSummary(tracker)) == "complete"

@@ -84,6 +84,7 @@ def test_parts_of_a_folder_are_no_folder_for_a_run(maker, workplace, capfd):
             assert contents(workplace / "there") == before
 
 
+@pytest.mark.slow
 def test_a_manifest_says_which_command_made_its_folder(workplace, capfd):
     assert exit_of(capfd, *OWNERS["run"], "out")[0] == 0
     lines = (workplace / "out" / "manifest.txt").read_text().splitlines()

@@ -230,6 +230,7 @@ def test_mesh_with_an_oil_hole_yields_as_its_drawing(parts, tmp_path, figure):
     )
 
 
+@pytest.mark.slow
 def test_cells_cut_in_eight_are_the_same_solid(parts):
     for name in ("rod.inp", "turned.msh"):
         part = opened(parts / name, "mm")
@@ -279,9 +280,9 @@ WRITTEN = ("rod.step", "--bore", "1", "-o", "x.msh")
         (["rod.step", "--bore", "99", "-o", "x.msh"], "known are 1 to 8"),
         (["rod.step", "--bore", "big", "-o", "x.msh"], "or its radius with a unit: 22.5mm"),
         (["rod.step", "--bore", "1", "--point", "1", "-o", "x.msh"], "face 1 is given twice"),
-        (["rod.step", "--bore", "1", "--bore", "2", "-o", "x.msh"], "'bore' is named twice"),
+        (["rod.step", "--bore", "1", "--bore", "2", "-o", "x.msh"], "'bore' names two faces"),
         (["rod.step", "--bore", "1", "-o", "x.stl"], "must end with .msh"),
-        (["rod.step", "--bore", "1", "-o", "none/x.msh"], "there is no folder none"),
+        (["rod.step", "--bore", "1", "-o", "none/x.msh"], "folder none does not exist"),
         (["turned.msh", "--unit", "mm", "--bore", "1", "-o", "turned.msh"], "an input file"),
         ([*WRITTEN, "--density", "-5"], "density = -5.0 must be at least 100"),
         ([*WRITTEN, "--youngs-modulus", "nan"], "youngs_modulus = nan must be a finite number"),

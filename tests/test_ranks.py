@@ -102,6 +102,7 @@ def test_a_rank_with_another_command_ends_all_with_one_line(other, folder):
     assert not (folder / "x.h5").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", ["1", "2"])
 def test_an_own_model_is_meshed_in_a_process_that_is_no_rank(ranks, folder):
     (folder / "own.geo").write_text(ehd.model_path("conrod").read_text())
@@ -150,7 +151,7 @@ def test_what_one_rank_or_all_cannot_do(line, expected, messages, folder):
     ("arguments", "expected", "message"),
     [
         ("run absent.toml", 2, "scene file absent.toml: No such file or directory"),
-        ("run", 2, "Error: give a SCENE to run or --resume DIR, one of them"),
+        ("run", 2, "Error: give either SCENE, to start a run, or --resume DIR, to continue one"),
     ],
 )
 def test_error_of_all_ranks_is_said_once_and_aborts_nothing(arguments, expected, message, folder):

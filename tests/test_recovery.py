@@ -205,15 +205,15 @@ def test_equivalent_stress_is_that_of_the_deviator(stress):
 def test_what_does_not_fit_is_refused(basis_file, rod_structure, columns, tmp_path):
     with (
         BasisFile(basis_file) as basis,
-        pytest.raises(ehd.errors.SettingsError, match=r"shape \(39,\) for the 40 modes"),
+        pytest.raises(ehd.errors.SettingsError, match=r"shape \(39,\), but the basis has 40 modes"),
     ):
         basis.displacement(np.zeros(39))
     for wrong in (columns[:-3], columns[:, 0]):
-        with pytest.raises(ehd.errors.SettingsError, match="on a rank with"):
+        with pytest.raises(ehd.errors.SettingsError, match="on a rank: one row"):
             save_basis(tmp_path / "rod.h5", rod_structure, wrong)
     save_basis(tmp_path / "rod.h5", rod_structure, columns, stress=False)
     with BasisFile(tmp_path / "rod.h5") as basis:
-        with pytest.raises(ehd.errors.BodyFileError, match="holds no stresses"):
+        with pytest.raises(ehd.errors.BodyFileError, match="has no stresses"):
             basis.stress(np.zeros(40))
 
 

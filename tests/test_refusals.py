@@ -85,8 +85,8 @@ def test_an_eccentricity_is_refused_alike():
     beyond = (0.9 * 17e-6, 0.9 * 17e-6)
     message = refused(ehd.LubricatedJoint, "journal", "ground", film(), eccentricity=beyond)
     assert message == (
-        "eccentricity = 1.27 of the clearance must be below 1: the journal lies on the bore or "
-        "beyond"
+        "eccentricity = 1.27 of the clearance must be below 1: the journal would touch or "
+        "penetrate the bore"
     )
     names = {"journal": "journal", "bore": "ground", "eccentricity": [0.9, 0.9]}
     assert refused(scene_of, scene(film=names), "scene") == f"joints.film.{message}"

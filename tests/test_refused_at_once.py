@@ -45,7 +45,8 @@ def scene(tmp_path):
     return write
 
 
-EMPTY = "is followed by nothing: is a shell variable empty?"
+NEITHER = "give either SCENE, to start a run, or --resume DIR, to continue one"
+EMPTY = "is followed by an empty value: is a shell variable empty?"
 NO_PLACE = "pipe is neither a file nor a folder"
 
 #: Commands in a folder with texts, a pipe, an HDF5 file and folders.
@@ -59,8 +60,8 @@ COMMANDS = [
     ("run slider-crank --body a.h5 --method m3", "--body"),
     ("run --resume nosuch", "nosuch: no checkpoint to go on from, no such folder"),
     ("run --resume junk", "junk: no checkpoint to go on from, it has no history.h5"),
-    ("run --resume junk slider-crank", "give a SCENE to run or --resume DIR, one of them"),
-    ("run", "give a SCENE to run or --resume DIR, one of them"),
+    ("run --resume junk slider-crank", NEITHER),
+    ("run", NEITHER),
     ("run --resume broken", "history.h5"),
     ("plot junk", "junk: not a results folder, it has no history.h5"),
     ("plot nosuch", "nosuch: no such folder"),
@@ -82,20 +83,20 @@ COMMANDS = [
     ("sweep absent.toml --set clearance=1e-5", "absent.toml"),
     ("sweep crank-slider --set clearance=1e-5", "crank-slider"),
     ("sweep slider-crank-paper", "--set"),
-    ("sweep slider-crank-paper --set clearance", "key=values"),
+    ("sweep slider-crank-paper --set clearance", "KEY=VALUES"),
     ("sweep slider-crank-paper --set clearance=1 --set big_end.clearance=2", "given twice"),
     ("sweep slider-crank-paper --set rod.model=absent.geo", "absent.geo"),
     ("sweep slider-crank-paper --set rod.model=text.h5", "must be a .geo model or a .msh file"),
     ("sweep slider-crank-paper --set damping_time=1:2:9999 --set order=1,2", "19998 cases"),
     ("sweep slider-crank-paper --set clearance=10:20:3", "3 of 3 cases cannot run: joints.big_end"),
-    ("sweep slider-crank-paper --set big_end.cells=[1000,1000]", "1000000 cells, at most 200000"),
+    ("sweep slider-crank-paper --set big_end.cells=[1000,1000]", "1000000 cells are above"),
     ("sweep slider-crank-paper --set big_end.bore=rod.hole", "body rod has no point 'hole'"),
     ("sweep slider-crank-paper --set order=1 --resume", "nothing to resume"),
     ("sweep slider-crank-paper --set order=1 --resume --overwrite", "exclude each other"),
     # Studies.
-    ("study loaded-journal -o out", "scene loaded-journal: there is nothing to study"),
-    ("study four-bar -o out", "scene four-bar: there is nothing to study"),
-    ("study slider-crank-paper --start 1 -o out", "errors count from start = 1 s"),
+    ("study loaded-journal -o out", "scene loaded-journal cannot be studied"),
+    ("study four-bar -o out", "scene four-bar cannot be studied"),
+    ("study slider-crank-paper --start 1 -o out", "errors start at 1 s"),
     ("study gearbox -o out", "scene 'gearbox'"),
     ("study slider-crank-paper --workers 0 -o out", "--workers"),
 ]
@@ -121,8 +122,8 @@ def test_a_command_that_cannot_be_obeyed(command, message, tmp_path, capfd, monk
     ("key", "text", "message"),
     [
         ("forces.gas.file", None, "forces.gas.file"),
-        ("forces.gas.file", GAS.replace("360,80", "360,90"), "close the period"),
-        ("drives.crank.table", GAS, "line 1: column 'force_N' is not one of angle, torque, with a"),
+        ("forces.gas.file", GAS.replace("360,80", "360,90"), "make the last value equal"),
+        ("drives.crank.table", GAS, "line 1: column 'force_N' is not one of angle, torque: give"),
     ],
 )
 def test_tables(key, text, message, scene, tmp_path, capfd):
@@ -181,10 +182,10 @@ OTHER_PARAMETER = "did you mean bore_width or bore_radius? it has big_end_layers
         (JOURNAL, {"forces.load.file": "absent.csv"}, RUN, "absent.csv"),
         (JOURNAL, {"forces.load.file": "main-baering"}, RUN, "main-bearing"),
         (JOURNAL, {"time.period": 0.0}, RUN, "give time.period or time.revolutions"),
-        (JOURNAL, {}, (*RUN, "--method", "m3"), "--method m3: scene mine has no model to reduce"),
-        (JOURNAL, {}, (*RUN, "--body", "rod.h5"), "has 0 flexible bodies, not one"),
+        (JOURNAL, {}, (*RUN, "--method", "m3"), "--method m3: scene mine has no part with a model"),
+        (JOURNAL, {}, (*RUN, "--body", "rod.h5"), "has 0 flexible bodies, but must have one"),
         (HOUSING, {}, ("reduce", "rod", *REDUCE), "has 0 flexible bodies of that name or model"),
-        (ROD, {}, ("reduce", "crank", *REDUCE), "its flexible bodies with a model: rod"),
+        (ROD, {}, ("reduce", "crank", *REDUCE), "name one of its bodies with a model, rod"),
     ],
 )
 def test_scene_that_cannot_run(

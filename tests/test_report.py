@@ -285,7 +285,7 @@ STUDY = {"study.json": json.dumps(TABLE)}
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({}, "study.json is missing"),
+        ({}, "it has no study.json"),
         ({"study.json": "{"}, "cannot be read"),
         ({"study.json": "[1]"}, "cannot be read"),
         ({"study.json": '{"scene": "x"}'}, "cannot be read: 'joints'"),

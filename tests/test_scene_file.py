@@ -200,7 +200,7 @@ def test_a_part_may_come_from_a_file(rod_structure, tmp_path):
     assert built.seconds == 0.0
     both = {"bores": ["bore", "pin"]}
     for name, changes, method, message in (
-        (SLIDER_CRANK, {}, "m3", "method m3: scene case has no model to reduce"),
+        (SLIDER_CRANK, {}, "m3", "method m3: scene case has no part with a model"),
         (
             SLIDER_CRANK,
             {"bodies.rod": rod | {"points": ["pin"]}},
@@ -415,7 +415,7 @@ OF_A_LINKAGE = [
     # forces
     ({"forces.f": {"kind": "constant", "point": "crank", "force": [0, 0]}}, "one of them not 0"),
     ({"forces.f": GAS | {"angle_of": "x"}}, "forces.f.angle_of: there is no body 'x'"),
-    ({"forces.f": GAS | {"file": "gas"}}, "file = 'gas': neither a .csv file nor a shipped table"),
+    ({"forces.f": GAS | {"file": "gas"}}, "file = 'gas': give a .csv file or a shipped table"),
     ({"forces.f": GAS | {"file": "no.csv"}}, "forces.f.file no.csv: No such file"),
 ]
 

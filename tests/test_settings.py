@@ -156,7 +156,7 @@ def film(**changes):
         (film(clearance="1_7 um"), "clearance = '1_7 um' must be a number in m: '_7 um' is no"),
         (film(clearance="١٧ um"), "clearance = '١٧ um' must be a finite number in m, or one with"),
         ({"time.order": "2 mm"}, "time.order = '2 mm' must be a whole number, at least 1"),
-        (film(cells=[1000, 1000]), "cells = [1000, 1000]: 1000000 cells, at most 200000"),
+        (film(cells=[1000, 1000]), "cells = [1000, 1000]: 1000000 cells are above the limit"),
         (rod(**{"material.density": 7.85}), "density = 7.85 must be at least 100: in kg/m3, 7850"),
         (rod(**{"material.density": 7.85e6}), "density = 7850000.0 must be below 100000: in kg/m"),
         (rod(**{"material.youngs_modulus": 210}), "210.0 must be at least 1e+06: in Pa, 210e9 for"),

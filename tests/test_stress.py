@@ -187,7 +187,7 @@ def test_basis_made_again_is_turned_to_the_coordinates_of_the_run(reduced):
     columns = basis_of(reduced, other, reduced.columns @ turn)
     assert np.abs(columns - reduced.columns).max() < 1e-7 * np.abs(reduced.columns).max()
     assert basis_of(reduced, reduced, reduced.columns) is reduced.columns
-    with pytest.raises(ehd.errors.VerificationError, match="was its model changed"):
+    with pytest.raises(ehd.errors.VerificationError, match="was the model changed"):
         basis_of(reduced, replace(other, mass=1.01 * other.mass), reduced.columns)
     fewer = replace(reduced, bore_basis=reduced.bore_basis[:-1])
     with pytest.raises(ehd.errors.VerificationError, match="bore nodes"):

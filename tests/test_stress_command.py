@@ -170,7 +170,7 @@ def test_runs_without_meshed_parts_are_refused(rod, words, tmp_path, refuse):
     scene = write_scene(tmp_path / "scene.toml", "slider-crank-paper", rod, times)
     assert call("run", scene, "--no-plots", "--no-error-budget", "-o", tmp_path / "run") == 0
     message = refuse(tmp_path / "run")
-    assert "no body with stresses" in message
+    assert "no body of this run has stresses" in message
     assert f"rod: {words}" in message
 
 

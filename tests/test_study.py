@@ -280,12 +280,12 @@ def test_a_failed_reference_leaves_rows_without_errors(studied, tmp_path):
 def test_folder_of_another_scene_or_process_is_refused(studied, tmp_path):
     directory, study, _ = studied
     with pytest.raises(
-        ehd.errors.InputError, match=r"scene = slider-crank-paper there, rotor-paper"
+        ehd.errors.InputError, match=r"scene is slider-crank-paper in the folder, but rotor-paper"
     ):
         StudyFolder(directory, make_study("rotor-paper", quick=True))
     claim(tmp_path, ["study.json"])
     (tmp_path / "study.json").write_text("[]")
-    with pytest.raises(ehd.errors.InputError, match="scene = None there"):
+    with pytest.raises(ehd.errors.InputError, match="scene is None in the folder"):
         StudyFolder(tmp_path, study)
     with StudyFolder(directory, study), pytest.raises(ehd.errors.InUseError):
         StudyFolder(directory, study)
@@ -294,7 +294,7 @@ def test_folder_of_another_scene_or_process_is_refused(studied, tmp_path):
 @pytest.mark.parametrize("start", [1e-3, 2e-4])
 def test_a_scene_that_ends_before_enough_errors_count_is_refused(start):
     # The second one leaves 5e-5 s, less than its largest step of 7e-5 s.
-    with pytest.raises(ehd.errors.SettingsError, match=r"from start = .* ends at 0.000251 s"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"errors start at .* ends at 0.000251 s"):
         tiny_study(start=start)
 
 
@@ -389,7 +389,7 @@ def test_errors_over_time_are_kept_beside_the_runs(studied, again):
     claim(path.parent, ["errors-gone.npz"])
     path.with_name("errors-gone.npz").write_bytes(before)
     shorten(path, 0.5)
-    with pytest.raises(ehd.errors.InputError, match="not the errors of a run"):
+    with pytest.raises(ehd.errors.InputError, match="not a file with the errors of a run"):
         read_errors(path)
     run_tiny(again)
     assert path.read_bytes() == before
@@ -476,7 +476,7 @@ def test_film_mesh_is_checked_by_a_finer_one(values, cells, tmp_path):
 
 @pytest.mark.parametrize("factor", [{}, film(1)])
 def test_a_film_check_that_is_not_finer_is_refused(factor):
-    with pytest.raises(ehd.errors.SettingsError, match="film_check: 1 times the cells"):
+    with pytest.raises(ehd.errors.SettingsError, match="film_check: 1 times the film cells"):
         tiny_study(replace(TINY, film_check=factor | steps(1e-5)))
 
 
@@ -600,7 +600,7 @@ def test_command_prints_its_table_and_ends_with_an_error_if_nothing_can_be_compa
     arguments = ("study", scene, "--quick", "--no-report", "-o", tmp_path / "out")
     status, output, errors = exit_of(capfd, *arguments)
     assert status == 1
-    assert "nothing was compared: failed: FilmTooThinError: the film of big_end" in errors
+    assert "nothing is compared: failed: FilmTooThinError: the film of big_end" in errors
     assert "case/s" in errors or "s/case" in errors
     heads, *lines, message = output.splitlines()
     assert heads.split()[:3] == ["group", "run", "joint"]

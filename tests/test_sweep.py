@@ -213,9 +213,9 @@ def test_complete_sweep_runs_nothing(scene, again, capfd):
 @pytest.mark.parametrize(
     ("text", "assignments", "named"),
     [
-        (SLIDER_CRANK, ["clearance=14e-6,18e-6", SOME_FAIL[1]], "big_end.clearance = 1.4e-05, "),
-        (THICKER, SOME_FAIL, "lubricants.oil.viscosity = 0.01"),
-        (LOADED_JOURNAL, ["clearance=14e-6"], "of another study or sweep"),
+        (SLIDER_CRANK, ["clearance=14e-6,18e-6", SOME_FAIL[1]], "big_end.clearance is 1.4e-05, "),
+        (THICKER, SOME_FAIL, "lubricants.oil.viscosity is 0.01"),
+        (LOADED_JOURNAL, ["clearance=14e-6"], "to another study or sweep"),
     ],
     ids=["values", "scene file", "scene"],
 )
@@ -242,7 +242,7 @@ def test_changed_file_is_another_sweep_and_another_file_none(tmp_path):
     with SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"])) as folder:
         folder.write_tables()
     (tmp_path / "load.csv").write_text(LOAD.replace("1200", "1300"))
-    for match in (r"forces\.load\.file = load\.csv", "of another study or sweep"):
+    for match in (r"forces\.load\.file is load\.csv", "to another study or sweep"):
         with pytest.raises(OtherFolderError, match=match):
             SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"]))
         (tmp_path / "out" / "sweep.json").write_text("[no sweep of ours\n")

@@ -26,7 +26,7 @@ def film():
 def joint_film(film, body):
     return JointFilm(
         ehd.LubricatedJoint("shaft", "housing.bore", film),
-        partial(ElasticBore, body),
+        partial(ElasticBore, body, "bore"),
         tilting=True,
     )
 

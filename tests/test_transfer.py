@@ -207,5 +207,5 @@ def test_meshes_that_are_no_whole_cylinder_are_refused():
         Surface(whole.nodes[nodes], cells.reshape(-1, 9), "lagrange")
     crooked = whole.nodes.copy()
     crooked[whole.cells[0, 8], 0] += 0.01
-    with pytest.raises(ehd.errors.InterfaceMismatchError, match="cells off its place"):
+    with pytest.raises(ehd.errors.InterfaceMismatchError, match="cell sizes from its position"):
         Surface(crooked, whole.cells, "lagrange")

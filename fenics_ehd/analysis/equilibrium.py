@@ -43,8 +43,8 @@ from fenics_ehd.base.renamed import renamed_arguments
 from fenics_ehd.film.supply import CircumferentialGrooveSupply, Supply
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.body import POSITION, PlanarBody
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.mechanism import (
-    FilmBinding,
     Instant,
     Mechanism,
     Motion,
@@ -56,6 +56,7 @@ from fenics_ehd.multibody.newton import CoupledState, CoupledSteps, SolverState
 from fenics_ehd.multibody.quantities import JointStep
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
+from fenics_ehd.multibody.surface import BORE
 
 #: Tolerance of Newton's last update: of gaps relative, of coordinates in the norm of the step
 #: control.
@@ -380,16 +381,14 @@ def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterat
 
 def _turning_surfaces(binding: FilmBinding, rates: np.ndarray) -> Iterator[str]:
     """Shapes and supplies of a film that turn against the load."""
-    journal, bore = binding.angles(rates)
-    shapes = {"journal": binding.joint.journal_shape, "bore": binding.joint.bore_shape}
-    speeds = {"journal": journal, "bore": bore}
-    p = binding.film.film.parameters
-    for surface, speed in speeds.items():
-        shape = shapes[surface]
-        feeds = [feed for feed in p.feeds if feed.on == surface and not _all_around(feed)]
-        fixed = surface == "bore" and p.regions
-        if speed and ((shape is not None and not shape.round) or feeds or fixed):
-            yield f"the shape or a supply of the {surface} of {binding.name} turns: run it"
+    parameters = binding.film.film.parameters
+    for bound in reversed(binding.surfaces):
+        side = bound.surface.side
+        feeds = any(feed.on == side.name and not _all_around(feed) for feed in parameters.feeds)
+        grooves = side.sign == BORE and bool(parameters.regions)
+        uneven = feeds or grooves or not bound.surface.shape.round
+        if uneven and bound.angle_of(rates):
+            yield f"the shape or a supply of the {side.name} of {binding.name} turns: run it"
 
 
 def _all_around(feed: Supply) -> bool:

@@ -40,7 +40,6 @@ from typing import Any
 
 import attrs
 import numpy as np
-from scipy import sparse
 
 from fenics_ehd.analysis.flexibility_check import Responding, checked_errors
 from fenics_ehd.analysis.replay import (
@@ -54,9 +53,6 @@ from fenics_ehd.analysis.replay import (
     with_finer_films,
 )
 from fenics_ehd.base.errors import EhdError, SettingsError
-from fenics_ehd.film.transfer import interpolation_matrix
-from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.elastic_bore import bore_surface, sampling_grid
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import Instant, Motion, System
@@ -65,18 +61,15 @@ from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.summary import RunSummary
-from fenics_ehd.multibody.surface import observed_positions
+from fenics_ehd.multibody.surface import MissingFlexibility
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
     NOT_APPLICABLE,
     NOT_ESTIMATED,
     QUANTITIES,
     BasisErrorEstimate,
-    bore_body,
-    bore_loads,
-    estimate_at,
+    surface_loads,
 )
-from fenics_ehd.reduction.mesh_error import smooth_part
 
 #: Tolerance of Newton's last update over the tolerance of a step.
 SETTLED = 5.0
@@ -270,134 +263,116 @@ def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
     return {**errors, "known": known, "total": NOT_ESTIMATED if NOT_ESTIMATED in each else known}
 
 
-#: Estimate of the displacement that a bore lacks, and its interpolation to the observed gap.
-Missing = tuple[BasisErrorEstimate, sparse.spmatrix]
-
-
-def missing_in_basis(
-    errors: Mapping[str, float], body: FlexibleBody, binding: FilmBinding
-) -> Missing:
-    """Displacement that the basis of a body lacks in the bore of a film.
-
-    Parameters
-    ----------
-    errors
-        Errors of the run's displacements by name of the body, see `checked_errors`.
-    body, binding
-        The body, and the film in one of its bores.
-
-    Raises
-    ------
-    SettingsError
-        The missing flexibility of the body is not known.
-    """
-    estimate = estimate_at(body, binding.bore, errors.get(binding.bore_body))
-    bore = binding.film.bore
-    if not estimate.known:
-        raise SettingsError(f"{binding.name}: reduction.estimate_error is off")
-    assert bore is not None
-    # Outward displacements of the bore's nodes.
-    radial = body.reduced.at_bore(binding.bore).bore_nodes * [1.0, 1.0, 0.0]
-    radial /= np.linalg.norm(radial, axis=1)[:, None]
-    nodes = np.repeat(np.arange(len(radial)), 3)
-    outward = sparse.csr_matrix((radial.ravel(), (np.arange(radial.size), nodes)))
-    return estimate, bore.observed_normal @ outward
-
-
-def missing_in_mesh(body: FlexibleBody, binding: FilmBinding) -> Missing:
-    """Displacement that the mesh of a part lacks under pressures and boundary forces.
-
-    Raises
-    ------
-    SettingsError
-        The error of the part's mesh is not known.
-    """
-    missing = body.reduced.mesh_flexibility
-    bores = body.reduced.bores
-    if not missing.size:
-        raise SettingsError(
-            f"{binding.bore_body}: no other mesh of the part is known, see output.part_mesh_error"
-        )
-    error = np.vsplit(missing, len(bores))[[*bores].index(binding.bore)]
-    smooth = smooth_part(bores)
-    pressed, forced = np.split(error, [len(smooth)], axis=1)
-    error = np.hstack([pressed @ smooth, forced])
-    grid = sampling_grid(bores[binding.bore])
-    film = binding.film.film
-    surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
-    reading = interpolation_matrix(surface, *observed_positions(film))
-    return BasisErrorEstimate(error, body.damping_time), reading
+#: Components of surfaces that deform, and the reason if such an error is not known, with fields for
+#: the names of a joint and of a body.
+UNKNOWN = {
+    "basis": "{joint}: reduction.estimate_error is off",
+    "part_mesh": "{body}: no other mesh of the part is known, see output.part_mesh_error",
+}
 
 
 def missing_gaps(
     equations: StepEquations,
     trajectory: Trajectory,
-    missing: Callable[[FlexibleBody, FilmBinding], Missing],
+    component: str,
     periodic: bool,
+    scales: Mapping[str, float],
 ) -> list[np.ndarray]:
-    """Changes of the gaps of all films along a trajectory by flexibility that their bores lack.
+    """Changes of the gaps of all films along a trajectory by flexibility that surfaces lack.
+
+    Parameters
+    ----------
+    equations, trajectory
+        Equations of the mechanism, and the trajectory.
+    component
+        ``"basis"`` or ``"part_mesh"``.
+    periodic
+        Whether the trajectory is a cycle.
+    scales
+        Factors on the flexibility that is missing in the basis, by body; 1 for others.
 
     Returns
     -------
     list
-        Changes at the points of every film where its gap is observed, shape (k, w) [m]; 0 for rigid
-        bores.
+        Changes at the points of every film where its gap is observed, shape (k, w) [m]; 0 between
+        rigid surfaces.
 
     Raises
     ------
     SettingsError
         The flexibility is not known, or the trajectory has a single step and thus no rates.
     """
-    system = equations.system
     times = trajectory.times
-    changes = []
     if len(times) < 2:
         raise SettingsError("a run of one step is too short for an estimate: raise time.end")
-    loads = _loads(system, trajectory)
-    accelerations = trajectory.state("accelerations")
-    for binding in system.films:
-        if not binding.bore:
-            changes.append(np.zeros((len(times), len(binding.film.observed))))
-            continue
-        estimate, interpolation = missing(bore_body(system, binding), binding)
-        amplitudes = equations.responses.of_body(binding.bore_body)
-        fields: list[np.ndarray] = []
-        # Twice, so that the structure starts with its memory of the cycle before.
-        for _ in range(2 if periodic else 1):
-            fields = []
-            before = trajectory.began
-            for time, load, accelerated in zip(times, loads, accelerations, strict=True):
-                starts = not periodic and time - trajectory.began <= estimate.start
-                applied = load[binding.bore_body][: estimate.loads]
-                acceleration = None if starts else accelerated[amplitudes]
-                fields.append(estimate.field(time - before, applied, acceleration))
-                before = time
-        changes.append((interpolation @ np.transpose(fields)).T)
+    loads = _loads(equations.system, trajectory)
+    changes = []
+    for binding in equations.system.films:
+        change = np.zeros((len(times), len(binding.film.observed)))
+        own_angles = np.transpose([binding.own_angles(x) for x in trajectory.x])
+        for bound, angles in zip(binding.surfaces, own_angles, strict=True):
+            if not bound.surface.elastic:
+                continue
+            missing = bound.surface.missing_flexibility(component)
+            if missing is None or not missing.known:
+                reason = UNKNOWN[component].format(joint=binding.name, body=bound.body)
+                raise SettingsError(reason)
+            if component == "basis":
+                missing = missing.scaled(scales.get(bound.body, 1.0))
+            of_body = [load[bound.body] for load in loads]
+            amplitudes = equations.responses.of_body(bound.body)
+            accelerations = trajectory.state("accelerations")[:, amplitudes]
+            fields = _missing_fields(missing, trajectory, of_body, accelerations, periodic)
+            change += missing.gap_changes(fields, angles)
+        changes.append(change)
     return changes
 
 
+def _missing_fields(
+    missing: MissingFlexibility,
+    trajectory: Trajectory,
+    loads: Sequence[np.ndarray],
+    accelerations: np.ndarray,
+    periodic: bool,
+) -> np.ndarray:
+    """Displacements that a surface lacks along a trajectory, shape (k, m) [m].
+
+    Loads and accelerations are those at every step, of the body and of its residual amplitudes.
+    """
+    estimate = BasisErrorEstimate.of(missing)
+    fields: list[np.ndarray] = []
+    # Twice, so that the structure starts with its memory of the cycle before.
+    for _ in range(2 if periodic else 1):
+        fields = []
+        before = trajectory.began
+        for time, load, accelerated in zip(trajectory.times, loads, accelerations, strict=True):
+            starts = not periodic and time - trajectory.began <= estimate.start
+            acceleration = None if starts else accelerated
+            fields.append(estimate.field(time - before, load[: estimate.loads], acceleration))
+            before = time
+    return np.array(fields)
+
+
 def _loads(system: System, trajectory: Trajectory) -> list[dict[str, np.ndarray]]:
-    """Pressures in all bores of a body, then forces on its points, by its name, at every step."""
+    """Pressures on surfaces of a body, then forces on its points, by body, at every step."""
     rates = np.gradient(trajectory.x[:, : system.n], trajectory.times, axis=0)
     accelerations = trajectory.state("accelerations")
     multipliers = trajectory.state("multipliers")
     each = []
     for row, time in enumerate(trajectory.times):
-        loads = bore_loads(system, [pressure[row] for pressure in trajectory.pressures.values()])
+        pressures = [pressure[row] for pressure in trajectory.pressures.values()]
+        loads = surface_loads(system, pressures, trajectory.x[row])
         instant = Instant(system, time, trajectory.x[row, : system.n])
         motion = Motion(
             instant, rates[row], accelerations[row, : system.n], multipliers[row, : system.m]
         )
-        for name, pressures in loads.items():
-            body = system.mechanism.bodies[name]
-            assert isinstance(body, FlexibleBody)
-            loads[name] = np.append(pressures, motion.on_points(name, body.reduced.points))
+        for name, load in loads.items():
+            part = system.mechanism.bodies[name].reduced
+            points = () if part is None else part.points
+            loads[name] = np.append(load, motion.on_points(name, points))
         each.append(loads)
     return each
 
-
-#: Components of flexible bores.
-OF_BORES = ("basis", "part_mesh")
 
 #: Local error that long steps may have.
 LONG_ERROR = 0.03
@@ -527,10 +502,9 @@ class Estimator:
             "step_size": self._change_by_steps,
             "film_mesh": self._change_by_films,
         }
-        if any(binding.bore for binding in self._system.films):
-            missing = partial(missing_in_basis, self._flexibility_errors)
-            estimates["basis"] = partial(self._change_by_gaps, missing)
-            estimates["part_mesh"] = partial(self._change_by_gaps, missing_in_mesh)
+        if any(binding.film.elastic for binding in self._system.films):
+            for component in UNKNOWN:
+                estimates[component] = partial(self._change_by_gaps, component)
         try:
             again = self._follow(self._long, stride=self._stride)
         except FAILURES as error:
@@ -562,6 +536,15 @@ class Estimator:
             seconds,
             self._flexibility_errors,
         )
+
+    @property
+    def _checked_shares(self) -> dict[str, float]:
+        """Errors under the run's own pressures over the verified errors of the bodies."""
+        bodies = self._system.mechanism.bodies
+        return {
+            name: error / bodies[name].reduced.flexibility_error  # type: ignore[union-attr]
+            for name, error in self._flexibility_errors.items()
+        }
 
     @cached_property
     def _flexibility_errors(self) -> dict[str, float]:
@@ -635,11 +618,11 @@ class Estimator:
         # Errors of the films' meshes over the change by finer meshes.
         return self._change(again, refined, 1.0 / (1.0 - FINER**-orders))
 
-    def _change_by_gaps(
-        self, missing: Callable[[FlexibleBody, FilmBinding], Missing], again: Trajectory
-    ) -> np.ndarray:
-        """Error by missing flexibility of the bores."""
-        changes = missing_gaps(self._run.equations, again, missing, self._cycles is not None)
+    def _change_by_gaps(self, component: str, again: Trajectory) -> np.ndarray:
+        """Error by missing flexibility of the surfaces, see `missing_gaps`."""
+        periodic = self._cycles is not None
+        equations = self._run.equations
+        changes = missing_gaps(equations, again, component, periodic, self._checked_shares)
         sizes = np.column_stack([np.abs(change).max(axis=1) for change in changes])
         peaks, films = again.extremes
         if not (sizes / films).max() > SMALL:
@@ -654,9 +637,9 @@ class Estimator:
         errors: dict[str, Any] = {}
         largest: dict[str, Any] = {}
         known: dict[str, Any] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
-        if not binding.bore:
-            known |= dict.fromkeys(OF_BORES, NOT_APPLICABLE)
-            changes = {name: each for name, each in changes.items() if name not in OF_BORES}
+        if not binding.film.elastic:
+            known |= dict.fromkeys(UNKNOWN, NOT_APPLICABLE)
+            changes = {name: each for name, each in changes.items() if name not in UNKNOWN}
         for quantity in QUANTITIES:
             value = self._summary.extremes[binding.name][quantity][0]
             extreme = Extreme(quantity, i, value, self._curves.reported)

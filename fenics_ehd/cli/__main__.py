@@ -1,4 +1,4 @@
-"""``python -m fenics_ehd.cli``."""
+"""Entry point of ``python -m fenics_ehd.cli``."""
 
 from fenics_ehd.cli.main import main
 

@@ -1,6 +1,6 @@
-"""``fenics-ehd bearing``: one rigid bearing, its options, its table and its JSON.
+"""``fenics-ehd bearing``: options, solution, printed table and JSON of one rigid bearing.
 
-Imports inside functions: `--help` does without NumPy and films.
+Imports inside functions: ``--help`` must work without NumPy and films, and quickly.
 """
 
 from __future__ import annotations
@@ -58,43 +58,44 @@ DESCRIPTION = f"""Operating point of one rigid bearing, at a given eccentricity 
 \b
 {DRAWING}
 
-The load acts on the shaft along x and is balanced by the pressure of the film on it; y
-lies a quarter turn on in direction of rotation, z along the axis so that the shaft
-turns in the positive sense. With a negative speed this frame turns over, so that
+The load acts on the shaft along x; the pressure of the film on the shaft balances it. The axis y
+is a quarter turn from x in direction of rotation. The axis z is that of the shaft, in the sense in
+which the shaft turns positively. With a negative speed this frame turns over, so that
 the figures of a bearing do not depend on the sense of rotation. All angles on the
 command line and in the results are in degrees, tilts in radians.
 
 The oil cavitates where its pressure would fall below zero (Reynolds condition: p and dp/dn
-vanish at the edge of the film). load_N is the resultant of the pressure; the shear force,
-smaller by clearance / radius, counts in friction and power only. The gap leaves
-out the curvature term e_t^2 / 2R, as classical tables do: up to clearance / radius in load.
-The friction torque is that on the shaft, positive when it brakes. In the cavitated zone the
-oil fills h_rupture / h of the width (--shear-rule streamers), all of it (full) or
-nothing (none); grooves are deep, without friction. The power loss is what shaft and
-bore put into the film. The side flow leaves through both sides; that of a groove under pressure
-grows slowly with the cells, for the pressure jumps where it meets the side.
+vanish at the edge of the film). load_N is the resultant of the pressure alone: the shear force,
+smaller by clearance / radius, enters only friction and power. The gap leaves out the curvature
+term e_t^2 / 2R, as classical tables do; this changes the load by up to clearance / radius.
+The friction torque acts on the shaft and is positive if it brakes the shaft. In the cavitated zone
+the oil fills h_rupture / h of the width (--shear-rule streamers), the full width (full) or
+nothing (none). Grooves are deep and have no friction. The power loss is the power that shaft and
+bore transfer to the film. The side flow leaves through both sides. With a groove under pressure
+it grows slowly with the number of cells, because the pressure jumps where the groove meets the
+side.
 
-A bore that is not round (--ovality and the options after it) stands still in this frame, as
-grooves do; its deviations are positive outward, where they open the gap. A misaligned bore is a
-tilted shaft with the opposite tilt.
+A bore that is not round (--ovality and the options after it) does not rotate in this frame, nor
+do grooves. Its deviations are positive outward, where they widen the gap. For a misaligned bore,
+give the shaft the opposite tilt.
 
-The Sommerfeld number is eta N / p (R / c)^2 with p = W / (2 R B) and N in revolutions per
-second, the sum of those of shaft and bore, which draws the oil in. The coefficients are
+The Sommerfeld number is eta N / p (R / c)^2 with p = W / (2 R B). N is the sum of the speeds of
+shaft and bore, in revolutions per second, because this sum draws the oil in. The coefficients are
 k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film force F on the shaft. stability_threshold
-is omega sqrt(c M / W) with the critical mass M of a rigid rotor, in other words
-omega_th sqrt(c / g) of a rotor whose weight is the load; null when it is stable at every speed.
-With --line-at-max-film the line without pressure stays where it is as the shaft moves, as a
-groove does.
+is omega sqrt(c M / W) with the critical mass M of a rigid rotor. This equals
+omega_th sqrt(c / g) for a rotor whose weight is the load. It is null if the rotor is stable at
+every speed. With --line-at-max-film the line of zero pressure keeps its position when the shaft
+moves, like a groove.
 """
 
 
 def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) -> Shape | None:
-    """Shape of a bore from its options; None for a round bore.
+    """Shape of a bore from the options for its deviations; None for a round bore.
 
     Raises
     ------
     SettingsError
-        The message names the option or the fault of the table.
+        An option or the table is faulty; the message names the option or the fault of the table.
     """
     settings = build(Deviations, deviations)
     require_effects(settings)
@@ -111,7 +112,7 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
 
 
 def summary(result: BearingResult) -> dict[str, Any]:
-    """Figures of a bearing by their names in the JSON output."""
+    """Results of a bearing, and its settings, by their names in the JSON output."""
     values: dict[str, Any] = {
         "load_N": result.load,
         "attitude_angle_deg": _degrees(result.attitude),
@@ -164,7 +165,7 @@ def summary(result: BearingResult) -> dict[str, Any]:
 
 
 def _plain(_: Any, __: Any, value: Any) -> Any:
-    """A groove, or the shape of a table, as a dictionary with its kind; numbers for JSON."""
+    """Serialise for JSON: a groove or shape becomes a dictionary with its kind, an array a list."""
     if is_dataclass(value):
         entries = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
         return {"kind": type(value).__name__, **entries}
@@ -175,7 +176,7 @@ def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
 
 
-#: Labels of the rows of the table by key; a figure that a bearing lacks has no row.
+#: Labels of the rows of the printed table by key; a result that a bearing lacks has no row.
 ROWS = {
     "load_N": "load",
     "eccentricity_ratio": "eccentricity ratio",
@@ -200,7 +201,7 @@ ROWS = {
     "friction_coefficient": "coefficient of friction",
 }
 
-#: Factors and names of the printed units, by SI unit.
+#: Printed units by SI unit: factor from the SI unit, and name.
 SHOWN = {
     "Pa": (1e-6, "MPa"),
     "m": (1e6, "um"),
@@ -211,7 +212,7 @@ SHOWN = {
 
 
 def report(result: BearingResult) -> str:
-    """Table of the figures of a bearing."""
+    """Printed table of the settings and results of a bearing."""
     values = summary(result)
     settings = result.settings
     if not (settings.grooves or settings.line_at_max_film):
@@ -231,7 +232,7 @@ def report(result: BearingResult) -> str:
 
 
 def _given(settings: BearingSettings, viscosity: float) -> str:
-    """Settings of the bearing in one line."""
+    """One line with the size, clearance, oil and speeds of a bearing."""
     oil = f"viscosity {viscosity:.4g} Pa s" if settings.grade == NONE else settings.grade
     speeds = f"shaft at {settings.speed:g} rad/s"
     if settings.bore_speed:
@@ -272,7 +273,7 @@ def _row(label: str, key: str, value: float | None) -> str:
 
 
 def _groove(numbers: tuple[float, float, float]) -> Any:
-    """Groove of an option, in degrees and Pa, in SI units."""
+    """Axial groove from the numbers of ``--groove``: angle and width [degrees], pressure [Pa]."""
     from fenics_ehd.film.supply import AxialGroove
 
     angle, width, pressure = numbers
@@ -283,7 +284,7 @@ def _groove(numbers: tuple[float, float, float]) -> Any:
 
 
 def _cells(text: str) -> tuple[int, int]:
-    """Numbers of cells around and along from a text ``64x12``."""
+    """Numbers of cells around and along the bore, from a text such as ``64x12``."""
     match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text.strip().lower())
     if not match:
         raise SettingsError(f"--cells {text!r} must be two whole numbers, around x along: 64x12")
@@ -294,15 +295,15 @@ def _cells(text: str) -> tuple[int, int]:
 @click.option(
     "--eccentricity", type=Measured(""), metavar="E", help="Eccentricity over clearance, 0..1."
 )
-@click.option("--load", type=Measured("[N]"), metavar="W", help="Load on the shaft [N], instead.")
+@click.option("--load", type=Measured("[N]"), metavar="W", help="Load on the shaft [N].")
 @click.option(
     "--groove",
     "grooves",
     type=(Measured("[degrees]"), Measured("[degrees]"), Measured("[Pa]")),
     multiple=True,
     metavar="ANGLE WIDTH PRESSURE",
-    help="Axial groove over the whole width: its middle from the load line in direction of "
-    "rotation, its width [degrees], its pressure [Pa]. It stands still. Repeatable.",
+    help="Axial groove over the full width, at rest: angle of its middle from the load line in "
+    "direction of rotation [degrees], its width [degrees], its pressure [Pa]. Repeatable.",
 )
 @setting_options(BearingSettings, "cells_around", "cells_along", "element")
 @setting_options(Deviations, "misalignment", "table")
@@ -312,25 +313,26 @@ def _cells(text: str) -> tuple[int, int]:
     type=FILE,
     callback=lambda _context, _option, path: path or NONE,  # a folder may have that name
     metavar="FILE",
-    help="More of it: CSV file angle_deg,height_m,deviation_m, angles from the load line in "
-    "direction of rotation, heights from mid-width.",
+    help="Measured deviation of the bore, added to the other deviations: CSV file with the columns "
+    "angle_deg,height_m,deviation_m; angles from the load line in direction of rotation, heights "
+    "from mid-width.",
 )
 @click.option(
     "--cells",
     default="64x12",
     show_default=True,
     metavar="NxM",
-    help="Cells around and along, more where the film is thin. The default gives the load to 0.1 % "
-    "for eccentricities from 0.1 to 0.999 and B from R/2 to 8R.",
+    help="Numbers of cells around and along; cells are smaller where the film is thin. The default "
+    "gives the load to 0.1 % for eccentricities from 0.1 to 0.999 and widths from R/2 to 8R.",
 )
 @click.option(
     "--element",
     type=click.Choice(FILM_ELEMENTS),
-    help="9-node, 8-node (the paper's) or 4-node.  [default: lagrange, the first; mass-conserving: "
-    "bilinear]",
+    help="Film element: 9-node (lagrange), 8-node (that of the paper) or 4-node (bilinear).  "
+    "[default: lagrange; bilinear with mass-conserving cavitation]",
 )
-@flag("--coefficients", "Add stiffness, damping and stability.")
-@click.option("--plot", type=FILE, help="Draw pressure, film and forces.")
+@flag("--coefficients", "Also compute stiffness, damping and stability threshold.")
+@click.option("--plot", type=FILE, help="Draw pressure, film thickness and forces to this file.")
 @json_option
 def bearing(
     eccentricity: float | None,
@@ -343,15 +345,15 @@ def bearing(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Read the options, solve, and print the result."""
+    """Solve for the operating point of one rigid bearing, and print it."""
     if (eccentricity is None) == (load is None):
         raise SettingsError("give either --eccentricity or --load")
     around, along = _cells(cells)
     conserving = options["cavitation"] == "mass-conserving"
     if conserving and coefficients:
         raise SettingsError(
-            "--coefficients: those of --cavitation mass-conserving depend on the frequency, take "
-            "reynolds"
+            "--coefficients: with --cavitation mass-conserving they would depend on the frequency; "
+            "use --cavitation reynolds"
         )
     element = element or ("bilinear" if conserving else "lagrange")
     names = {*setting_names(Deviations)} & {*options}
@@ -366,8 +368,8 @@ def bearing(
     )
     if settings.heated and settings.temperature > NO_TEMPERATURE:
         raise SettingsError(
-            "--temperature and --supply-temperature exclude each other: the effective one is "
-            "given, or it follows"
+            "--temperature and --supply-temperature exclude each other: give the effective "
+            "temperature of the film, or the supply temperature from which it is computed"
         )
     from fenics_ehd.analysis.bearing import solve_bearing
 

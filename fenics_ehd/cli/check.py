@@ -1,4 +1,4 @@
-"""``fenics-ehd info`` and ``check``: what is installed, and whether it works.
+"""``fenics-ehd info`` and ``check``: versions of the libraries, and a test of the installation.
 
 Imports inside functions: a check imports the libraries that it tests, and reports failed imports.
 """
@@ -45,14 +45,14 @@ def info(as_json: bool) -> None:
         raise VerificationError(fault)
 
 
-#: A part that is reduced in a second, the same on any number of ranks.
+#: Arguments of the test reduction: it takes a second and gives the same on any number of ranks.
 REDUCE = ("reduce", "conrod", "--method", "m1", "--modes", "4", "--no-estimate-error", "--json")
 
-#: Time after which ranks are assumed to wait for each other [s].
+#: Timeout of the reduction in child processes [s], in case the ranks wait for each other.
 PATIENCE = 300
 
-#: Attitude angle of a bearing as wide as its diameter at eccentricity 0.6 [degrees], from the
-#: tables of Raimondi and Boyd's method with Reynolds' condition, see `docs/validation.md`.
+#: Attitude angle of a bearing as wide as its diameter at eccentricity 0.6 [degrees], by the
+#: method of Raimondi and Boyd's tables with Reynolds' condition, see `docs/validation.md`.
 ATTITUDE = 51.98
 
 
@@ -62,7 +62,7 @@ def check() -> None:
     for name, version in versions(installed=True).items():
         echo(f"  {name:14s} {version}")
         if version == "missing":
-            import_module(name)  # the message of a failure names the packages to install
+            import_module(name)  # its error names the packages to install
     if fault := library_fault():
         raise VerificationError(fault)
     failures = []
@@ -77,7 +77,7 @@ def check() -> None:
             echo(f"  {name:14s} {outcome} ({perf_counter() - began:.1f} s)")
     if failures:
         raise VerificationError(f"this installation does not work: {', '.join(failures)}")
-    echo("all is well")
+    echo("all checks passed")
 
 
 def _film(_: Path) -> str:
@@ -96,7 +96,7 @@ def _reduction(folder: Path) -> str:
 
 
 def _lowest(folder: Path, launcher: list[str]) -> float:
-    """Lowest frequency [Hz] of the part, reduced in child processes."""
+    """Lowest natural frequency [Hz] of the test part, reduced in child processes."""
     command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
     # mpirun fails with variables of MPI or a launcher: they are not passed on.
     done = subprocess.run(
@@ -130,7 +130,7 @@ def _ranks(folder: Path) -> str:
 
     launcher = shutil.which("mpirun")
     if launcher is None:
-        return "no mpirun: left out"
+        return "not tested: there is no mpirun"
     alone = load_body(folder / "part.h5").frequencies[0]
     allowed = ["--allow-run-as-root"] if os.geteuid() == 0 else []
     on_two = _lowest(folder, [launcher, *allowed, "--oversubscribe", "-n", "2"])
@@ -138,7 +138,7 @@ def _ranks(folder: Path) -> str:
 
 
 def _within(value: float, expected: float, most: float, text: str) -> str:
-    """Description of a value that is as expected.
+    """Text of a measured value, if the value is as expected.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _within(value: float, expected: float, most: float, text: str) -> str:
     return text.format(value)
 
 
-#: Checks by name, in this order.
+#: Functions of the checks by name, in the order in which they are run.
 CHECKS: dict[str, Callable[[Path], str]] = {
     "film": _film,
     "reduction": _reduction,

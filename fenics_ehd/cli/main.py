@@ -1,4 +1,4 @@
-"""Command line: the commands by module, options of `run`, `reduce` and `init`, exit status.
+"""Command line: modules of the commands, options of `run`, `reduce` and `init`, exit status.
 
 Imports inside functions: ``--help`` must work without the libraries of commands, and quickly.
 """
@@ -44,11 +44,12 @@ with ending_signals_raise():
     )
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
 
-#: Libraries that pip does not install, of Debian's packages python3-NAME.
+#: Compiled libraries that pip does not install; Debian's packages are python3-NAME.
 COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
 
 
-#: Address space that libraries and their buffers need [bytes].
+#: Least free address space with which a command starts: libraries and their buffers need it
+#: [bytes].
 LEAST_MEMORY = 768 << 20
 
 
@@ -56,11 +57,12 @@ LEAST_MEMORY = 768 << 20
 KEPT = ("plots", "error_limit", "part_mesh_error", "accuracy_keeps", "paraview")
 
 
-#: Condition of options of `run` that a resumed run reads from its folder.
+#: Condition of options of `run` that exclude --resume, because a resumed run reads its settings
+#: from its folder.
 NEW_RUN = (Needs(("resume",), absent=True),)
 
 
-#: Commands by their module, which is imported when one of them is called.
+#: Module of each command; the module is imported when one of its commands is called.
 COMMANDS = {
     "animate": "pictures",
     "bearing": "bearing",
@@ -81,7 +83,7 @@ class Commands(click.Group):
     """Commands of this module and of `COMMANDS`."""
 
     def list_commands(self, context: click.Context) -> list[str]:
-        """Names of all."""
+        """Names of all commands, sorted."""
         return sorted([*super().list_commands(context), *COMMANDS])
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
@@ -105,7 +107,7 @@ def cli() -> None:
 @click.option(
     "--resume",
     type=FOLDER,
-    help="Go on with the run in this folder from its last checkpoint, in place of SCENE.",
+    help="Continue the run in this folder from its last checkpoint, instead of running SCENE.",
 )
 @click.option(
     "--checkpoint-every",
@@ -115,22 +117,22 @@ def cli() -> None:
     show_default=True,
     help="Seconds between two checkpoints.",
 )
-@option("--body", type=FILE, help="Reduced part made by 'reduce'.", needs=NEW_RUN)
-@option("--method", type=click.Choice(METHODS), help="Reduction of the part.", needs=NEW_RUN)
+@option("--body", type=FILE, help="File of the flexible body, made by 'reduce'.", needs=NEW_RUN)
+@option("--method", type=click.Choice(METHODS), help="Reduction method of parts.", needs=NEW_RUN)
 @output_option("directory", "Folder for the results [default: results/SCENE].", needs=NEW_RUN)
-@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the curves.")
+@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw result curves.")
 @flag(
     "--vtk",
-    "Write a ParaView series, vtk/run.pvd: bodies and films as they move, their elastic "
-    "displacement to warp by, the pressure.",
+    "Write a ParaView series, vtk/run.pvd: the moving bodies and films with the film pressure, and "
+    "elastic displacements for the filter 'Warp By Vector'.",
     needs=NEW_RUN,
 )
 @setting_options(OutputSettings, *KEPT, defaults=False, needs=NEW_RUN)
 @flag("--overwrite", "Replace a complete result in the folder.", needs=NEW_RUN)
 @flag(
     "--multiplier",
-    "Also find the largest multiplier of a periodic solution, its margin of stability, which "
-    "takes 4 to 14 cycles more.",
+    "Also compute the largest Floquet multiplier of a periodic solution, its stability margin; "
+    "this takes 4 to 14 more cycles.",
 )
 @json_option
 def run(
@@ -147,12 +149,14 @@ def run(
     as_json: bool,
     **output: bool | float | None,
 ) -> None:
-    """Simulate SCENE: a name that 'init' lists, or a TOML file made by it."""
+    """Simulate SCENE: a name listed by 'init', or a TOML file in the format that 'init' prints."""
     from fenics_ehd.cli import run
     from fenics_ehd.scenes.scene import input_files
 
     if (scene is None) == (resume is None):
-        raise click.UsageError("give a SCENE to run or --resume DIR, one of them")
+        raise click.UsageError(
+            "give either SCENE, to start a run, or --resume DIR, to continue one"
+        )
     chosen = {key: value for key, value in output.items() if value is not None}
     options = run.RunOptions(plots, interval, as_json, multiplier)
     if scene is not None:
@@ -171,32 +175,32 @@ def run(
 @click.option(
     "--scene",
     type=FILE,
-    help="Scene file that has PART; options below win.",
+    help="Scene file with the settings of PART; the options below replace them.",
 )
 @click.option(
     "--cells",
     type=click.Choice(CELLS),
-    help="Structured hexahedra (the default) or unstructured 10-node tetrahedra.",
+    help="Cells of the mesh: structured hexahedra (default) or unstructured 10-node tetrahedra.",
 )
 @setting_options(ReductionSettings, defaults=False)
 @click.option(
     "--basis",
     "basis_path",
     type=FILE,
-    help="HDF5 file for displacement and stress of the whole part.",
+    help="Also write this HDF5 file with displacements and stresses of the complete part.",
 )
 @click.option(
     "--export",
     "exports",
     multiple=True,
     type=click.Choice(["npz"]),
-    help="Also write the body for NumPy, next to the HDF5 file.",
+    help="Also export the body to a NumPy file, next to the HDF5 file.",
 )
 @json_option
 def reduce(**options: Any) -> None:
-    """Reduce PART to a handful of modes; also under mpirun.
+    """Reduce PART to a few modes; also runs under mpirun.
 
-    PART is conrod, housing or, with --scene, a flexible body of that scene or its model.
+    PART is conrod, housing or, with --scene, the name or model of a flexible body of that scene.
     """
     from fenics_ehd.cli.reduction import reduce_part
 
@@ -206,19 +210,19 @@ def reduce(**options: Any) -> None:
 @cli.command()
 @click.argument("scene", required=False)
 def init(scene: str | None) -> None:
-    """Print the scene file SCENE, every setting explained; without SCENE the names there are."""
+    """Print the scene file SCENE with every setting explained; without SCENE, list all names."""
     from fenics_ehd.scenes.library import shipped, shipped_names
 
     echo("\n".join(shipped_names()) if scene is None else shipped(scene).rstrip("\n"))
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a command: a named error becomes one line and an exit status, on any number of ranks."""
+    """Run a command; an error of the package becomes one line and an exit status, on all ranks."""
     start_command()
     _open_streams()
     logging.disable(logging.INFO)  # the build log of just-in-time compiled forms
     command_line = sys.argv[1:] if arguments is None else arguments
-    # dolfinx reads these variables when it is imported, and only as UTF-8.
+    # dolfinx reads the arguments when it is imported, and accepts only UTF-8.
     sys.argv = [escaped(argument) for argument in sys.argv]
     with all_ranks() as comm:
         status, message = agreed(comm, *_outcome(command_line, alone=comm is None))
@@ -229,7 +233,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
-    """Exit status of a command, and the message of its error, if any."""
+    """Run a command: its exit status, and the message of its error or an empty text."""
     try:
         _require_memory()
         _require_arrays(arguments)
@@ -255,8 +259,8 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
         if isinstance(error, ModuleNotFoundError) and missing:
             return 1, _line(
                 f"this Python, {sys.executable}, lacks Debian's packages {' '.join(missing)}: "
-                "install them, and call one that sees them, /usr/bin/python3 -m venv "
-                "--system-site-packages makes one"
+                "install them, and use a Python that finds them, for example from /usr/bin/python3 "
+                "-m venv --system-site-packages"
             )
         if fault := library_fault():
             return 1, _line(fault)
@@ -275,26 +279,26 @@ def _require_arguments(arguments: list[str]) -> None:
     Raises
     ------
     click.UsageError
-        The message has the argument that precedes it.
+        An argument is empty; the message names the argument before it.
     """
     for before, argument in pairwise(["fenics-ehd", *arguments]):
         if not argument or (argument.startswith("--") and argument.endswith("=")):
             raise click.UsageError(
-                f"{argument or before} is followed by nothing: is a shell variable empty?"
+                f"{argument or before} is followed by an empty value: is a shell variable empty?"
             )
 
 
-#: Commands and options that need no arrays, or explain a NumPy that does not work.
+#: Commands and options that work without NumPy, or that explain why NumPy does not work.
 WITHOUT_ARRAYS = {"init", "info", "check", "-h", "--help", "--version"}
 
 
 def _require_arrays(arguments: list[str]) -> None:
-    """Refuse a NumPy that other libraries are not compiled for, before they are imported.
+    """Refuse a NumPy for which other libraries were not compiled, before they are imported.
 
     Raises
     ------
     EhdError
-        The message has the path of that NumPy.
+        Another NumPy is found first; the message has its path.
     """
     if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
         return
@@ -303,19 +307,19 @@ def _require_arrays(arguments: list[str]) -> None:
 
 
 def _require_memory() -> None:
-    """Refuse to begin with too little memory: BLAS would retry forever and ignore signals.
+    """Refuse to start with too little memory: BLAS would retry forever and ignore signals.
 
     Raises
     ------
     EhdError
-        The address space is too small for libraries and their buffers.
+        The free address space is smaller than `LEAST_MEMORY`.
     """
     try:
         mmap(-1, LEAST_MEMORY, flags=MAP_PRIVATE | MAP_ANONYMOUS, prot=PROT_READ).close()
     except OSError:
         raise EhdError(
-            f"less than {LEAST_MEMORY >> 20} MB of address space left, which libraries alone need: "
-            "raise the limit, ulimit -v"
+            f"less than {LEAST_MEMORY >> 20} MB of address space are free, which libraries alone "
+            "need: raise the limit with ulimit -v"
         ) from None
 
 
@@ -324,7 +328,7 @@ def _line(message: str) -> str:
 
 
 def _open_streams() -> None:
-    """Open closed standard streams to the null device: other files must not get their numbers."""
+    """Connect closed standard streams to the null device, so that no file gets their numbers."""
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         try:
             os.fstat(number)

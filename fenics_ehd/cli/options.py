@@ -29,12 +29,12 @@ def echo(text: object, *, err: bool = False) -> None:
 
 
 def warn_of(lines: Iterable[str]) -> None:
-    """Print notices of unusual values, which may be in another unit."""
+    """Print warnings to standard error, on the first rank."""
     _say(f"fenics-ehd: warning: {line}" for line in lines)
 
 
 def say_reducing(names: Iterable[str]) -> None:
-    """Print the names of the bodies to be reduced; the first reduction takes longer."""
+    """Print names of bodies before their reduction, and a note if forms must be compiled first."""
     listed = ", ".join(names)
     compiled = any(forms_folder().glob("libffcx_forms_*.so"))
     once = "" if compiled else " (forms are compiled once, in about half a minute)"
@@ -51,18 +51,18 @@ def _say(lines: Iterable[str]) -> None:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-#: Types of options with the path of a file.
+#: Types of options whose value is the path of a file, and of a folder.
 FILE = click.Path(dir_okay=False)
 FOLDER = click.Path(file_okay=False)
 
 
 class Dependent(click.Option):
-    """Option that is refused if it has no effect.
+    """Option of click that is refused if it has no effect.
 
     Parameters
     ----------
     needs
-        Conditions on other parameters of the command, by their names.
+        Conditions on other parameters of the command, which are referred to by their names.
     """
 
     def __init__(self, *names: Any, needs: Sequence[Needs] = (), **more: Any):
@@ -72,7 +72,7 @@ class Dependent(click.Option):
     def handle_parse_result(
         self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]
     ) -> tuple[Any, list[str]]:
-        """Value of the option; an explicit default value is accepted without its conditions."""
+        """Check the conditions of the option, unless it has its default value; return its value."""
         value, rest = super().handle_parse_result(ctx, opts, args)
         name = str(self.name)
         if name in opts and value != self.get_default(ctx):
@@ -83,7 +83,7 @@ class Dependent(click.Option):
 
 
 def _parameter(command: click.Command, parsed: Mapping[str, Any], name: str) -> Setting | None:
-    """Another parameter of the command, if it has been parsed."""
+    """Option and value of a parameter named `name`; None if the command has no such parameter."""
     for parameter in command.params:
         if parameter.name == name:
             value = parsed.get(name, parameter.default)
@@ -94,62 +94,62 @@ def _parameter(command: click.Command, parsed: Mapping[str, Any], name: str) -> 
 
 
 def _written(parameter: click.Parameter, value: Any) -> str:
-    """An option as written on the command line; a false switch as ``--no-...``."""
+    """Name of an option as on the command line; of a switch that is off, ``--no-...``."""
     off = value is False and parameter.secondary_opts
     return (parameter.secondary_opts if off else parameter.opts)[-1]
 
 
 def option(*names: str, needs: Sequence[Needs] = (), **more: Any) -> Callable[[Command], Command]:
-    """Option of click that has an effect only under conditions, see `Dependent`."""
+    """Declare an option that is refused if its conditions `needs` are not met, see `Dependent`."""
     return click.option(*names, cls=Dependent, needs=needs, **more)
 
 
 def flag(name: str, help_text: str, needs: Sequence[Needs] = ()) -> Callable[[Command], Command]:
-    """Switch: an option without a value."""
+    """Declare an option without a value, which switches something on."""
     return option(name, is_flag=True, help=help_text, needs=needs)
 
 
 class Integer(click.ParamType):
-    """A whole number in plain digits."""
+    """Type of an option: a whole number in decimal digits."""
 
     name = "integer"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number of the option; the interface of click."""
+        """Convert the text of an option to a whole number; click calls this method."""
         if isinstance(value, str) and not re.fullmatch(r"[+-]?[0-9]{1,300}", value.strip()):
             self.fail(f"{value[:40]!r} is not a whole number", param, ctx)
         return int(value)
 
 
 class Whole(click.IntRange):
-    """A whole number in plain digits, within limits."""
+    """Type of an option: a whole number in decimal digits, within limits."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number of the option; the interface of click."""
+        """Convert an option's text to a whole number within limits; click calls this method."""
         return super().convert(Integer().convert(value, param, ctx), param, ctx)
 
 
 class Real(click.FloatRange):
-    """A finite number in plain digits, within limits."""
+    """Type of an option: a finite number, within limits."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number of the option; the interface of click."""
+        """Convert the text of an option to a number within limits; click calls this method."""
         if isinstance(value, str):
             try:
                 value = parse_number(value)
             except ValueError as error:
                 self.fail(str(error), param, ctx)
             if abs(value) == float("inf"):
-                self.fail("the number must be finite", param, ctx)
+                self.fail(f"{value} is not finite: give a finite number", param, ctx)
         return super().convert(value, param, ctx)
 
 
-#: Words that Python converts to numbers that are not finite.
+#: Texts that Python converts to numbers that are not finite.
 NOT_FINITE = ("nan", "inf", "-inf")
 
 
 class Measured(click.ParamType):
-    """A number, or one with its unit, ``5 kN``, converted to the bracketed unit of a help text."""
+    """Type of an option: a number, or one with a unit, ``5 kN``; the help text ends with [unit]."""
 
     name = "float"
 
@@ -157,7 +157,7 @@ class Measured(click.ParamType):
         self.unit = unit_of(help_text)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Number in the unit of the option; the interface of click."""
+        """Convert an option's text to a number in the option's unit; click calls this method."""
         if not isinstance(value, str):
             return float(value)
         if value.strip().lower() in NOT_FINITE:
@@ -172,17 +172,18 @@ class Measured(click.ParamType):
             self.fail(f"{value!r} {error}", param, ctx)
 
 
-#: Default values of settings that are not set.
+#: Default values that mean "not set", and are not shown in a help text.
 NOT_GIVEN = (NONE, NO_TEMPERATURE, (0.0, 0.0))
 
 
 def setting_options(
     cls: type, *without: str, defaults: bool = True, needs: Sequence[Needs] = ()
 ) -> Callable[[Command], Command]:
-    """Options for settings of a class, except some, with help texts and units of the settings.
+    """Declare one option for each setting of a class, with the setting's help text and unit.
 
-    Without `defaults`, missing options are None. All options have the conditions `needs`;
-    conditions of the settings are checked with the settings.
+    Settings named in `without` get no option. If `defaults` is false, options that are not given
+    are None. All options have the conditions `needs`; conditions of the settings themselves are
+    checked when the settings are made.
     """
 
     def add(command: Command) -> Command:
@@ -220,26 +221,27 @@ def _setting_option(
 
 
 json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print results as JSON on stdout, nothing else there."
+    "--json", "as_json", is_flag=True, help="Print results as JSON, and nothing else, on stdout."
 )
 
 
-#: Pattern of a number that is not finite; names at the start of a line and files "in nan" differ.
+#: Pattern of a printed number that is not finite; it excludes names at the start of a line, and
+#: files "in nan".
 UNPRINTABLE = re.compile(r"(?<=\S)(?<! in) +[-+]?(nan|inf)(?=[\s,;%)]|$)")
 
 
 def answer(result: Mapping[str, Any], text: str, as_json: bool) -> None:
-    """Print a result as JSON, with null for numbers that are not finite, or as text.
+    """Print a result as text, or as JSON with null for numbers that are not finite.
 
     Raises
     ------
     VerificationError
-        The text has a number that is not finite.
+        The text has a number that is not finite; the message names the keys of such numbers.
     """
     unknown = [] if as_json else [line.strip() for line in text.split("\n") if _unknown(line)]
     keys = sorted(set(_not_finite(result))) if unknown else []
     if keys:
-        raise VerificationError(f"{', '.join(keys)}: no finite number, in: {unknown[0]}")
+        raise VerificationError(f"{', '.join(keys)}: not a finite number, in: {unknown[0]}")
     echo(to_json(result) if as_json else text)
 
 
@@ -248,7 +250,7 @@ def _unknown(line: str) -> bool:
 
 
 def _not_finite(result: Any, key: str = "") -> Iterator[str]:
-    """Keys of all numbers in a result that are not finite."""
+    """Keys of all numbers in a result that are not finite; `key` is that of the result."""
     if isinstance(result, Mapping):
         for name, value in result.items():
             yield from _not_finite(value, str(name))
@@ -262,7 +264,7 @@ def _not_finite(result: Any, key: str = "") -> Iterator[str]:
 def aligned(
     rows: Sequence[Sequence[str]], words: Collection[int] = (0,), indent: str = ""
 ) -> list[str]:
-    """Lines of a table with a row of headings: columns of words are left-aligned, others right."""
+    """Lines of a table from rows of cells; columns `words` are left-aligned, others right."""
     columns = enumerate(zip(*rows, strict=True))
     forms = [f"{'<' if k in words else '>'}{max(map(len, cells))}" for k, cells in columns]
     return [(indent + "  ".join(map(format, row, forms))).rstrip() for row in rows]
@@ -276,15 +278,15 @@ def output_option(
     required: bool = False,
     needs: Sequence[Needs] = (),
 ) -> Callable[[Command], Command]:
-    """Option ``-o`` with the path of a folder or a file; `name` is the argument of the command."""
+    """Declare ``-o``: the path of a folder or file, passed to the command as argument `name`."""
     path = FOLDER if folder else FILE
     names = "-o", "--output", name
     return option(*names, type=path, help=help_text, required=required, needs=needs)
 
 
-#: Option with the number of processes, for commands that run many cases.
+#: Option ``--workers`` of commands that run many cases.
 workers_option = click.option(
     "--workers",
     type=Whole(min=1),
-    help="Processes [default: the cores available]; with 1 runs do not compete for time.",
+    help="Number of processes [default: number of available cores]; use 1 to compare run times.",
 )

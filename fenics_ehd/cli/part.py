@@ -1,4 +1,4 @@
-"""``fenics-ehd part``: conversion of drawings and meshes of other programs to models for scenes.
+"""``fenics-ehd part``: conversion of drawings and foreign meshes to models for scenes.
 
 Imports inside functions: ``--help`` must not import Gmsh, PETSc and reductions, which is slow.
 """
@@ -34,13 +34,13 @@ if TYPE_CHECKING:  # the import is slow, and --help must be fast
 
 UNITS = ("m", "cm", "mm", "um", "in")
 
-#: Largest number of faces with a row each in the list.
+#: Largest number of faces that are listed in one row each; more are grouped by size.
 MOST_LISTED = 60
 
-#: Largest number of ranges of face numbers in a row.
+#: Largest number of ranges of face numbers that a row of grouped faces shows.
 MOST_RUNS = 6
 
-#: Condition of the options for writing a model.
+#: Condition of the options that matter only when a model is written.
 WRITTEN = (Needs(("target",)),)
 
 
@@ -51,29 +51,30 @@ WRITTEN = (Needs(("target",)),)
     "bores",
     multiple=True,
     metavar="[NAME=]FACE",
-    help="Lubricated surface: number of a face, or its radius, 22.5mm. Repeatable; the first is "
-    "the origin, its axis z.",
+    help="Lubricated bore: number of its face, or its radius, 22.5mm. Repeatable; the centre of "
+    "the first bore becomes the origin, its axis becomes z.",
 )
 @option(
     "--point",
     "points",
     multiple=True,
     metavar="[NAME=]FACE",
-    help="Boundary point, 'pin' unless named. Repeatable; x goes from the bore to the first.",
+    help="Boundary point, named 'pin' if no name is given. Repeatable; x points from the first "
+    "bore to the first point.",
     needs=WRITTEN,
 )
-@option("--held", metavar="FACE,...", help="Faces that are held.", needs=WRITTEN)
+@option("--held", metavar="FACE,...", help="Numbers of the clamped faces.", needs=WRITTEN)
 @click.option(
     "--unit",
     type=click.Choice(UNITS),
-    help="Unit of the file's lengths. [default: m for meshes, that of a drawing]",
+    help="Length unit of the file. [default: m for meshes, the unit in the file for drawings]",
 )
 @click.option(
     "--angle",
     type=Real(1.0, 90.0),
     default=35.0,
     show_default=True,
-    help="A face of a mesh ends at an edge as sharp as this [degrees].",
+    help="Angle of an edge that separates two faces of a mesh, at least [degrees].",
 )
 @option(
     "--cells-around",
@@ -81,12 +82,17 @@ WRITTEN = (Needs(("target",)),)
     type=Whole(min=8),
     default=40,
     show_default=True,
-    help="Cells around the bores of a drawing.",
+    help="Number of cells around each bore in the mesh of a drawing.",
     needs=WRITTEN,
 )
 @setting_options(Material, needs=WRITTEN)
-@option("--check/--no-check", default=True, help="Also find mass and mesh error.", needs=WRITTEN)
-@output_option("target", "Model to write, rod.msh.", folder=False)
+@option(
+    "--check/--no-check",
+    default=True,
+    help="Also compute the mass and the mesh error of the model.",
+    needs=WRITTEN,
+)
+@output_option("target", "File of the model to write, rod.msh.", folder=False)
 @json_option
 def part(
     file: str,
@@ -101,12 +107,12 @@ def part(
     as_json: bool,
     **material: float,
 ) -> None:
-    """List the faces of FILE, or make a model for scenes of it.
+    """List the faces of FILE, or convert it to a model for scenes.
 
     FILE is a drawing (STEP, IGES) or a mesh of tetrahedra or hexahedra (Gmsh, Abaqus,
-    CalculiX, Nastran and other formats of meshio). Without -o its faces are listed with their
-    numbers; with it and a --bore a .msh file is written, in metres, the bore's axis along z.
-    The material is that of a deck, unless options give another.
+    CalculiX, Nastran and other formats of meshio). Without -o the faces are listed with their
+    numbers. With -o and --bore a .msh file is written, in metres and with the bore's axis along z.
+    The material is that of the file, if it has one, except for values given by options.
     """
     from mpi4py import MPI
 
@@ -114,14 +120,14 @@ def part(
     from fenics_ehd.fem.drawn_part import open_part, place_part
     from fenics_ehd.fem.foreign_mesh import part_material
 
-    if MPI.COMM_WORLD.rank:  # only the first rank works
+    if MPI.COMM_WORLD.rank:  # the other ranks have nothing to do
         return
     if (target is None) != (not bores):
-        raise click.UsageError("to write a model give both -o FILE.msh and --bore FACE")
-    build(Material, material)  # checks the values
+        raise click.UsageError("give both -o FILE.msh and --bore FACE to write a model")
+    build(Material, material)  # raises an error if a value is outside its limits
     chosen = {name: value for name, value in material.items() if _on_command_line(name)}
     if target is not None and Path(target).suffix != ".msh":
-        raise SettingsError(f"-o {target}: a model's name must end with .msh")
+        raise SettingsError(f"-o {target}: the name of a model must end with .msh")
     opened = open_part(Path(file), unit, angle)
     warn_of(opened.notices)
     if target is None:
@@ -139,33 +145,33 @@ def part(
     if placed.size < 1:
         warn_of(
             [
-                f"{target} has {around / placed.size:.0f} cells around its bores: with {around}, "
-                "cells were turned inside out"
+                f"{target} has {around / placed.size:.0f} cells around its bores: with {around} "
+                "cells, some were inside out"
             ]
         )
     answer(figures, "\n".join([made_table(figures), *_left_out(opened)]), as_json)
 
 
 def _require_target(target: str, file: str) -> None:
-    """Refuse a path of the model that would replace another file, or whose folder is missing.
+    """Refuse a path of the model that would replace another file, or whose folder does not exist.
 
     Raises
     ------
     InputError
-        See `require_output`; or the folder does not exist.
+        The path is refused by `require_output`, or its folder does not exist.
     """
     from fenics_ehd.base.files import require_output
     from fenics_ehd.fem.models import MODEL_KIND
 
     require_output(target, MODEL_KIND, [file])
     if not Path(target).absolute().parent.is_dir():
-        raise SettingsError(f"-o {target}: there is no folder {Path(target).parent}")
+        raise SettingsError(f"-o {target}: folder {Path(target).parent} does not exist: create it")
 
 
 def model_figures(
     target: str, opened: OpenedPart, placed: PlacedPart, material: Material, around: int
 ) -> dict[str, Any]:
-    """Figures of a model before its check: cells, bores, points and material."""
+    """Figures of a model for JSON and tables: cells, bores, points and material."""
     from fenics_ehd.fem.solid import corner_volumes
 
     cells_around = {"cells_around": around / placed.size} if opened.drawn else {}
@@ -190,17 +196,17 @@ def model_figures(
 def _write_model(
     target: str, opened: OpenedPart, placed: PlacedPart, material: Material, checked: int
 ) -> dict[str, Any]:
-    """Write a model, and check it if `checked`, the number of cells around the bores, is not 0.
+    """Write a model, and check it if `checked` is not 0; `checked` is the number of cells around.
 
     Returns
     -------
     dict
-        Figures of the check, see `_checked`; empty if there was none.
+        Figures of the check, see `_checked`; empty if the model is not checked.
 
     Raises
     ------
     MeshError
-        The model is no valid part; the message has its path.
+        The model is not a valid part; the message has its path.
     """
     from fenics_ehd.base.files import written_aside
     from fenics_ehd.fem.drawn_part import write_part
@@ -220,33 +226,36 @@ def _write_model(
 
 
 def _on_command_line(option: str) -> bool:
-    """True of an option that the user gave."""
+    """True if the user gave the option on the command line."""
     source = click.get_current_context().get_parameter_source(option)
     return source is not ParameterSource.DEFAULT
 
 
 def _material_from(opened: OpenedPart, chosen: Mapping[str, float]) -> str:
-    """Name of the file's material if one of its values is used, else empty."""
+    """Name of the material in the file, if at least one of its values is used; else empty."""
     if opened.materials and set(opened.materials[0].values) - set(chosen):
         return opened.materials[0].name
     return ""
 
 
 def _left_out(opened: OpenedPart) -> list[str]:
-    """Notice on contents of the file that are not part of the solid, if any."""
+    """Line that names contents of the file outside the solid; an empty list if there are none."""
     return [f"left out of the file: {opened.left_out}"] if opened.left_out else []
 
 
 def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
-    """Faces by name, from values ``NAME=FACE`` of an option."""
+    """Texts of faces by name, from values ``[NAME=]FACE`` of an option."""
     faces: dict[str, str] = {}
     for entry in entries:
         name, _, face = entry.rpartition("=")
         name = name or default
         if not name.isidentifier() or name in ("part", "held"):
-            raise SettingsError(f"{option} {entry}: {name!r} is no name for a surface")
+            raise SettingsError(
+                f"{option} {entry}: {name!r} cannot be the name of a surface: use letters, digits "
+                "and _, and neither 'part' nor 'held'"
+            )
         if name in faces:
-            raise SettingsError(f"{option} {entry}: {name!r} is named twice: NAME=FACE")
+            raise SettingsError(f"{option} {entry}: {name!r} names two faces: give NAME=FACE")
         faces[name] = face
     return faces
 
@@ -254,7 +263,7 @@ def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
 def _named(
     opened: OpenedPart, bores: Sequence[str], points: Sequence[str], held: str | None
 ) -> NamedFaces:
-    """Numbers of the faces in the options; repeated ones are refused."""
+    """Numbers of the faces named by the options; repeated names or numbers are refused."""
     from fenics_ehd.fem.drawn_part import NamedFaces
 
     named = NamedFaces(
@@ -263,20 +272,22 @@ def _named(
         [opened.face(text.strip()) for text in held.split(",")] if held else (),
     )
     if set(named.bores) & set(named.points):
-        raise SettingsError("--point: a bore has that name already: NAME=FACE")
+        raise SettingsError("--point: a bore has the same name: give another one, NAME=FACE")
     numbers = [number for faces in named.all().values() for number in faces]
     twice = sorted({number for number in numbers if numbers.count(number) > 1})
     if twice:
-        raise SettingsError(f"face {twice[0]} is given twice: a face has one name")
+        raise SettingsError(f"face {twice[0]} is given twice: give each face one name only")
     return named
 
 
 def _checked(
     opened: OpenedPart, placed: PlacedPart, path: Path, around: float, material: Material
 ) -> dict[str, Any]:
-    """Mass, unknowns, and mesh error of the bores' flexibility, which is stored in the file.
+    """Mass, number of unknowns, and mesh error of the bores' flexibility.
 
-    The second mesh of a drawing is finer if affordable; of a mesh, every cell is divided in eight.
+    The error is estimated from a second mesh. For a drawing it is finer, or coarser if a finer one
+    has too many unknowns; for a mesh, every cell is divided into eight. The error is also stored in
+    the file.
     """
     from tempfile import TemporaryDirectory
 
@@ -317,7 +328,7 @@ def _checked(
 
 
 def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
-    """Number, kind, area, cylinder, axis and centre of every face."""
+    """Figures of every face: number, kind, area, cylinder, axis and centre."""
     rows = []
     for number, face in enumerate(opened.faces, 1):
         row: dict[str, Any] = {"number": number, "kind": face.kind, "area_m2": face.area}
@@ -334,7 +345,7 @@ def faces_listed(opened: OpenedPart) -> list[dict[str, Any]]:
 
 
 def face_table(faces: Sequence[dict[str, Any]]) -> str:
-    """Table of the faces in millimetres; in long lists, faces of equal size share a row."""
+    """Printed table of faces in millimetres; in long lists faces of equal size share a row."""
     rows = [
         ["face", "kind", "radius", "width", "around", "area", "axis or normal", "centre"],
         ["", "", "[mm]", "[mm]", "[deg]", "[mm2]", "", "[mm]"],
@@ -347,12 +358,12 @@ def face_table(faces: Sequence[dict[str, Any]]) -> str:
     rows += [_face_row(group) for group in groups.values()]
     lines = aligned(rows, words=(0, 1, 6, 7) if grouped else (1, 6, 7))
     if grouped:
-        lines.append(f"{len(faces)} faces, those of equal size in one row: --json lists each")
+        lines.append(f"{len(faces)} faces, faces of equal size in one row: --json lists every face")
     return "\n".join(lines)
 
 
 def _size_columns(face: dict[str, Any]) -> tuple[str, ...]:
-    """Kind, radius, width, angle and area of a face as printed."""
+    """Printed cells of a face: kind, radius, width, angle around the cylinder, area."""
     area = f"{face['area_m2'] * 1e6:.2f}"
     if "radius_m" not in face:
         return face["kind"], "", "", "", area
@@ -362,7 +373,7 @@ def _size_columns(face: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _face_row(group: Sequence[dict[str, Any]]) -> list[str]:
-    """Row of one face, or of several of equal size."""
+    """Printed row of one face, or of several faces of equal size."""
     first = group[0]
     if len(group) > 1:
         numbers = _ranges([face["number"] for face in group])
@@ -373,7 +384,7 @@ def _face_row(group: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Ascending numbers as text with ranges, ``3-7, 9``."""
+    """Text of ascending numbers with ranges, ``3-7, 9``."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:
@@ -385,7 +396,7 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def made_table(figures: dict[str, Any]) -> str:
-    """Table of the model's figures, and the lines of a scene that uses the model."""
+    """Printed table of a model, and the lines of a scene file that refer to it."""
     kind = {"tet": "10-node tetrahedra", "hex": "20-node hexahedra"}[figures["cells"]]
     lines = [
         f"{figures['file']}: {figures['number_of_cells']} {kind}, worst cell "

@@ -35,10 +35,10 @@ from fenics_ehd.cli.options import (
     "quantities",
     multiple=True,
     metavar="[JOINT.]QUANTITY",
-    help=f"What to draw, of all joints or of one: {', '.join(PICTURES)} [default: all that the "
-    "runs have].",
+    help=f"Quantity to draw, for all joints or for one: {', '.join(PICTURES)} [default: all that "
+    "the runs have].",
 )
-@flag("--difference", "Draw the second of two runs less the first.")
+@flag("--difference", "Draw the difference of two runs: the second minus the first.")
 @output_option("target", "Folder for the pictures [default: the first of DIRECTORIES].")
 def plot(
     directories: tuple[str, ...],
@@ -47,10 +47,10 @@ def plot(
     difference: bool,
     target: str | None,
 ) -> None:
-    """Draw the last cycle of the joints of one or more runs, several in one picture.
+    """Draw the last cycle of the joints of one run, or of several runs in the same pictures.
 
-    Prints the names of the pictures, PNG and SVG. Those of several runs have names of their own,
-    NAME-comparison or NAME-difference.
+    The command prints the names of the files, PNG and SVG. The names of pictures of several runs
+    end with -comparison or -difference.
     """
     from fenics_ehd.plotting.pictures import Pictures
 
@@ -73,7 +73,7 @@ def plot(
             echo(path)
 
 
-#: Default name of the file.
+#: Default name of the file with the animation.
 DEFAULT_NAME = "animation.gif"
 
 
@@ -81,18 +81,18 @@ DEFAULT_NAME = "animation.gif"
 @click.argument("directory", type=FOLDER)
 @output_option(
     "target",
-    f"File, .gif or .mp4 (which needs ffmpeg) [default: DIRECTORY/{DEFAULT_NAME}].",
+    f"File to write, .gif or .mp4 (which needs ffmpeg) [default: DIRECTORY/{DEFAULT_NAME}].",
     folder=False,
 )
 @click.option(
-    "--joint", help="Lubricated joint whose film is drawn [default: that of the highest pressure]."
+    "--joint", help="Joint whose film is drawn [default: joint with the highest pressure]."
 )
 @click.option(
     "--frames",
     type=Whole(min=2),
     default=80,
     show_default=True,
-    help="Instants, at equal times over the run.",
+    help="Number of frames, at equal time intervals over the run.",
 )
 @click.option(
     "--fps",
@@ -100,19 +100,20 @@ DEFAULT_NAME = "animation.gif"
     type=Whole(min=1, max=50),
     default=20,
     show_default=True,
-    help="Frames a second.",
+    help="Frames per second.",
 )
 @click.option(
     "--scale",
     type=Real(min=0, min_open=True),
-    help="Enlargement of displacements and clearances [default: so that both are seen].",
+    help="Magnification of displacements and clearances [default: so that both are visible].",
 )
 @click.option(
     "--basis",
     "bases",
     multiple=True,
     type=FILE,
-    help="Basis of a whole flexible body, made by 'reduce --basis' [default: its bore, a ring].",
+    help="Basis file of a flexible body, made by 'reduce --basis', to draw the complete body "
+    "[default: its bore as a ring].",
 )
 def animate(
     directory: str,
@@ -123,10 +124,10 @@ def animate(
     scale: float | None,
     bases: tuple[str, ...],
 ) -> None:
-    """Show a run: its bodies and joints, the film of one joint, curves.
+    """Animate a run: bodies and joints, the film of one joint, and curves.
 
-    DIRECTORY has a run, which may be incomplete or in progress; of a periodic run, its last
-    cycle. Nothing is meshed for it.
+    DIRECTORY holds a run, which may be incomplete or in progress. For a periodic run, the last
+    cycle is shown. No part is meshed again.
     """
     from tqdm import tqdm
 
@@ -152,19 +153,20 @@ def animate(
     type=Whole(min=1),
     default=60,
     show_default=True,
-    help="At most how many recorded steps.",
+    help="Largest number of recorded steps to write.",
 )
 @click.option(
     "--basis",
     "bases",
     multiple=True,
     type=FILE,
-    help="Basis of a whole flexible body, made by 'reduce --basis' [default: lines].",
+    help="Basis file of a flexible body, made by 'reduce --basis', to write the complete body "
+    "[default: lines].",
 )
 def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, ...]) -> None:
-    """Write run.pvd, one file for ParaView: bodies and films of a run as they move.
+    """Write run.pvd, a ParaView series of the moving bodies and films of a run.
 
-    DIRECTORY has a run, which may be incomplete or in progress. Nothing is meshed for it.
+    DIRECTORY holds a run, which may be incomplete or in progress. No part is meshed again.
     """
     from fenics_ehd.multibody.history import load_history
     from fenics_ehd.plotting.shown import moving_part, recorded
@@ -188,19 +190,22 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
 @click.command()
 @click.argument("directory", type=FOLDER)
 @click.option(
-    "--body", "chosen", multiple=True, help="Flexible body [default: all of them]. Repeatable."
+    "--body",
+    "chosen",
+    multiple=True,
+    help="Flexible body [default: all flexible bodies]. Repeatable.",
 )
 @click.option(
     "--damping/--no-damping",
     default=True,
     show_default=True,
-    help="Whether stress is that which balances the loads, or that of the deformation alone, "
-    "without what the material's damping carries.",
+    help="Whether the stress includes the part carried by material damping, so that it balances "
+    "the loads, or is that of the elastic deformation alone.",
 )
 @flag(
     "--complete",
-    "Add the static answer that the basis misses of the films' pressures and of turning: for "
-    "m1, m2 and m3, which know a part of it.",
+    "Add the static response to film pressures and to rotation that the basis lacks: for bodies "
+    "reduced by m1, m2 and m3, whose modes contain only a part of it.",
     needs=(Needs(("damping",), (True,)),),
 )
 @click.option(
@@ -208,7 +213,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     "programs",
     multiple=True,
     type=click.Path(exists=True, dir_okay=False),
-    help="A .geo model of the run, a program, which may be run. Repeatable.",
+    help="Allow this .geo model of the run, which is a program, to be executed. Repeatable.",
 )
 @json_option
 def stress(
@@ -219,17 +224,18 @@ def stress(
     programs: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Stresses of flexible bodies over the last cycle of a run.
+    """Compute stresses of flexible bodies over the last cycle of a run.
 
-    DIRECTORY holds a complete run. Parts are meshed and reduced again. Written there are
-    stress.json and vtk/BODY_stress.vtu: the largest von Mises stress of a half-range of the stress
-    tensor over all pairs of instants, its mean, the largest principal stress.
+    DIRECTORY holds a complete run. The parts are meshed and reduced again. The command writes
+    stress.json and vtk/BODY_stress.vtu. They contain the half-range of the stress tensor with the
+    largest von Mises stress over all pairs of instants, the mean stress of that pair, and the
+    largest principal stress.
     """
     from mpi4py import MPI
 
     from fenics_ehd.cli.stress import cycle_stresses, report
 
-    if MPI.COMM_WORLD.rank:  # only the first rank works
+    if MPI.COMM_WORLD.rank:  # the other ranks have nothing to do
         return
     folder = Path(directory)
     stresses = cycle_stresses(folder, chosen, damping, complete, programs)

@@ -28,10 +28,10 @@ from fenics_ehd.reduction.part_files import BASIS_KIND, save_basis
 from fenics_ehd.scenes.part import ReducedPart, elastic_part
 from fenics_ehd.scenes.scene import Scene, changed, input_files, meshed, read_scene
 
-#: Scenes with the flexible bodies that can be named by their models alone.
+#: Scenes by the names of shipped models, which `reduce` accepts without a scene.
 SHIPPED = {"conrod": "slider-crank-paper", "housing": "rotor-paper"}
 
-#: Largest number of rows, in the inventory, of a group of modes that are no coordinates.
+#: Largest number of printed modes in a group of modes that are not coordinates of the body.
 SHOWN = 8
 
 
@@ -45,9 +45,9 @@ def reduce_part(
     as_json: bool,
     **options: str | float | None,
 ) -> None:
-    """Reduce a part; collective, and the first rank writes the body.
+    """Reduce a part on all ranks; the first rank writes the body.
 
-    `options` are those of [reduction], None for options that are not given.
+    `options` are settings of [reduction]; a value of None means that the option is not given.
     """
     targets = {form: str(Path(path).with_suffix(f".{form}")) for form in exports}
     outputs = {"-o": path, "--basis": basis_path or ""}
@@ -83,15 +83,17 @@ def reduce_part(
 
 
 def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
-    """Scene and name of the flexible body that a body's name or a model refers to.
+    """Scene that has the part, and the part's name in it; `part` is a body's name or its model.
 
     Raises
     ------
     SettingsError
-        The name refers to no flexible body, or to several.
+        No flexible body of the scene has this name or model, or several have it.
     """
     if scene_name is None and part not in SHIPPED:
-        raise SettingsError(f"part {part!r}: not {' or '.join(SHIPPED)}; --scene FILE has others")
+        raise SettingsError(
+            f"part {part!r} is not {' or '.join(SHIPPED)}: for another part give --scene FILE"
+        )
     scene = read_scene(scene_name or SHIPPED[part])
     models = {name: scene.bodies[name].model for name in meshed(scene)}
     meant = [name for name, model in models.items() if part in (name, model, Path(model).stem)]
@@ -99,17 +101,17 @@ def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
         known = ", ".join(models) or "none"
         raise SettingsError(
             f"part {part!r}: scene {scene.name} has {len(meant)} flexible bodies of that name or "
-            f"model, not one; its flexible bodies with a model: {known}"
+            f"model, but must have one: name one of its bodies with a model, {known}"
         )
     return scene, meant[0]
 
 
-#: Kinds of files, by the option with the path.
+#: Kind of the output file of each option.
 KINDS = {"-o": BODY_KIND, "--basis": BASIS_KIND, "--export npz": EXPORT_KIND}
 
 
 def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path]) -> None:
-    """Refuse output files that cannot be written, replace other files, or have the same path."""
+    """Refuse output files that cannot be written, would replace other files, or share a path."""
     taken: dict[Path, str] = {}
     for option, file in outputs.items():
         if not file:
@@ -118,8 +120,8 @@ def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path])
         path = Path(file).resolve()
         if path in taken:
             raise SettingsError(
-                f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose another "
-                "name for one of them"
+                f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose different "
+                "names for the two files"
             )
         taken[path] = option
 
@@ -131,11 +133,11 @@ def _in_place(path: str, write: Any) -> None:
 
 
 def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> dict[str, object]:
-    """Figures of a reduction for JSON and tables."""
+    """Settings and results of a reduction, for JSON and the printed table."""
     body = rod.body
     inertia = body.inertia
     return {
-        # Settings first: results replace settings of the same key.
+        # Settings come first, so that results replace settings of the same key.
         **body.provenance,
         **body.accuracy,
         "method": body.method,
@@ -156,9 +158,9 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
     }
 
 
-#: Factors and texts of figures in a reduction's accuracy.
+#: Lines on the accuracy of a reduction by key: factor to the printed unit, and text.
 NOTES = {
-    "flexibility_followed": (100, "these modes follow {:.4g} % of the bore's flexibility"),
+    "flexibility_followed": (100, "these modes contain {:.4g} % of the bore's flexibility"),
     "flexibility_mesh_error": (100, "mesh error of the bore's flexibility: {:.2g} %"),
     "flexibility_error": (
         100,
@@ -167,14 +169,14 @@ NOTES = {
     "static_dropped": (1, "{:.0f} static modes dropped as linearly dependent"),
     "static_added": (
         1,
-        "{:.0f} residual modes more than asked for: their pressures have the same singular value "
+        "{:.0f} residual modes more than requested: their pressures have the same singular value "
         "as the last one",
     ),
 }
 
 
 def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
-    """Table of the reduction's figures and inventory of its modes."""
+    """Printed table of a reduction: main results, and the inventory of modes."""
     inertia = body.inertia
     lines = [
         f"{body.method}: {body.modes} modes of {summary['degrees_of_freedom']} degrees of freedom, "
@@ -183,7 +185,7 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
         f"from the bore centre, polar inertia {inertia.polar_inertia:.4g} kg m2",
     ]
     for key, (factor, text) in NOTES.items():
-        # A number of zero static modes dropped or added is not reported.
+        # If no static mode was dropped or added, the number is not printed.
         if key in body.accuracy and (body.accuracy[key] or not key.startswith("static_")):
             lines.append(f"  {text.format(factor * body.accuracy[key])}")
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
@@ -200,7 +202,7 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
 
 
 def _group(name: str, modes: list[ModeRecord]) -> list[str]:
-    """First rows of a long group of modes, and the number of the others."""
+    """Heading and first rows of a group of modes, and the number of modes that are not shown."""
     if not modes:
         return []
     lines = [f"  {name}: {len(modes)}, {100 * sum(m.participation for m in modes):.3g} %"]

@@ -1,6 +1,7 @@
-"""``fenics-ehd run``: run a scene or resume a run, and print its results.
+"""``fenics-ehd run``: run a scene or resume a run, and print a report of its results.
 
-The report has results of every joint and over the cycle, the error budget, and the accuracy.
+The report has the results of every joint over the cycle or run, the error budget, and the search
+for an accuracy.
 
 Imports inside functions: pictures, ParaView and reductions are imported only by runs that need
 them.
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from fenics_ehd.results.paraview import PartFields
 
 
-#: Names of the error components in tables, by key.
+#: Printed names of the error components, by key.
 COMPONENTS = {
     "basis": "basis",
     "film_mesh": "film mesh",
@@ -58,7 +59,7 @@ COMPONENTS = {
 }
 ROWS = {"max_pressure": "peak pressure", "min_film_thickness": "thinnest film"}
 
-#: Explanation below the table of a budget.
+#: Explanation below the table of an error budget.
 MEANING = (
     "  +-: estimated error of the value; over the {}: largest error of the curve, in per cent of\n"
     "  the peak pressure, or of the film thickness at that instant"
@@ -66,23 +67,23 @@ MEANING = (
 
 
 def share(value: float | str) -> str:
-    """A relative error in per cent, or the word for a missing one."""
+    """Text of a relative error in per cent, or of the word that a missing error has instead."""
     if isinstance(value, str):
         return "-" if value == NOT_APPLICABLE else value
     return f"{100 * value:.2g} %"
 
 
 def total(errors: Mapping[str, Any]) -> str:
-    """Sum of all errors, ``1.9 %``; ``> 0.5 %`` if a component is unknown."""
+    """Sum of the known errors as text, ``1.9 %``; ``> 0.5 %`` if a component is not estimated."""
     lacking = isinstance(errors["total"], str) and not isinstance(errors["known"], str)
     return "> " * lacking + share(errors["known"])
 
 
 def error_text(joint: Mapping[str, Any], quantity: str, value: float, unit: str) -> str:
-    """Error of a result in its unit; empty if there is no budget.
+    """Estimated error of a result as text; empty if the joint has no error budget.
 
-    The text is ``+- 28 %, too high by about 13 MPa`` if the sign of most of the error is known.
-    Components that are missing from the sum are listed.
+    If the sign of most of the error is known, the text is ``+- 28 %, too high by about 13 MPa``.
+    If components were not estimated, the text names them.
     """
     budget = joint.get("error_budget")
     if budget is None:
@@ -99,7 +100,7 @@ def error_text(joint: Mapping[str, Any], quantity: str, value: float, unit: str)
 
 
 def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, Any]) -> list[str]:
-    """Lines of all joints' budgets: of the extremes, and of the largest errors over the cycle."""
+    """Lines of all joints' error budgets: errors of extremes, and largest errors over the cycle."""
     known = {
         name: joint["error_budget"] for name, joint in joints.items() if "error_budget" in joint
     }
@@ -119,13 +120,13 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
         for why, keys in _by_value(summary.get("error_budget_notes", {}))
     ]
     return lines + [
-        f"  {keys}: without {share(part)} of the time, at which no step was found near the run's"
+        f"  {keys}: excludes {share(part)} of the time, where no step near the run's converged"
         for part, keys in _by_value(summary.get("error_budget_left_out", {}))
     ]
 
 
 def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """Distinct values, each with the names of its components."""
+    """Distinct values of a dictionary by component, each with the names of its components."""
     names: dict[Any, list[str]] = {}
     for key, value in by_component.items():
         names.setdefault(value, []).append(COMPONENTS[key])
@@ -133,23 +134,24 @@ def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:
 
 
 def _span(summary: Mapping[str, Any]) -> str:
-    """Name of the time span of the figures: the cycle, or the run if it has none."""
+    """Word for the time span that the results are for: ``cycle``, or ``run`` without a cycle."""
     cycle = Cycle.of_summary(summary)
     return "cycle" if cycle is None or cycle.complete or cycle.periodic else "run"
 
 
 def say_next(search: Search) -> None:
-    """Print the estimate of the last run and the changes of the next one."""
+    """Print the largest error of the last run of a search, and the changes for the next run."""
     run = search.runs[-1]
     changes = ", ".join(f"{key} = {choice_text(value)}" for key, value in search.wanted.items())
     echo(
-        f"accuracy: {share(run['estimate'])} of {share(search.asked)} asked, next with {changes}",
+        f"accuracy: error {share(run['estimate'])}, {share(search.asked)} requested; "
+        f"next run: {changes}",
         err=True,
     )
 
 
 def choice_text(value: Any) -> str:
-    """Text of a value chosen for an accuracy: cells, a reduction, a geometry or a number."""
+    """Text of a setting that a search chose: cells, a reduction, a geometry or a number."""
     if isinstance(value, list):
         return " x ".join(map(str, value))
     if isinstance(value, Mapping) and "method" in value:
@@ -161,16 +163,16 @@ def choice_text(value: Any) -> str:
 
 
 def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Values chosen for an accuracy, with the errors of every run."""
+    """Lines on a search for an accuracy: settings chosen for each run, and errors of each run."""
     if "accuracy" not in summary:
         return []
     search = summary["accuracy"]
     runs = search["runs"]
     columns = ["pilot", *(f"run {k}" for k in range(1, len(runs)))]
-    rows = [[f"accuracy, {share(search['asked'])} asked", *columns]]
+    rows = [[f"accuracy, {share(search['asked'])} requested", *columns]]
     for key in runs[0]["chosen"] | runs[-1]["chosen"]:
         values = [run["chosen"].get(key) for run in runs]
-        texts = ("as given" if value is None else choice_text(value) for value in values)
+        texts = ("as in scene" if value is None else choice_text(value) for value in values)
         rows.append([key, *texts])
     for key, words in COMPONENTS.items():
         if key in runs[0]["errors"]:
@@ -180,13 +182,13 @@ def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
     rows.append(["processor time", *(f"{run['processor_time_s']:.1f} s" for run in runs)])
     lines = aligned(rows, indent="  ")
     if search["kept"]:
-        lines.append(f"  kept as written: {', '.join(search['kept'])}")
+        lines.append(f"  not changed by the search: {', '.join(search['kept'])}")
     if not search["met"]:
         lines.append(f"  {summary['warnings'][-1]}")
     return lines
 
 
-#: Ratio of basis error estimate and thinnest film above which the estimate is reported as large.
+#: Basis error estimate over minimum film thickness; above it the estimate is reported as large.
 LARGEST_ESTIMATE = 0.2
 
 
@@ -203,9 +205,9 @@ class RunOptions:
     as_json
         Whether the summary is printed as JSON.
     multiplier
-        Whether the largest multiplier of a periodic solution is computed.
+        Whether the largest Floquet multiplier of a periodic solution is computed.
     began
-        Time at which the command began [s].
+        Time at which the command began, by `perf_counter` [s].
     """
 
     plots: bool
@@ -222,10 +224,10 @@ def run(
     options: RunOptions,
     inputs: Collection[Path] = (),
 ) -> None:
-    """Run a scene that was read from the files `inputs`; collective until the machine is built."""
+    """Run a scene, read from the files `inputs`; all ranks build the machine, the first runs it."""
     if options.multiplier and not scene.time.periodic:
         raise SettingsError(
-            f"--multiplier: scene {scene.name} is no periodic solution: set time.periodic = true"
+            f"--multiplier: scene {scene.name} has no periodic solution: set time.periodic = true"
         )
     warn_of(scene.warnings)
     require_writable(directory)
@@ -235,7 +237,7 @@ def run(
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
         built = build(scene, MPI.COMM_WORLD, announce=say_reducing)
         parts = _gathered_parts(built) if scene.output.paraview else {}
-        # The time integration is serial, on the first rank.
+        # The time integration runs on the first rank only.
         if folder is not None:
             _finish(scene, built, folder, options, search, parts=parts)
 
@@ -243,28 +245,30 @@ def run(
 def changed_scene(
     name: str, body: str | None, method: str | None, output: Mapping[str, Any]
 ) -> Scene:
-    """A scene with the changes of the command line.
+    """Read a scene, and change it by options of the command line.
 
     Parameters
     ----------
     name
-        Name of a shipped scene, or path of a file.
+        Name of a shipped scene, or path of a scene file.
     body
-        File of a reduced body.
+        Path of a reduced body that replaces the scene's flexible body, or None.
     method
-        Reduction method of the scene's parts, which a search for an accuracy keeps.
+        Reduction method for all parts of the scene, or None. A search for an accuracy keeps it.
     output
-        Values of settings in ``[output]``.
+        Values of settings in ``[output]`` by key.
 
     Raises
     ------
     SettingsError
-        Body and method exclude each other.
+        Both `body` and `method` are given.
     """
     scene = as_stored(name)
     if body is not None:
         if method is not None:
-            raise SettingsError("--body and --method exclude each other: the body has its method")
+            raise SettingsError(
+                "--body and --method exclude each other: the body is already reduced"
+            )
         from fenics_ehd.scenes.part import with_body  # imports all reductions, which is slow
 
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
@@ -280,7 +284,7 @@ def changed_scene(
 
 
 def _gathered_parts(built: Machine) -> dict[str, PartFields]:
-    """Parts reduced in this run, gathered for a ParaView series; collective."""
+    """Meshes and bases of parts reduced in this run, gathered on the first rank; collective."""
     from fenics_ehd.results.paraview import gather_part
 
     parts = {
@@ -291,7 +295,7 @@ def _gathered_parts(built: Machine) -> dict[str, PartFields]:
 
 
 def resume(directory: Path, options: RunOptions) -> None:
-    """Resume a run; on one rank only."""
+    """Resume the run in a folder; on one rank only."""
     with RunFolder(directory, resume=True) as folder:
         done = complete_result(folder.path)
         if done is not None and "cycles" in done:
@@ -312,12 +316,12 @@ def _finish(
     former: Checkpoint | None = None,
     parts: Mapping[str, PartFields] = MappingProxyType({}),
 ) -> None:
-    """Integrate, draw and print; `parts` are written to a ParaView series.
+    """Integrate, draw pictures, write a ParaView series of `parts`, and print the report.
 
     Raises
     ------
     VerificationError
-        The run is not complete.
+        The run stopped before its end; the message is its status.
     """
     first = built
     scene, built, summary = run_accurately(
@@ -348,21 +352,21 @@ def _finish(
 def _write_series(
     scene: Scene, built: Machine, directory: Path, parts: Mapping[str, PartFields]
 ) -> None:
-    """Write a ParaView series; bodies from files, and bodies of resumed runs, have no mesh."""
+    """Write a ParaView series; a body that was not reduced in this run is drawn by lines."""
     from fenics_ehd.multibody.history import load_history
     from fenics_ehd.results.paraview import write_run
 
     if without := sorted(built.bodies.keys() - parts.keys()):
         named = ", ".join(without)
-        warn_of([f"{named}: no mesh is in a reduced body's file, ParaView has lines and films"])
+        warn_of([f"{named}: has no mesh in this run, ParaView shows it by lines and films"])
     frames = scene.output.frames
     write_run(built.mechanism, load_history(directory), parts, directory / "vtk", frames)
 
 
-#: Factors to printed units, by endings of names of figures; the first ending that fits is used.
+#: Factors to printed units, by endings of the names of results; the first matching ending is used.
 FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m": 1e6}
 
-#: Lines of a joint in printed units, each by the figure that it requires.
+#: Printed lines of a joint by the result that a line requires; values are in printed units.
 JOINT_LINES = {
     "max_pressure_Pa": "    maximum pressure        {max_pressure_Pa:9.3f} MPa {pressure_error}at "
     "{max_pressure_time_s:.3f} ms",
@@ -390,19 +394,19 @@ JOINT_LINES = {
     "contact pressure up to {max_contact_pressure_Pa:.3g} MPa",
 }
 
-#: Lines of the run in units of the summary, each by the figure that it requires.
+#: Printed lines of a run by the key of the summary that a line requires; values are in SI units.
 RUN_LINES = {
     "cycles": "  periodic after {cycles} cycles: the films change by {periodicity_defect:.1e}",
     "multiplier_failure": "  largest multiplier: not found, {multiplier_failure}",
-    "largest_multiplier": "  largest multiplier      {largest_multiplier:9.3g}     of a change is "
-    "left after a cycle, +- {largest_multiplier_residual:.1g}",
+    "largest_multiplier": "  largest multiplier      {largest_multiplier:9.3g}     of a "
+    "perturbation remains after a cycle, +- {largest_multiplier_residual:.1g}",
     "energy_balance_error": "  energy balance error    {energy_balance_error:9.1e}     of the "
     "energy exchanged",
 }
 
 
 def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
-    """Lines of the figures that a joint has, over a cycle or run, with flows at the end."""
+    """Printed lines of the results of a joint; `span` is ``cycle`` or ``run``, flows come last."""
     figures = {}
     for key, value in joint.items():
         if isinstance(value, int | float):
@@ -415,7 +419,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         "span": span,
         "pressure_error": error_text(joint, "max_pressure", pressure, "MPa"),
         "film_error": error_text(joint, "min_film_thickness", film, "um"),
-        "large": ", not small against the film: take more modes" * large,
+        "large": ", not small compared with the film: use more modes" * large,
     }
     values = figures | words
     lines = [
@@ -424,7 +428,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         if np.isfinite(figures.get(key, np.nan))
     ]
     for key, flow in figures.items():
-        # The mean over the last cycle replaces the mean over the run.
+        # The mean over the last cycle is printed in place of the mean over the run.
         if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
             name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
             lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s")
@@ -432,7 +436,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
 
 
 def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
-    """Report of a run; `seconds` is the time of the command if it ran in one process."""
+    """Printed report of a run; `seconds` is the duration of the command, if it ran alone."""
     joints = summary["joints"]
     lines = [
         f"{summary['scene']}: {summary['steps']} steps, "
@@ -458,7 +462,7 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
 
 
 def _rest(summary: Mapping[str, Any], seconds: float | None) -> str:
-    """Text of the remaining time that a command took."""
+    """Text with the time for everything but reduction and integration, and with the total time."""
     if seconds is None:
         return ""
     rest = seconds - summary["reduction_time_s"] - summary["wall_time_s"]

@@ -30,10 +30,10 @@ from fenics_ehd.results.stress import cycle_stress, figures, write_fields
 from fenics_ehd.scenes.part import model_file, remade_part
 from fenics_ehd.scenes.scene import GROUND, Scene, as_stored, meshed
 
-#: Relative scatter of the stress in the cells around a node above which it counts as unresolved.
+#: Relative scatter of the stress in the cells around a node, above which it is not resolved.
 LARGEST_SCATTER = 0.2
 
-#: Methods whose basis misses flexibility of the bore.
+#: Reduction methods whose modes contain only a part of the bore's static flexibility.
 PARTIAL = ("m1", "m2", "m3")
 
 
@@ -44,19 +44,25 @@ def cycle_stresses(
     complete: bool,
     programs: tuple[str, ...],
 ) -> dict[str, Any]:
-    """Compute stresses and write the fields; the content of ``stress.json``.
+    """Compute the stresses of bodies, and write the fields and ``stress.json``.
 
     Parameters
     ----------
     folder
         Folder of a complete run.
     chosen
-        Names of bodies; empty: all bodies with stresses.
-    damping, complete
-        Whether stress includes material damping, which then balances the loads; and whether the
-        static response missing from the basis is added.
+        Names of bodies; empty for all flexible bodies.
+    damping
+        Whether the stress includes the part carried by material damping, and balances the loads.
+    complete
+        Whether the static response that the basis lacks is added.
     programs
-        Models of the run that are programs, and that the user allows to run.
+        Models of the run that are programs, and that the user allows to be executed.
+
+    Returns
+    -------
+    dict
+        Content of ``stress.json``.
     """
     start = perf_counter()
     summary = require_complete(folder)
@@ -102,12 +108,12 @@ def cycle_stresses(
 def _bodies(
     scene: Scene, run: RecordedMotion, folder: Path, chosen: tuple[str, ...]
 ) -> tuple[list[str], dict[str, str]]:
-    """Names of bodies with stresses, and reasons why others have none.
+    """Names of the bodies to compute stresses of, and reasons why other bodies have no stresses.
 
     Raises
     ------
     SettingsError
-        A chosen body has no stresses, or no body has any.
+        A chosen body has no stresses, or no body of the run has stresses.
     """
     names = [name for name in scene.bodies if name != GROUND]
     reasons = {name: _why_none(run.bodies[name], name in meshed(scene)) for name in names}
@@ -119,36 +125,36 @@ def _bodies(
     wanted = dict.fromkeys(chosen or [name for name in names if name not in skipped])
     if not wanted:
         listed = ", ".join(f"{name}: {reason}" for name, reason in skipped.items())
-        raise SettingsError(f"{folder}: no body with stresses ({listed})")
+        raise SettingsError(f"{folder}: no body of this run has stresses ({listed})")
     return list(wanted), skipped
 
 
 def _require_models(scene: Scene, bodies: Sequence[str], programs: Sequence[str]) -> None:
-    """Refuse a model that belongs to none of the bodies, unless a body's own model is refused."""
+    """Refuse a path in `programs` that is not the model of one of the bodies."""
     if not programs:
         return
     models = [model_file(scene.bodies[name], f"bodies.{name}") for name in bodies]
     unnamed = [m for m in models if not any(m.samefile(program) for program in programs)]
     if any(model.suffix == ".geo" and not is_shipped(model) for model in unnamed):
-        return  # the body's model is refused by its name later
+        return  # reading the part refuses its model, with the model's name
     for program in programs:
         if not any(model.samefile(program) for model in models):
-            raise no_effect("--model", program, "without a body of that model in the run")
+            raise no_effect("--model", program, "without a body in the run that has this model")
 
 
 def _why_none(body: object, has_model: bool) -> str:
-    """Reason why a body has no stresses; empty if it has."""
+    """Reason why a body has no stresses; empty text if it has stresses."""
     if isinstance(body, MasslessBody):
         return "it is rigid"
     if not isinstance(body, FlexibleBody):
-        return "it is no part with a mesh"
+        return "it has no mesh"
     if not has_model:
         return "it was read from a file of a reduced body, which has no mesh"
     return "" if body.reduced.modes else "it was reduced to a rigid body"
 
 
 def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
-    """Times of the instants in the cycle [s], and rotation angles of the reference body."""
+    """Times in the cycle [s] and rotation angles of the reference body [degrees], by name."""
     instants = {"time_s": result.run.time - result.cycle.start}
     angle = result.angle_of(scene.time.of)
     if angle is not None:
@@ -157,7 +163,7 @@ def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
 
 
 def report(result: Mapping[str, Any], folder: Path) -> str:
-    """Table of the largest stresses of every body."""
+    """Printed table of the extreme stresses of every body."""
     lines = [f"{result['scene']}: stresses over {result['instants']} instants ({result['cycle']})"]
     for name, body in result["bodies"].items():
         half = body["half_range"]
@@ -181,23 +187,23 @@ def report(result: Mapping[str, Any], folder: Path) -> str:
 
 
 def _row(name: str, value: float, more: str = "") -> str:
-    """Row of the table with a stress."""
+    """Printed row of a stress [Pa], in MPa."""
     return f"    {name:52}{value * 1e-6:9.2f}{more}"
 
 
 def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
-    """Rows of an extreme stress: range in the cells around the node, position and instants."""
+    """Printed rows of an extreme stress: value, range in the cells around, position, instants."""
     ends = extreme["in_cells_around_Pa"]
     around = " to ".join(f"{end * 1e-6:.1f}" for end in ends)
     position = ", ".join(f"{1e3 * x:.2f}" for x in extreme["place_m"])
     lines = [_row(name, value, f"   {around}"), f"      at ({position}) mm, {_when(extreme)}"]
     if ends[1] - ends[0] > LARGEST_SCATTER * abs(value):
-        lines.append("      not resolved by this mesh, or any: a corner, an edge of a support?")
+        lines.append("      not resolved by the mesh: refine it; a sharp corner or edge never is")
     return lines
 
 
 def _when(extreme: Mapping[str, Any]) -> str:
-    """Instants of an extreme, and the rotation angles at these instants."""
+    """Text of the instants of an extreme, with the rotation angle of the reference body."""
     words = []
     for name, values in extreme.items():
         body = name.removesuffix("_angle_deg")

@@ -32,15 +32,15 @@ if TYPE_CHECKING:  # the import is slow, and --help must be fast
     from fenics_ehd.analysis.sensitivity import Objective
     from fenics_ehd.study.sensitivity import ParameterPath, SceneSensitivity
 
-#: Largest number of characters of a status in a printed table.
+#: Largest number of characters of a status in a printed table; longer ones are cut.
 STATUS_WIDTH = 60
 
-#: Columns of a printed table: column, heading, factor, format.
+#: Type for columns of a printed table: each has key, heading, factor to the printed unit, format.
 Shown = Sequence[tuple[str, str, float, str]]
 
 
 def table_lines(names: Sequence[str], rows: Sequence[Mapping[str, Any]], shown: Shown) -> list[str]:
-    """Rows of a printed table: names of the case, figures in printed units, status."""
+    """Lines of a printed table of cases: columns `names`, results in printed units, status."""
     heads = [*names, *(heading for _, heading, _, _ in shown), "status"]
     cells = [
         [*(_value(row[name]) for name in names), *_figures(row, shown), _shortened(row["status"])]
@@ -69,14 +69,15 @@ def _shortened(status: str) -> str:
 def report(directory: str) -> None:
     """Write report.html, report.md and figures/ of the study in DIRECTORY.
 
-    'study' does so at its end; this also reports a study that still runs or was stopped.
+    'study' does the same at its end. A study that is in progress or was stopped is reported as far
+    as it is complete.
     """
     from fenics_ehd.study.report.write import write_report
 
     echo(write_report(directory))
 
 
-#: Columns of the printed table: column, heading, factor, format.
+#: Printed columns of a study: key, heading, factor to the printed unit, format.
 SHOWN = (
     ("coordinates", "modes", 1, "d"),
     ("pressure_error_max", "p err [%]", 100, ".3g"),
@@ -89,15 +90,18 @@ SHOWN = (
 @click.command()
 @click.argument("scene")
 @output_option("directory", "Folder for tables, runs and report [default: results/SCENE-study].")
-@flag("--quick", "A small selection, a few minutes on two cores.")
+@flag("--quick", "Run a small selection of cases: a few minutes on two cores.")
 @click.option(
     "--start",
     type=Real(min=0),
-    help="Time from which on errors count [s] [default: 2 % of the simulated time, 0 of a cycle].",
+    help="Time after which errors are evaluated [s] [default: 2 % of the simulated time; for a "
+    "periodic solution 0].",
 )
 @workers_option
-@click.option("--report/--no-report", default=True, show_default=True, help="Write the report.")
-@flag("--overwrite", "Run everything anew.")
+@click.option(
+    "--report/--no-report", default=True, show_default=True, help="Write the report at the end."
+)
+@flag("--overwrite", "Discard former results, and run all cases.")
 @json_option
 def study(
     scene: str,
@@ -109,10 +113,10 @@ def study(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Compare all reduction methods on SCENE, any scene with a flexible body and a film in it.
+    """Compare all reduction methods on SCENE, which needs a flexible body with a lubricated joint.
 
-    Error against run time, over numbers of modes, step tolerances and film meshes, relative to
-    the full interface. Runs that are complete are not run again.
+    The study gives errors and run times for several numbers of modes, step tolerances and film
+    meshes. The reference is the full interface. Cases that are complete are not run again.
     """
     from fenics_ehd.scenes.scene import as_stored, input_files
     from fenics_ehd.study.compare import MADE, StudyFolder, run_study
@@ -136,10 +140,10 @@ def study(
     summary = {"scene": plan.scene.name, "directory": str(target), "rows": rows}
     answer(summary, "\n".join(lines), as_json)
     if status != COMPLETE:
-        raise FailedCasesError(f"the reference is not complete, nothing was compared: {status}")
+        raise FailedCasesError(f"the reference run is not complete, nothing is compared: {status}")
 
 
-#: Columns of the printed table, of a joint and of the run: figure, heading, factor, format.
+#: Printed columns of a sweep, for each joint and for the run: key, heading, factor, format.
 JOINT_SHOWN = (
     ("max_pressure_Pa", "p [MPa]", 1e-6, ".3f"),
     ("min_film_thickness_m", "h [um]", 1e6, ".4f"),
@@ -155,14 +159,15 @@ SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f")
     multiple=True,
     required=True,
     metavar="KEY=VALUES",
-    help="Values of a key, section.key or only key: 1e-5,2e-5 or first:last:count or "
-    "first:last:count:log, words as m1,m3, lists as '[20,5];[40,10]'. Repeatable.",
+    help="Values of a setting; KEY is section.key, or key if this is unique. VALUES are "
+    "1e-5,2e-5, or first:last:count, or first:last:count:log, or words, m1,m3, or lists, "
+    "'[20,5];[40,10]'. Repeatable.",
 )
 @output_option("directory", "Folder for sweep.csv [default: results/SCENE-sweep].")
 @workers_option
-@flag("--keep", "Keep history and summary of each case, runs/0001 ...")
-@flag("--resume", "Insist on rows of a former attempt to go on from.")
-@flag("--overwrite", "Begin anew, and replace the rows of the folder.")
+@flag("--keep", "Keep the history and summary of each case in the folders runs/0001 ...")
+@flag("--resume", "Continue the sweep in the folder; fail if the folder has no sweep.")
+@flag("--overwrite", "Discard the rows in the folder, and run all cases.")
 @json_option
 def sweep(
     scene: str,
@@ -174,10 +179,10 @@ def sweep(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Run SCENE for the product of the given values, one row of DIR/sweep.csv for each case.
+    """Run SCENE for all combinations of the given values, and write a row of sweep.csv for each.
 
-    Rows of a former attempt that are complete are not run again. A case that fails is a row as
-    well and ends nothing.
+    Rows that are already complete are not computed again. If a case fails, its row has the reason,
+    and the other cases are run.
     """
     from fenics_ehd.scenes.scene import as_stored, input_files
     from fenics_ehd.study.pool import FailedCasesError, open_pool
@@ -206,11 +211,11 @@ def sweep(
     answer(summary, "\n".join(lines), as_json)
     if failures:
         raise FailedCasesError(
-            f"{failures} of {len(rows)} cases failed, see status in {folder.table}"
+            f"{failures} of {len(rows)} cases failed: see the column status of {folder.table}"
         )
 
 
-#: Methods of a derivative: with the reduced bodies of the run, or with a body reduced again.
+#: Texts of the method of a derivative: with the bodies of the run, or with bodies reduced anew.
 METHODS = "differences in the same steps", "differences in the same steps, reduced anew"
 
 
@@ -222,8 +227,8 @@ METHODS = "differences in the same steps", "differences in the same steps, reduc
     multiple=True,
     required=True,
     metavar="JOINT.QUANTITY",
-    help="Extreme or mean over the cycle: big_end.min_film_thickness, big_end.max_pressure, "
-    "big_end.mean_friction_power, big_end.max_force_x. Repeatable.",
+    help="Result of a joint: extreme or mean over the cycle, big_end.min_film_thickness, "
+    "big_end.max_pressure, big_end.mean_friction_power, big_end.max_force_x. Repeatable.",
 )
 @click.option(
     "--to",
@@ -231,22 +236,24 @@ METHODS = "differences in the same steps", "differences in the same steps, reduc
     multiple=True,
     required=True,
     metavar="KEY",
-    help="Number of the scene, joints.big_end.clearance or its end; of a pair, "
-    "forces.load.force.x. Repeatable.",
+    help="Numeric setting of the scene, joints.big_end.clearance or its unique end, clearance; for "
+    "a pair of numbers with its axis, forces.load.force.x. Repeatable.",
 )
 @click.option(
     "--finer-film/--no-finer-film",
     "finer",
     default=True,
-    help="Whether each is found on finer films, too, and its change printed: most of the time.",
+    help="Whether derivatives are also computed on finer films, to print how much they change; "
+    "this takes most of the time.",
 )
 @json_option
 def sensitivity(
     scene: str, quantities: tuple[str, ...], keys: tuple[str, ...], finer: bool, as_json: bool
 ) -> None:
-    """Run SCENE, and print derivatives of its results along its parameters.
+    """Run SCENE, and print derivatives of its results with respect to its settings.
 
-    By differences of the run with each number changed by 1 % to either side, in the same steps.
+    The derivatives are differences of runs in which a setting is larger or smaller by 1 %, with the
+    time steps of the first run.
     """
     from fenics_ehd.scenes.scene import as_stored
     from fenics_ehd.study.sensitivity import scene_sensitivity
@@ -258,7 +265,7 @@ def sensitivity(
 
 
 def _with_joint(name: str, joints: Sequence[str]) -> str:
-    """A quantity with the name of its joint; of the only joint a bare name is accepted."""
+    """Name of a quantity with its joint, ``JOINT.QUANTITY``; a scene with one joint may omit it."""
     if len(joints) != 1 or name.partition(".")[0] in joints:
         return name
     full = f"{joints[0]}.{name}"
@@ -291,7 +298,7 @@ def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
 
 
 def _units(objective: Objective, parameter: ParameterPath) -> str:
-    """Unit of a derivative, ``Pa/(rad/s)``."""
+    """Unit of a derivative as text, ``Pa/(rad/s)``."""
     from fenics_ehd.base.columns import split_unit
 
     unit = split_unit(objective.column)[1]
@@ -300,7 +307,7 @@ def _units(objective: Objective, parameter: ParameterPath) -> str:
 
 
 def _finer(found: SceneSensitivity, objective: Objective, parameter: ParameterPath) -> str:
-    """Change of a derivative on a finer film as text; empty if it is unknown."""
+    """Relative change of a derivative on a finer film as text; empty if it is unknown."""
     slope = found.derivatives.get((objective, parameter.key))
     fine = found.finer.get((objective, parameter.key))
     return f"{100 * (fine / slope - 1):+.2g} % on a finer film, " if fine and slope else ""

@@ -1,8 +1,8 @@
 """Gauss points of a film mesh: shape functions there, and the sparsity pattern of film matrices.
 
 Vectors and matrices that contain the oil's laws are assembled by dolfinx
-(`fenics_ehd.film.weak_form`). Those that contain only shape functions, forces, contents, areas,
-are products of the matrices here.
+(`fenics_ehd.film.weak_form`). Forces, oil contents and areas need only shape functions: they are
+products of the matrices of this module.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ GAUSS_POINTS = 3
 
 
 class Pattern:
-    """CSR pattern of n x n matrices, each given by its entries in the order of the pattern.
+    """CSR sparsity pattern of n x n matrices, which are given by their entries in its order.
 
     Attributes
     ----------
     size
-        n.
+        Number n of rows and of columns.
     indptr, indices
-        The CSR arrays.
+        CSR arrays: index of the first entry of every row, and column of every entry.
     rows
         Row number of every entry.
     diagonal
@@ -46,26 +46,27 @@ class Pattern:
         self._template = sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), shape)
 
     def matrix(self, entries: np.ndarray) -> sparse.csr_matrix:
-        """Matrix with these entries."""
+        """Sparse matrix with the given entries, shape (n, n)."""
         return with_data(self._template, entries)
 
     def multiply(self, entries: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Product of the matrix with these entries and a vector."""
+        """Product, shape (n,), of the matrix with the given entries and a vector of values."""
         self._template.data = entries
         return self._template @ values
 
 
 def with_data(template: sparse.spmatrix, data: np.ndarray) -> sparse.spmatrix:
-    """Matrix of a pattern that is known to be valid, without the checks of scipy's constructor."""
+    """Copy of a sparse matrix with other entries, without the checks of scipy's constructor."""
     matrix = copy(template)
     matrix.data = data
     return matrix
 
 
 class Assembly:
-    """Shape functions of one grid at its Gauss points.
+    """Shape functions of a film mesh at its Gauss points.
 
-    Values at Gauss points are arrays (c cells, q points). Lengths are divided by the bore radius.
+    Values at Gauss points are arrays of shape (c, q): c cells with q points each. Lengths are
+    divided by the bore radius R.
 
     Parameters
     ----------
@@ -77,15 +78,16 @@ class Assembly:
     reference
         Gauss points of the unit cell, shape (q, 2).
     area
-        Weight of each Gauss point in integrals over the bore, over R^2, shape (c, q).
+        Area over R^2 that belongs to each Gauss point in integrals over the bore, shape (c, q).
     size
         Number of nodes.
     tested
         Matrix (nodes, c * q) that integrates shape functions times values at the Gauss points. As
-        in all such matrices of a film, a column has k entries, with rows ascending.
+        in all matrices of this shape, a column has one entry for each of the k nodes of its cell,
+        with rows ascending.
     drag
-        Contribution of a unit of ``rho H V`` at every Gauss point to the weak form of (1), as
-        entries of such a matrix, shape (c, q, k).
+        Contribution of a unit of ``rho H V`` at every Gauss point to the weak form of (1), shape
+        (c, q, k): entries of a matrix of the shape of `tested`.
     """
 
     def __init__(self, grid: FilmGrid):
@@ -110,7 +112,10 @@ class Assembly:
         self.drag = -along[:, :, None] * slopes
 
     def at_points(self, nodal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Value and derivatives along the circumference and the axis, from all nodal values."""
+        """Values at the Gauss points, and derivatives around and along the axis, each (c, q).
+
+        `nodal` has the values of all nodes. Lengths in the derivatives are divided by R.
+        """
         values = nodal[self.grid.cell_nodes]
         around, along = self._lengths
         return (
@@ -120,26 +125,30 @@ class Assembly:
         )
 
     def source(self, source: np.ndarray) -> np.ndarray:
-        """Integrals of values (c, q) times every shape function, shape (nodes,)."""
+        """Integrals of values at the Gauss points times shape functions, over R^2, (nodes,)."""
         return self.tested @ source.ravel()
 
     def by_nodes(self, nodal: np.ndarray) -> np.ndarray:
-        """Nodal values in the order of the entries of `tested`, shape (c, 1, k)."""
+        """Values of the k nodes of every cell, shape (c, 1, k), ordered as entries of `tested`."""
         return nodal[np.sort(self.grid.cell_nodes, axis=1)][:, None, :]
 
     def mass(self, nodes: np.ndarray) -> sparse.csr_matrix:
-        """Integrals of products of the shape functions of some nodes."""
+        """Mass matrix of some nodes: integrals of products of shape functions, over R^2."""
         mass = (self.tested @ self._values).tocsr()[nodes][:, nodes]
         mass.sort_indices()
         return mass
 
     def pattern(self, nodes: np.ndarray) -> Pattern:
-        """Pattern of matrices on some nodes: an entry for every two nodes of one cell."""
+        """Sparsity pattern on some nodes: an entry for every two nodes that share a cell."""
         mass = self.mass(nodes)
         return Pattern(mass.indptr, mass.indices)
 
 
 def with_weights(columns: sparse.csc_matrix, weights: np.ndarray) -> sparse.csc_matrix:
-    """Matrix (nodes, c * q) of a film, its entries times weights (c, q or 1, k or 1)."""
+    """Copy of a matrix of the shape of `Assembly.tested` with its entries multiplied by weights.
+
+    Weights have the shape (c, q, k): cells, Gauss points, nodes of a cell; q and k may be 1
+    instead.
+    """
     entries = columns.data.reshape(len(weights), -1, columns.nnz // columns.shape[1])
     return with_data(columns, (entries * weights).ravel())

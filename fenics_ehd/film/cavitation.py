@@ -1,18 +1,17 @@
-"""Cavitation complementarity (8), (11) by PETSc SNES-VI on one active set after another.
+"""Cavitation complementarity (8), (11) by PETSc SNES-VI, which changes active sets until one fits.
 
 An active set contains the nodes at which the film is full (pressure unknown, equation holds). The
 film cavitates at the other nodes (pressure zero, defect unknown). SNES-VI cuts the block of the
-full nodes out of its Jacobian, a new matrix with a new pattern for every active set. Here that
-block keeps the pattern of the whole film: ones stand on the diagonal of the cavitated nodes, so
-that ordering and symbolic factorisation are done once in the life of a film.
+full nodes out of its Jacobian, a new matrix with a new sparsity pattern for every active set. Here
+the block keeps the pattern of the whole film, with ones on the diagonal of cavitated nodes, so that
+ordering and symbolic factorisation are done once for a film.
 
-Find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component,
-``r(p) = A p - b`` for an oil of constant properties. With weights W the defect is
-``y = W^-1 r``: the consistent mass matrix as printed in (11), needed by the
-8-node element, whose corner functions have a negative integral, so that the
-sign of r there is not the sign of the flux. The blocks of SNES-VI are solved by
-`ActiveSetSystem`, whose options have the prefix ``linear_`` behind that of
-SNES-VI. (The mass-conserving condition is `fenics_ehd.film.oil_balance`.)
+The problem: find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component, where
+``r(p) = A p - b`` for an oil of constant properties. With weights W the defect is ``y = W^-1 r``. W
+is the consistent mass matrix of (11), which the 8-node element needs: the shape functions of its
+corners have a negative integral, and the sign of r there is not the sign of the flux. The blocks of
+SNES-VI are solved by `ActiveSetSystem`; its options have the prefix of SNES-VI followed by
+``linear_``. (The mass-conserving condition is in `fenics_ehd.film.oil_balance`.)
 """
 
 from __future__ import annotations
@@ -31,21 +30,21 @@ from fenics_ehd.base.errors import CavitationError, SolverError
 from fenics_ehd.base.petsc_options import configure, destroy_with, solve_columns
 from fenics_ehd.film.assembly import Pattern
 
-#: Fastest of PETSc's factorisations on these matrices when only values change; CHOLMOD takes over
-#: for large ones (`docs/measurements.md`). Film matrices needed no pivoting for stability in any
-#: run so far, and every solution is verified.
+#: PETSc's own Cholesky factorisation is the fastest one for film matrices of which only values
+#: change; for large ones CHOLMOD is faster (`docs/measurements.md`). Film matrices needed no
+#: pivoting for stability in any run so far, and every solution is verified.
 SYMMETRIC_OPTIONS = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "petsc",
     "pc_factor_mat_ordering_type": "nd",
-    # Rows where the film is a thousandth of the clearance thick are 1e-14 of the other rows.
+    # Rows of nodes at which the film is thinnest are up to 1e-14 times smaller than the others.
     "pc_factor_zeropivot": "1e-100",
 }
 LARGE_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_factor_mat_solver_type": "cholmod"}
 GENERAL_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_type": "lu"}
 
-#: Unknowns from which a matrix is large.
+#: Number of unknowns from which `LARGE_OPTIONS` are used.
 LARGE = 20_000
 
 
@@ -56,35 +55,36 @@ def _defaults(size: int, symmetric: bool) -> dict[str, str]:
 
 
 class ActiveSetSystem:
-    """Systems of a complementarity problem ``y = W^-1 (A p - b)`` on any active set.
+    """Linear system of a complementarity problem ``y = W^-1 (A p - b)`` for any active set.
 
     With I the full and C the cavitated nodes, the pressure of the full nodes
     and the defect y of the others solve
 
         A_I p_I - W_C y_C = b,
 
-    all rows at once. Without weights W the defect decouples, and only the block ``A_II`` remains.
+    in which A_I and W_C are columns of A and W. Without weights W the defect decouples, and only
+    the block ``A_II`` remains.
 
     Parameters
     ----------
     pattern
-        Pattern of A and W, n x n.
+        Sparsity pattern of A and W, n x n.
     weighted
-        Whether there is a W.
+        Whether the problem has weights W.
     symmetric
         Whether A is symmetric positive definite.
     options_prefix
-        Prefix of the KSP's options.
+        Prefix of the PETSc options of the linear solver (KSP).
     """
 
     def __init__(self, pattern: Pattern, *, weighted: bool, symmetric: bool, options_prefix: str):
-        # The integer type of NumPy's indices: other types would be converted at every active set.
+        # NumPy's index type, because indices of other types are converted at every use.
         self._counts = np.diff(pattern.indptr)
         self._columns = pattern.indices.astype(np.intp)
         self._diagonal = pattern.diagonal
         self._weighted = weighted
         self._size = pattern.size
-        # PETSc uses these arrays themselves.
+        # PETSc uses these arrays without a copy.
         self._csr = (
             np.array(pattern.indptr, dtype=PETSc.IntType),
             np.array(pattern.indices, dtype=PETSc.IntType),
@@ -104,12 +104,13 @@ class ActiveSetSystem:
     def prepare(
         self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
     ) -> None:
-        """Factorise for an active set, unless the last factorisation is of the same one.
+        """Factorise the system for an active set, unless it is factorised for it already.
 
         Parameters
         ----------
         entries, weights
-            Entries of A and W. A caller that changes values passes new arrays.
+            Entries of A and W. Changed values must come in new arrays: arrays are compared by
+            identity.
         full_film
             Indices of the full nodes.
         """
@@ -128,19 +129,21 @@ class ActiveSetSystem:
             values[self._diagonal[~full]] = 1.0
         self._current = None
         self._csr[2][:] = values
-        # Assembly notifies PETSc that the values in the shared arrays have changed.
+        # `assemble` notifies PETSc that the values in the shared arrays have changed.
         self._matrix.assemble()
         # PC.setUp, because the KSP factorises only in its own solve, which `solve_columns` avoids.
         self._ksp.pc.setUp()
         self._current = (entries, weights, full_film.copy())
 
     def solution(self, rhs: np.ndarray) -> np.ndarray:
-        """Pressure of the full and defect of the other nodes, right-hand sides (n,) or (n, k).
+        """Pressures of full nodes and defects of the others, shape (n,) or (n, k), for `rhs`.
+
+        `rhs` is one right-hand side, shape (n,), or k of them, shape (n, k).
 
         Raises
         ------
         CavitationError
-            The factorisation failed.
+            If the factorisation failed.
         """
         if not self._weighted:
             rhs = np.where(self.full if rhs.ndim == 1 else self.full[:, None], rhs, 0.0)
@@ -151,7 +154,7 @@ class ActiveSetSystem:
         if self._ksp.getConvergedReason() < 0:
             raise CavitationError(
                 "the film matrix cannot be factorised (KSP reason "
-                f"{self._ksp.getConvergedReason()}): is the gap extremely uneven?"
+                f"{self._ksp.getConvergedReason()}): check the gap for extreme thicknesses"
             )
         return self._solution.array.copy()
 
@@ -167,9 +170,9 @@ class ActiveSetSystem:
         return values
 
 
-#: The problems are linear on each active set: with full steps the reduced-space
-#: Newton method is the primal-dual active set method. Unknowns are scaled to order
-#: one: a pressure counts as zero below 1e-14 of that.
+#: The problems are linear on each active set: with full steps (``basic``) the reduced-space Newton
+#: method is the primal-dual active set method. Unknowns are scaled to order one, and a pressure
+#: below 1e-14 counts as zero.
 DEFAULT_OPTIONS = {
     "snes_linesearch_type": "basic",
     "snes_vi_zero_tolerance": 1e-14,
@@ -180,43 +183,46 @@ MAX_ITERATIONS = 200
 
 
 class VariationalInequality(Protocol):
-    """Functions that SNES-VI calls, all scaled to order one."""
+    """Problem ``F(x) >= 0`` complementary to x above its bound, as functions for `SnesVi`.
+
+    Unknowns x and values F(x) have the shape (n,) and are scaled to order one.
+    """
 
     def function(self, x: np.ndarray) -> np.ndarray:
-        """``F(x)``."""
+        """Function ``F(x)``, shape (n,)."""
 
     def linearise(self, x: np.ndarray) -> None:
-        """Compute the derivative at x."""
+        """Compute the derivative of F at x."""
 
     def factorise(self, nodes: np.ndarray) -> None:
-        """Prepare the block of the derivative on the inactive unknowns."""
+        """Factorise the block of the derivative on the unknowns that are not at their bounds."""
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve with that block."""
+        """Solve the system of that block for a right-hand side."""
 
     def converged(self, iteration: int) -> bool:
-        """True if the last call of `function`, after so many iterations, met the tolerance."""
+        """Whether the last value of `function` meets the tolerance, after some iterations."""
 
 
 class SnesVi:
-    """SNES-VI with its vectors, reused from solve to solve.
+    """PETSc's SNES-VI solver of complementarity problems, with vectors that are reused.
 
-    SNES-VI cuts the block of the inactive unknowns out of its Jacobian matrix, a
-    new matrix with a new pattern for every active set. The Jacobian used here only records which
-    block is needed; `system` solves with the block.
+    SNES-VI cuts the block of the unknowns above their bounds out of its Jacobian matrix, a new
+    matrix with a new sparsity pattern for every active set. The Jacobian used here only records
+    which block is needed; `system` solves with the block.
 
     Parameters
     ----------
     system
-        The problem; its owner must keep it alive (a weak reference is held, or
-        PETSc and Python would keep each other alive for ever).
+        Functions of the problem. Only a weak reference to it is kept, because PETSc and Python
+        would otherwise keep each other alive: the caller must hold it.
     lower
-        Lower bounds, shape (n,); there are no upper ones.
+        Lower bounds of the unknowns, shape (n,); there are no upper bounds.
     options_prefix
         Prefix of the PETSc options.
     tolerance
-        Tolerance on the 2-norm of the reduced function; the option ``snes_atol`` overrides it.
-        None: `VariationalInequality.converged` decides.
+        Tolerance of the 2-norm of the function on the unknowns above their bounds; the option
+        ``snes_atol`` overrides it. If it is None, `VariationalInequality.converged` decides.
     max_iterations
         Largest number of iterations of one solve.
     """
@@ -255,19 +261,20 @@ class SnesVi:
         destroy_with(self, snes, jacobian, self._unknown, self._function)
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-        """Solve from a start.
+        """Solve the problem, starting from unknowns of shape (n,).
 
         Returns
         -------
         x, function : numpy.ndarray
-            Solution and ``F`` there, shape (n,).
+            Solution and ``F`` there, shape (n,) each.
         iterations : int
+            Number of iterations.
 
         Raises
         ------
         CavitationError
-            No convergence, or a block that cannot be factorised; its `state` holds
-            the last iterate and function.
+            If SNES-VI does not converge, or a block cannot be factorised; the `state` of the error
+            holds the last iterate and function.
         """
         self._unknown.array = start
         self._snes.solve(None, self._unknown)
@@ -291,12 +298,12 @@ class SnesVi:
 
 
 class _Callbacks:
-    """Callbacks of PETSc: function and Jacobian of SNES, and the block's preconditioner.
+    """Functions that PETSc calls: function and Jacobian of SNES, preconditioner of its block.
 
     An exception that passes through PETSc makes its solvers unusable. The exception is therefore
-    stored, and a function value of NaN ends the solve. The stored traceback outlives the solve, and
-    PETSc's objects must be destroyed before the interpreter ends: callbacks release solvers and
-    matrices before they raise.
+    stored, and a function value of NaN ends the solve. The stored traceback outlives the solve and
+    would keep PETSc's objects, which must be destroyed before the interpreter ends: functions
+    delete their references to them before they can raise.
     """
 
     def __init__(self, system: VariationalInequality):
@@ -304,7 +311,7 @@ class _Callbacks:
         self._failure: BaseException | None = None
 
     def take_failure(self) -> BaseException | None:
-        """Exception since the last call, or None."""
+        """Return the exception raised since the last call, or None, and forget it."""
         failure = self._failure
         self._failure = None
         return failure
@@ -345,13 +352,13 @@ class _Callbacks:
 
 
 class _Jacobian:
-    """Python context of a Jacobian that stores the indices of its unknowns and no matrix."""
+    """Python context of a PETSc matrix that stores the indices of its unknowns and no entries."""
 
     def __init__(self, nodes: np.ndarray):
         self.nodes = nodes
 
     def matrix(self) -> PETSc.Mat:
-        """PETSc's matrix of this context."""
+        """PETSc matrix that has this object as its context."""
         matrix = PETSc.Mat().createPython((len(self.nodes),) * 2, self, comm=PETSc.COMM_SELF)
         matrix.setUp()
         return matrix
@@ -362,24 +369,25 @@ class _Jacobian:
         return _Jacobian(rows.getIndices().copy()).matrix()
 
 
-#: Largest allowed violation of p >= 0, y >= 0 and p y = 0, relative to max |p|, |b|.
+#: Largest violation of p >= 0, y >= 0 and p y = 0 in a solution, relative to the largest pressure
+#: and to `Complementarity.scale`.
 VERIFY_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class CavitationResult:
-    """Pressure, flux defect and the active set they satisfy.
+    """Solution of a complementarity problem: pressure, defect and active set.
 
     Attributes
     ----------
     pressure
         Nodal pressure, shape (n,), >= 0.
     flux
-        ``r(p)`` (or ``W^-1`` times it), >= 0 where the film cavitates.
+        Defect y, ``r(p)`` or with weights ``W^-1 r(p)``, shape (n,); >= 0 at cavitated nodes.
     full_film
-        Indices of the nodes where the equation holds and the pressure is free.
+        Indices of the full nodes, at which the equation holds and the pressure is unknown.
     iterations
-        SNES iterations used.
+        Number of SNES iterations.
     """
 
     pressure: np.ndarray
@@ -390,20 +398,20 @@ class CavitationResult:
 
 @dataclass(frozen=True, eq=False)
 class Complementarity:
-    """One complementarity problem.
+    """Complementarity problem of one gap: functions of the dimensionless pressure p, shape (n,).
 
     Attributes
     ----------
     residual
-        ``r(p)`` before the weights are applied, shape (n,).
+        Function ``r(p)`` without weights, shape (n,).
     entries
-        Entries of its derivative at p, in the order of the solver's pattern.
+        Function of p: entries of the derivative of r, in the order of the solver's pattern.
     diagonal
         Diagonal of W, or ones, shape (n,).
     smallest
-        Size below which a source counts as zero.
+        Value of `source` below which the source counts as zero.
     weights
-        Entries of W, or None.
+        Entries of W in the order of the solver's pattern, or None.
     """
 
     residual: Callable[[np.ndarray], np.ndarray]
@@ -414,43 +422,47 @@ class Complementarity:
 
     @property
     def zero(self) -> np.ndarray:
-        """Zero pressure, shape (n,)."""
+        """Pressure of zero at all n nodes, shape (n,)."""
         return np.zeros(len(self.diagonal))
 
     @cached_property
     def source(self) -> np.ndarray:
-        """Residual without pressure, ``-b``, shape (n,)."""
+        """Residual at zero pressure, ``-b``, shape (n,)."""
         return self.residual(self.zero)
 
     @cached_property
     def scale(self) -> float:
-        """Norm of the source, over the diagonal of W, to which tolerances refer."""
+        """Norm of the source over the diagonal of W, to which tolerances are relative."""
         return max(float(np.linalg.norm(self.source / self.diagonal)), self.smallest)
 
     @cached_property
     def unit(self) -> float:
-        """Pressure that the source builds up over one cell, at most of the size of the solution."""
+        """Scale of the pressure: largest source over the largest entry of the derivative.
+
+        It is the pressure that the source builds up over one cell, at most of the size of the
+        solution.
+        """
         largest = max(float(np.abs(self.source).max()), self.smallest)
         return largest / float(self.entries(self.zero).max())
 
 
 class CavitationSolver:
-    """SNES-VI with its vectors and factorisations, reused from solve to solve.
+    """Solver of a film's complementarity problems, with vectors and factorisations reused.
 
     Parameters
     ----------
     pattern
-        Pattern of the derivative of r and of W, n x n.
+        Sparsity pattern of the derivative of r and of W, n x n.
     weighted
-        Whether problems come with weights W.
+        Whether problems have weights W.
     symmetric
         Whether the derivative of r is symmetric positive definite.
     options_prefix
-        Prefix of the PETSc options, ``"film_"`` gives ``-film_snes_monitor``
-        and ``-film_linear_pc_type``.
+        Prefix of the PETSc options: with ``"film_"`` they are ``-film_snes_monitor``,
+        ``-film_linear_pc_type`` and so on.
     tolerance
-        Tolerance on the 2-norm of the reduced residual, relative to `Complementarity.scale`;
-        the option ``snes_atol`` overrides it.
+        Tolerance of the 2-norm of the defect on the full nodes, relative to
+        `Complementarity.scale`; the option ``snes_atol`` overrides it.
     """
 
     def __init__(
@@ -481,23 +493,23 @@ class CavitationSolver:
             self, np.zeros(pattern.size), options_prefix=options_prefix, tolerance=tolerance
         )
 
-    # The following are called by SNES-VI during a solve.
+    # SNES-VI calls the following methods during a solve, see `VariationalInequality`.
 
     def function(self, x: np.ndarray) -> np.ndarray:
-        """Defect divided by its scale."""
+        """Defect over its scale, for scaled pressures x."""
         return self.defect(self._problem, x * self._problem.unit) / self._problem.scale
 
     def linearise(self, x: np.ndarray) -> None:
-        """Entries of the derivative."""
+        """Compute the entries of the derivative at scaled pressures x."""
         self._entries = self._problem.entries(x * self._problem.unit)
 
     def factorise(self, nodes: np.ndarray) -> None:
-        """Factorise for the active set SNES-VI has chosen."""
+        """Factorise the system for an active set with the given full nodes."""
         self._nodes = nodes
         self.system.prepare(self._entries, self._problem.weights, nodes)
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
-        """Newton update of the pressures of the full nodes."""
+        """Newton update of the scaled pressures of the full nodes, for a right-hand side."""
         right_side = np.zeros(self._pattern.size)
         right_side[self._nodes] = rhs
         if self._problem.weights is not None:
@@ -506,11 +518,11 @@ class CavitationSolver:
         return solution * (self._problem.scale / self._problem.unit)
 
     def converged(self, iteration: int) -> bool:
-        """Never called: SNES-VI has a tolerance of its own."""
+        """Never called, because SNES-VI itself checks the tolerance."""
         raise NotImplementedError
 
     def defect(self, problem: Complementarity, pressure: np.ndarray) -> np.ndarray:
-        """Defect ``y = W^-1 r``, shape (n,)."""
+        """Defect ``y = W^-1 r(p)`` at nodal pressures, shape (n,)."""
         residual = problem.residual(pressure)
         if problem.weights is None:
             return residual
@@ -525,13 +537,13 @@ class CavitationSolver:
         problem
             Residual and derivative of the problem; with weights if the solver is `weighted`.
         guess
-            Start value of the pressure; nodes at which it is zero are cavitated at first.
+            Pressures to start from, shape (n,); nodes with zero pressure are cavitated at first.
 
         Raises
         ------
         CavitationError
-            SNES-VI did not converge, or the result fails its own check; its
-            `state` holds pressure and flux.
+            If SNES-VI does not converge, or the solution violates complementarity; the `state` of
+            the error holds pressure and flux.
         """
         self._problem = problem
         try:
@@ -543,8 +555,8 @@ class CavitationSolver:
         pressure = x * problem.unit
         flux = function * problem.scale
         verify_complementarity(pressure, flux, problem.scale)
-        # Round-off causes pressures of 1e-17 in the cavitated zone. A node is full if its scaled
-        # pressure exceeds its scaled defect.
+        # Pressures in the cavitated zone are round-off, about 1e-17. A node counts as full if its
+        # scaled pressure exceeds its scaled defect.
         full_film = np.flatnonzero(pressure * problem.scale > flux * pressure.max(initial=0.0))
         return CavitationResult(pressure, flux, full_film.astype(np.int32), iterations)
 
@@ -552,19 +564,19 @@ class CavitationSolver:
 def verify_complementarity(
     pressure: np.ndarray, flux: np.ndarray, scale: float, tolerance: float = VERIFY_TOLERANCE
 ) -> None:
-    """Check ``p >= 0``, ``y >= 0`` and ``p y = 0``, in the maximum norm.
+    """Check that pressure p and defect y satisfy ``p >= 0``, ``y >= 0`` and ``p y = 0``.
 
     Raises
     ------
     CavitationError
-        A violation exceeds `tolerance` times the largest pressure or `scale`.
+        If a violation at any node exceeds `tolerance` times the largest pressure or `scale`.
     SolverError
-        A pressure or a flux is no finite number.
+        If a pressure or a defect is not a finite number.
     """
     if not (np.isfinite(pressure).all() and np.isfinite(flux).all()):
         raise SolverError(
-            "the film's pressure is no finite number: are viscosity, speed and given pressures of "
-            "sizes that go together?"
+            "the film's pressure is not a finite number: check the units of viscosity, speed and "
+            "given pressures"
         )
     tiny = float(np.finfo(float).tiny)
     largest = max(float(pressure.max(initial=0.0)), tiny)

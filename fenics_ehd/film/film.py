@@ -1,6 +1,6 @@
-"""The oil film of one bore: pressure and losses.
+"""Oil film of one bore: the Reynolds equation, solved for the pressure, and its power losses.
 
-Imports inside functions: equations bring dolfinx, which pictures of films do without.
+Imports inside functions: the equation imports dolfinx, which plots of films do not need.
 """
 
 from __future__ import annotations
@@ -33,26 +33,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FilmState:
-    """Solution of one film problem.
+    """Pressure of a film for one gap, and the quantities of its cavitation.
 
     Attributes
     ----------
     pressure
         Nodal pressure, shape (nodes,) [Pa].
     gap
-        Gap of the solution.
+        Gap at the Gauss points, for which the pressure was computed.
     cavitation
-        Dimensionless complementarity solution on the free nodes; with mass-conserving cavitation on
-        `OilBalance.unknown`.
+        Dimensionless solution of the complementarity problem, on the nodes of unknown pressure;
+        with mass-conserving cavitation on `OilBalance.unknown`.
     fluid_fraction
-        Share of the gap that holds oil, shape (nodes,); None if the cavitation condition does not
-        determine this share.
+        Share of the gap that is filled with oil, shape (nodes,); None if the cavitation condition
+        does not determine this share.
     content
         Oil content of the nodes as volume at ambient density, shape (nodes,) [m^3], from which the
         next step starts. None without mass-conserving cavitation.
     outflow
-        Flow out of the film at nodes of its ends, negative for flow into the film, zero at all
-        other nodes, shape (nodes,) [m^3/s]. None without mass-conserving cavitation.
+        Flow out of the film at nodes of given pressure, negative for flow into the film, zero at
+        all other nodes, shape (nodes,) [m^3/s]. None without mass-conserving cavitation.
     """
 
     pressure: np.ndarray
@@ -68,7 +68,7 @@ class Film:
     """Reynolds equation on one bore, solved for one gap after another.
 
     Nodal arrays are in the order of `FilmGrid.nodes`, values at Gauss points
-    have shape (cells, points).
+    have the shape (cells, points).
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Film:
     options_prefix
         Prefix of the PETSc options of SNES-VI, see `CavitationSolver`.
     tolerance
-        Tolerance of SNES-VI.
+        Tolerance of SNES-VI, see `CavitationSolver`.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Film:
     points
         Gauss points on the bore.
     free
-        Nodes whose pressure is unknown.
+        Indices of the nodes whose pressure is unknown.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Film:
         )
 
     def with_own_temperature(self) -> Film:
-        """A film of the same parameters whose temperature can be set without changing this one."""
+        """Copy of the film; setting its temperature does not change this film."""
         return copy(self)
 
     def set_temperature(self, temperature: float) -> None:
@@ -122,31 +122,31 @@ class Film:
         self.equation = self.equation.at_temperature(temperature)
 
     def solve(self, gap: Gap, guess: FilmState | None = None) -> FilmState:
-        """Pressure for a given gap.
+        """Solve for the pressure in a given gap.
 
         Parameters
         ----------
         gap
             Gap at the Gauss points, shape (cells, points).
         guess
-            Former state, whose pressure and active set are the start. Without a former state the
+            Earlier state, from whose pressure and active set the iteration starts. Without one, the
             start is a film without pressure, and SNES-VI moves the edge of the cavitated zone by
-            about one row of nodes an iteration.
+            about one row of nodes in each iteration.
 
         Raises
         ------
         GapClosedError
-            The gap is not positive at a Gauss point.
+            If the gap is not positive at a Gauss point.
         SettingsError
-            No node has a given pressure.
+            If no node has a given pressure.
         CavitationError
-            From `CavitationSolver.solve`; its `state` holds the gap too.
+            If `CavitationSolver.solve` raises it; its `state` also holds the gap.
         """
         check_gap(gap, self.parameters.surfaces)
         if len(self.free) == self.assembly.size and not self.parameters.feeds:
             raise SettingsError(
-                "no pressure of the film is given, only its slopes follow: open a side or add a "
-                "groove"
+                "the film has no node of given pressure, and its pressure is undetermined up to a "
+                "constant: open a side or add a groove"
             )
         problem = self.equation.problem(gap)
         start = problem.zero if guess is None else guess.cavitation.pressure
@@ -159,10 +159,10 @@ class Film:
         return FilmState(pressure, gap, result)
 
     def _from_either_end(self, problem: Complementarity, start: np.ndarray) -> CavitationResult:
-        """Solve from a start; if that fails, from a film that is full everywhere.
+        """Solve a complementarity problem from a start; on failure, from a full film.
 
-        The matrix of 8-node cells is no M-matrix: from few full nodes active sets may cycle (at
-        eccentricities of the size of round-off, on some processors).
+        The second start is for 8-node cells, whose matrix is no M-matrix: from few full nodes
+        active sets may cycle (seen at eccentricities of the size of round-off, on some processors).
         """
         try:
             return self.cavitation.solve(problem, start)
@@ -172,16 +172,16 @@ class Film:
             return self.cavitation.solve(problem, np.full_like(start, problem.unit))
 
     def flow(self, state: FilmState) -> Flow:
-        """Oil and its flow in a solved film at the Gauss points, dimensionless."""
+        """Properties and flow of the oil at the Gauss points of a solved film, dimensionless."""
         return self.equation.flow(state.gap, state.pressure / self.parameters.pressure_scale)
 
     def powers(self, state: FilmState) -> tuple[float, float]:
         """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
 
-        Their difference is the power that the film takes from the normal motion
-        of its surfaces. Between rough surfaces the mean pressure acts on their whole area, while
-        the average gap changes by less than the nominal gap: the difference is a loss, or a gain.
-        The work that compresses the oil is also a loss at first, and a gain when the oil expands.
+        The first less the second is the power that the normal motion of the surfaces does on the
+        film. The first has two more terms. Between rough surfaces the average gap changes by less
+        than the nominal gap, and the power of the pressure on the difference is a loss or a gain.
+        The work that compresses the oil is a loss, and a gain when the oil expands.
         """
         p = self.parameters
         q = self.flow(state)
@@ -201,54 +201,59 @@ class Film:
         return float(scale * loss), float(scale * drag)
 
     def load(self, directions: np.ndarray) -> np.ndarray:
-        """Work of unit nodal pressures on normal displacements of the bore.
+        """Work of unit nodal pressures on displacements of the bore.
 
         Parameters
         ----------
         directions
-            Outward displacement at the Gauss points, shape (cells, points, n).
+            Outward normal components of n displacements at the Gauss points, shape (cells, points,
+            n).
 
         Returns
         -------
         numpy.ndarray
-            shape (n, nodes) [m^2]: integrals of shape function times displacement.
+            Integrals of shape function times normal component over the bore, shape (n, nodes) [m^2]
+            for dimensionless components.
         """
         return (self.pressure_areas.T @ directions.reshape(-1, directions.shape[-1])).T
 
     @cached_property
     def supplied_points(self) -> np.ndarray:
-        """Mask of the Gauss points in a region of given pressure."""
+        """Mask of the Gauss points within regions of given pressure, shape (cells, points)."""
         p = self.parameters
         points = self.points
         return in_regions(p.regions, points.angle, points.height, p.grid.radius)
 
     @cached_property
     def supplied_nodes(self) -> np.ndarray:
-        """Mask of the nodes in a region of given pressure."""
+        """Mask of the nodes within regions of given pressure, shape (nodes,)."""
         grid = self.parameters.grid
         angle, height = grid.node_positions.T
         return in_regions(self.parameters.regions, angle, height, grid.radius)
 
     @cached_property
     def pressure_areas(self) -> sparse.csr_matrix:
-        """Force of unit nodal pressures by Gauss point, shape (c * q, nodes) [m^2]."""
+        """Force on each Gauss point from unit nodal pressures, shape (c * q, nodes) [m^2]."""
         return (self.parameters.grid.radius**2 * self.assembly.tested.T).tocsr()
 
 
 def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
-    """Refuse a gap that is closed or not a number; rough surfaces may overlap, up to a limit.
+    """Refuse a gap that is closed or not a number; rough surfaces may overlap down to a limit.
 
     Raises
     ------
     GapClosedError
-        The message contains the smallest thickness.
+        If the gap is too small at a Gauss point; the message contains the smallest thickness.
+    SettingsError
+        If a thickness, its rate or a velocity is not a finite number.
     """
     thickness = float(gap.thickness.min())
     if surfaces is not None:
         if thickness < DEEPEST_ITERATE * surfaces.roughness:
             raise GapClosedError(
                 f"the surfaces overlap by {-thickness * 1e6:.3g} um, "
-                f"{-thickness / surfaces.roughness:.3g} times their combined roughness"
+                f"{-thickness / surfaces.roughness:.3g} times their combined roughness: at most "
+                f"{-DEEPEST_ITERATE:g} times are allowed"
             )
     elif not thickness > 0.0:
         raise GapClosedError(
@@ -260,23 +265,23 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
             raise SettingsError(f"the {name} of the film is not a finite number everywhere")
 
 
-#: Weight gamma of the defect in the equation of the pressures, see
-#: `fenics_ehd.film.oil_balance`. Small, because next to the nodes just emptied the
-#: defect has the wrong sign; not below round-off of the void fractions of full nodes over it.
+#: Weight gamma of the defect in the complementarity condition of the pressures, see
+#: `fenics_ehd.film.oil_balance`. It is small because the defect has the wrong sign next to nodes
+#: that were just emptied, and large enough for the defect to exceed round-off of void fractions.
 DEFECT_WEIGHT = 1e-6
 
 
-#: Factor of the viscosity within a cell up to which the mesh is fine enough. Up to there peak
-#: pressures of a journal under Barus' law are within 2 % of those on 64 x 12 cells from 24 x 4 on,
-#: 12 % on 16 x 3; beyond it, at 17 to 220, they depend on the mesh: 105 to 144 MPa instead of 196
-#: and 1670 MPa on finer meshes. Compared with the solution for the reduced pressure, the peak
-#: pressure of one bearing is within 0.5 % at a factor of 8, 5 % off at 28, and 215 instead of 500
-#: MPa at 45.
+#: Largest factor by which the viscosity may vary within a cell, so that the mesh resolves it.
+#: Measured with Barus' law: below this limit, peak pressures on 24 x 4 cells and more differ from
+#: those on 64 x 12 cells by at most 2 %, on 16 x 3 cells by 12 %. At factors of 17 to 220 they
+#: depend on the mesh: 105 to 144 MPa instead of 196 and 1670 MPa on finer meshes. Compared with the
+#: solution for the reduced pressure, the error of the peak pressure of one bearing is 0.5 % at a
+#: factor of 8, and 5 % at 28; at 45 the peak pressure is 215 instead of 500 MPa.
 MOST_WITHIN_A_CELL = 10.0
 
 
 def steepest_thickening(film: Film, pressure: np.ndarray) -> float:
-    """Largest factor of the viscosity between nodes of one cell, for nodal pressures [Pa]."""
+    """Largest ratio of the viscosities at two nodes of one cell, for nodal pressures [Pa]."""
     law = film.equation.lubricant.viscosity_law  # at the film's own temperature
     if law.constant:
         return 1.0

@@ -1,25 +1,23 @@
-"""Forces and flows of a solved film: shear of the oil, contact, oil through its borders.
+"""Shear of the oil in a solved film, also in its cavitated zone, and flows through its borders.
 
-Shear of the oil on shaft and bore, also where it cavitates.
+**Shear.** With the parabolic velocity profile of lubrication theory, U the sliding velocity
+``v_1 - v_2`` and y along the circumference, the shear stresses of the oil are
 
-With the parabolic velocity profile of lubrication theory, U the sliding velocity
-``v_1 - v_2`` and y along the circumference, the oil pulls at
+    on the bore    tau_2 =  theta eta U / h - (h / 2) dp/dy
+    on the shaft   tau_1 = -theta eta U / h - (h / 2) dp/dy
 
-    bore    tau_2 =  theta eta U / h - (h / 2) dp/dy
-    shaft   tau_1 = -theta eta U / h - (h / 2) dp/dy
-
-``theta`` is the share of the width that the oil fills: 1 in the full film, 0 in
-grooves and supply holes, which are deep. In the cavitated zone it follows one of three rules:
+``theta`` is the sheared fraction of the width: 1 in the full film, 0 in grooves and supply holes,
+which are deep. In the cavitated zone it follows one of three rules:
 
 ``streamers``
     The oil that leaves the full film crosses the zone in streamers that fill the
-    gap from wall to wall. Carried at the mean velocity, the flow equals the flow at the rupture of
+    gap from wall to wall. Their flow at the mean velocity equals the flow at the rupture of
     the film, so that ``theta = h_rupture / h`` at the same height z, at most 1. The rupture lies
-    upstream of the velocity of the oil relative to the cavity, ``(v_1 + v_2) / 2 - Omega R``. Omega
-    is the speed at which the gap turns: the one that minimises ``dh/dt + Omega dh/dphi``. Between
-    round surfaces that is the speed of the line of centres, ``(e x e') / e^2``; the result is the
-    same in every frame. Where that velocity changes its sense, oil flows in from both sides. A
-    section that has no full film counts as filled.
+    upstream: the oil moves relative to the cavity at the velocity ``(v_1 + v_2) / 2 - Omega R``.
+    Omega is the speed at which the gap turns: the one that minimises ``dh/dt + Omega dh/dphi``.
+    Between round surfaces Omega is the speed of the line of centres, ``(e x e') / e^2``; theta is
+    the same in every frame. At low relative velocities oil flows in from both sides (`SLOW`). A
+    height z without a full film counts as filled.
 ``full``
     The oil fills the gap in the cavitated zone, too.
 ``none``
@@ -27,11 +25,11 @@ grooves and supply holes, which are deep. In the cavitated zone it follows one o
 
 If the cavitation condition determines the fluid fraction, ``streamers`` uses this fraction.
 
-On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls with ``tau_2 t`` (t along the
-circumference). The shaft lies ``h`` further in: its surface ``(R_2 - h) e_r + z e_z`` has the area
-element ``[(R_2 - h) e_r + dh/dphi e_phi] dphi dz`` in the plane, smaller than that of the
-bore and inclined. Pressure on it gives, integrated by parts around the bore
-(``d e_phi / dphi = -e_r``),
+**Forces on both bodies.** On the bore the oil presses with ``p n`` (n = e_r, outward) and pulls
+with ``tau_2 t`` (t along the circumference). The shaft lies ``h`` further in: its surface ``(R_2 -
+h) e_r + z e_z`` has the area element ``[(R_2 - h) e_r + dh/dphi e_phi] dphi dz`` in the plane,
+smaller than that of the bore and inclined. Pressure on it gives, integrated by parts around the
+bore (``d e_phi / dphi = -e_r``),
 
     -int p [(R_2 - h) e_r + dh/dphi e_phi] dphi dz = -int p n dA + int h dp/dy t dA
 
@@ -39,11 +37,10 @@ exactly, for the film is periodic. With ``tau_1 + tau_2 = -h dp/dy`` the two bod
 opposite forces, and opposite moments about any one point. By the same integration the torque on the
 shaft about its own axis is ``R_1 int tau_1 dA`` up to c / R.
 
-Flow of oil through the borders of a film is evaluated from the discrete equation.
-
-The weak form of (1) tested with the shape function of a node is zero in the full film, the growth
-of the cavities at a cavitated node, and the inflow at a node of given pressure. The functions sum
-to one, so
+**Flow** through the borders of a film is evaluated from the discrete equation. The weak form of
+(1) tested with the shape function of a node is zero in the full film, the growth of the cavities at
+a cavitated node, and the inflow at a node of given pressure. The shape functions sum to one, so
+that
 
     supply + cavities - lower - upper = squeeze
 
@@ -66,8 +63,8 @@ from fenics_ehd.film.parameters import FeedTerm
 from fenics_ehd.film.supply import SLACK
 
 #: Velocity of the oil relative to a cavity, over the sliding velocity, below which oil flows in
-#: from both sides; under a load at rest the ratio is 0.5. The limit makes friction continuous where
-#: the velocity changes its sense.
+#: from both sides. The limit makes friction continuous when the relative velocity changes its sign.
+#: Under a load of constant direction the ratio is 0.5.
 SLOW = 0.1
 
 #: A pressure below this share of the largest pressure is the round-off of a cavitated node.
@@ -76,16 +73,16 @@ PRESSURE_FLOOR = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class FilmFields:
-    """Fields of a solved film at the Gauss points, each (cells, points).
+    """Fields of a solved film for its shear stress at the Gauss points, each (cells, points).
 
     Attributes
     ----------
     slope_around
         Derivative of the pressure along the circumference [Pa/m].
     viscosity
-        [Pa s].
+        Dynamic viscosity of the oil [Pa s].
     sheared_fraction
-        theta, the share of the width that is sheared [-].
+        Fraction theta of the width in which oil is sheared [-].
     """
 
     slope_around: np.ndarray
@@ -94,12 +91,12 @@ class FilmFields:
 
 
 def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFields:
-    """Fields of a solved film.
+    """Fields of a solved film for its shear stress, with one of the shear rules.
 
     Raises
     ------
     SettingsError
-        `rule` is not one of `SHEAR_RULES`.
+        If `rule` is not one of `SHEAR_RULES`.
     """
     if rule not in SHEAR_RULES:
         raise SettingsError(f"shear rule {rule!r} is not one of {', '.join(SHEAR_RULES)}")
@@ -113,13 +110,13 @@ def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFi
 
 
 def _sheared_fraction(film: Film, state: FilmState, pressure: np.ndarray, rule: str) -> np.ndarray:
-    """Share of the width that is sheared."""
+    """Fraction theta of the width in which oil is sheared, shape (cells, points)."""
     full = pressure > PRESSURE_FLOOR * pressure.max()
     groove = film.supplied_points
     if rule == "streamers" and state.fluid_fraction is not None:
         share = np.clip(film.assembly.at_points(state.fluid_fraction)[0], 0.0, 1.0)
     elif rule == "streamers":
-        # An axial groove of width zero has no area.
+        # An axial groove of width zero contains nodes, but no Gauss point.
         beside_lines = film.assembly.at_points(film.supplied_nodes.astype(float))[0] > 0.5
         share = _streamers(film, state, full | groove | beside_lines)
     else:
@@ -132,8 +129,8 @@ def _sheared_fraction(film: Film, state: FilmState, pressure: np.ndarray, rule: 
 
 
 def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
-    """``h_rupture / h``, the rupture being the last of the `source` points upstream."""
-    # Rows: the sections of one height, once around.
+    """``h_rupture / h`` at the Gauss points; the rupture is the next `source` point upstream."""
+    # A row has the points of one height, once around.
     angle = film.points.angle.ravel()
     radius = film.parameters.grid.radius
     height = np.round(film.points.height.ravel() / radius, 12)
@@ -151,8 +148,12 @@ def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
 
 
 def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
-    """``h_rupture / h`` of rows (heights, points) in the sense in which the oil is carried."""
-    # Twice around, so that points after the seam have the points before the seam upstream.
+    """``h_rupture / h`` of rows of points (heights, points), in the order in which oil passes them.
+
+    `thickness` is h, and `fed` is True at points from which oil flows; h_rupture is the thickness
+    at the last of these points.
+    """
+    # Two turns, so that the points upstream of the first one are the last ones of the row.
     count = fed.shape[1]
     sources = np.where(np.tile(fed, 2), np.arange(2 * count), -1)
     last = np.maximum.accumulate(sources, axis=1)[:, count:]
@@ -161,16 +162,16 @@ def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
 
 
 def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> float:
-    """Share of the oil that flows from smaller angles, relative to the cavity.
+    """Share of the oil that flows into cavities from the side of smaller angles, 0 to 1.
 
-    `angle` and `order` have the points of one height in a row, once around.
+    `angle` [rad] and `order`, the indices of the Gauss points, have a row for every height.
     """
     thickness = gap.thickness.ravel()[order]
     rate = gap.thickness_rate.ravel()[order]
     rise = np.roll(thickness, -1, axis=1) - thickness
     spacing = np.mod(np.roll(angle, -1, axis=1) - angle, 2 * np.pi)
-    # dh/dt by differences around: Omega is -turned / slopes, and a gap without slopes does not
-    # turn.
+    # The speed Omega at which the gap turns is -turned / slopes, from differences around. The
+    # relative velocity is multiplied by `slopes`, which is zero for a gap that does not turn.
     turned = 0.5 * np.sum((rate + np.roll(rate, -1, axis=1)) * rise)
     slopes = np.sum(rise**2 / spacing)
     relative = np.mean(gap.mean_velocity) * slopes + radius * turned
@@ -180,21 +181,21 @@ def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> f
 
 @dataclass(frozen=True)
 class FlowBalance:
-    """Volume flows at the density of the oil at ambient pressure [m3/s].
+    """Volume flows of a film, at the density of the oil at ambient pressure [m3/s].
 
     Attributes
     ----------
     lower, upper
-        Out of the film at ``z = -B/2`` and ``z = B/2``.
+        Flow out of the film at ``z = -B/2`` and ``z = B/2``.
     supply
-        Into the film through all grooves and holes.
+        Flow into the film through all grooves and holes.
     cavities
         Growth of the cavities: oil that vanishes under condition (8) where the film ruptures, less
         the oil that appears where the film forms again.
     squeeze
-        Growth of the volume of the gap, or of its oil content.
+        Rate of the volume of the gap; with mass-conserving cavitation, rate of its oil content.
     feeds
-        Flow of every supply in `FilmParameters.feeds`, by name.
+        Flow into the film through every supply in `FilmParameters.feeds`, by name.
     """
 
     lower: float
@@ -206,12 +207,12 @@ class FlowBalance:
 
     @property
     def side(self) -> float:
-        """Flow out of both sides together."""
+        """Flow out of the film at both sides together [m3/s]."""
         return self.lower + self.upper
 
 
 class FilmFlows:
-    """Flows of a solved film at steady pressure, and their powers, each evaluated on access.
+    """Oil flows of a solved film at steady pressure, and their powers, each evaluated on access.
 
     Parameters
     ----------
@@ -222,12 +223,12 @@ class FilmFlows:
     def __init__(self, film: Film, state: FilmState):
         self._film = film
         self._state = state
-        # Mass-conserving films lump supplies at the nodes.
+        # With mass-conserving cavitation, flows of supplies are lumped at the nodes.
         self._lumped = state.outflow is not None
 
     @cached_property
     def balance(self) -> FlowBalance:
-        """All flows; with mass-conserving cavitation those of cavities are zero."""
+        """Volume flows through all borders; cavities are zero with mass-conserving cavitation."""
         film = self._film
         inflow = self._inflow
         feeds = self._feeds
@@ -242,8 +243,8 @@ class FilmFlows:
             if ambient is None:
                 entering = np.zeros_like(entering)
             # A side at the cavitation pressure has no inflow: an apparent inflow is the growth of
-            # adjacent cavities. The two are distinguished edge by edge, for a corner of the 8-node
-            # element alone has the wrong sign.
+            # adjacent cavities. They are distinguished for each edge of the mesh: at a single
+            # corner node of the 8-node element the flow has the wrong sign.
             cavity = 0.0
             if ambient == 0.0 and not conserved:
                 cavity = float(np.maximum(entering, 0.0).sum())
@@ -256,20 +257,23 @@ class FilmFlows:
 
     @cached_property
     def leaving(self) -> float:
-        """Oil that leaves at one instant [m3/s]: the part of the flows that carries heat away.
+        """Flow of the oil that leaves the film at one instant and carries heat away [m3/s].
 
         Two outflows count:
 
-        - through either side, edge by edge of the mesh. At an ambient pressure above the cavitation
-          pressure oil enters over some edges and leaves over others; the inflow is not subtracted;
-        - into a supply as a whole, for a groove whose inflow exceeds its outflow. Oil that is
-          dragged into a groove at one edge and out of it at the other stays in the film. Under
-          condition (8) cavities fill the gap with oil that no supply delivered, and drag it to
-          grooves: this flow does not count.
+        - through the sides, summed over those edges of the mesh over which oil leaves. At an
+        ambient
+          pressure above the cavitation pressure oil enters over other edges; this inflow is not
+          subtracted;
+        - net flow out of the film into each groove or supply, if positive. Oil that is dragged into
+        a groove
+          at one edge and out of it at the other stays in the film. Under condition (8) cavities
+          fill the gap with oil that no supply delivered, which is dragged to grooves: the growth of
+          the cavities is subtracted.
 
-        Oil stored by the gap's motion does not count, nor oil exchanged with cavities: over a cycle
-        both are zero, except for the oil that condition (8) creates where the film forms, which is
-        fresh.
+        Oil stored by the motion of the gap does not count, nor does oil exchanged with cavities:
+        both are zero over a cycle, except for the oil that condition (8) creates where the film
+        forms again. This oil counts as fresh.
         """
         p = self._film.parameters
         inflow = self._inflow
@@ -292,12 +296,12 @@ class FilmFlows:
 
     @cached_property
     def work(self) -> float:
-        """Power of the inflow less power of the outflow, at the film's pressures [W]."""
+        """Power that oil brings into the film less the power it takes out [W]: ``int p dQ``."""
         return self._work_at_ends + (self.feed_power if self._fed is not None else 0.0)
 
     @cached_property
     def feed_power(self) -> float:
-        """Power that the oil of `FilmParameters.feeds` brings into the film [W]: ``int p dQ``."""
+        """Power that oil from `FilmParameters.feeds` brings into the film [W]: ``int p dQ``."""
         film = self._film
         p = self._film.parameters
         feed = self._fed
@@ -312,10 +316,11 @@ class FilmFlows:
 
     @property
     def refill_work(self) -> float:
-        """Power of the pressure on oil that fills voids, where the film forms anew [W].
+        """Power of the pressure on oil that fills voids where the film forms again [W].
 
-        With it the weak form tested with its own pressure balances. A front within a cell causes
-        this power, which vanishes as the mesh is refined and is zero without voids.
+        This power closes the energy balance, which is the weak form tested with its own pressure.
+        It arises from fronts of the full film within a cell, vanishes as the mesh is refined, and
+        is zero without voids.
         """
         if not self._lumped:
             return 0.0
@@ -340,20 +345,20 @@ class FilmFlows:
 
     @cached_property
     def _inflow(self) -> np.ndarray:
-        """Flow into the film at nodes of given pressure, shape (nodes,) [m3/s]."""
+        """Flow into the film at every node, shape (nodes,) [m3/s], for nodes of given pressure."""
         outflow = self._state.outflow
         return self._defects[0] if outflow is None else -outflow
 
     @cached_property
     def _work_at_ends(self) -> float:
-        """Power of the oil that flows in at nodes of given pressure [W]."""
+        """Power of the oil that flows in at nodes of given pressure, ``sum p Q`` [W]."""
         fixed = np.ones(self._film.assembly.size, dtype=bool)
         fixed[self._film.free] = False
         return float(self._state.pressure[fixed] @ self._inflow[fixed])
 
     @cached_property
     def _defects(self) -> tuple[np.ndarray, float]:
-        """Weak form tested with every node [m3/s], shape (nodes,), and the growth of the gap."""
+        """Weak form tested with every node, (nodes,), and rate of the gap's volume [m3/s]."""
         film = self._film
         p = self._film.parameters
         feed = self._fed
@@ -370,23 +375,25 @@ class FilmFlows:
 
 
 def under_pressure(film: Film) -> bool:
-    """True of a film with inflow or outflow at a pressure above the cavitation pressure."""
+    """Whether oil flows in or out at supplies, or at nodes above the cavitation pressure."""
     return bool(film.parameters.feeds) or bool(np.any(film.equation.given))
 
 
 def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
-    """Flow into a film over the edges at the height of one side [m3/s], or at 4-node cells' nodes.
+    """Flow into a film through one side: over each edge of the mesh there, around [m3/s].
+
+    With 4-node cells the flow is that at each node.
 
     Parameters
     ----------
     film
         The film.
     defect
-        Flow in at every node [m3/s].
+        Flow into the film at every node, shape (nodes,) [m3/s].
     region
-        Whether a node lies in a supply region.
+        Mask of the nodes in supply regions, whose flow does not count, shape (nodes,).
     end
-        Height of the side [m].
+        Height z of the side [m].
     """
     grid = film.parameters.grid
     angle, height = grid.node_positions.T

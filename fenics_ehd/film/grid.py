@@ -1,16 +1,15 @@
-"""Film mesh: the unwrapped bore as rectangles, periodic; even, graded, or recognised in a bore.
+"""Film mesh: the unwrapped bore as rectangles, periodic; even, graded, or taken from a bore mesh.
 
-Node numbers run along the axis first, so that a matrix of the film is banded. Cells are numbered
-alike, cell ``i * along + j`` being the i-th around.
+Node numbers run along the axis first, so that a matrix of the film is banded. Cells are numbered in
+the same order: cell ``i * along + j`` is the i-th around and the j-th along the axis.
 
-Film mesh graded by the gap: many cells where the film is thin.
-
-Sommerfeld's variable ``gamma``, ``1 + eps cos(theta) = (1 - eps^2) / (1 - eps cos(gamma))``,
-spreads the pressure of a long bearing evenly at every eccentricity; its density
-is ``dgamma / dtheta ~ 1 / h``. Cells follow that density, mixed with an even one for
-the pressure's slow rise. Towards the ends the pressure of a long bearing falls off
-within a length l of the order of the thin part's extent along the circumference: there
-the density is ``1 / (d + l)`` at the distance d from the end.
+**Grading by the gap** puts many cells where the film is thin. Sommerfeld's variable ``gamma``, with
+``1 + eps cos(theta) = (1 - eps^2) / (1 - eps cos(gamma))``, spreads the pressure of a long bearing
+evenly at every eccentricity. Points at equal distances of gamma have the density ``dgamma / dtheta
+~ 1 / h``. The density of the cells is a mean of this density and of an even one, for the slow rise
+of the pressure. Towards the ends of a long bearing the pressure falls off within a length l, which
+is of the order of the extent of the thin film along the circumference: the density of the cells
+along the axis is ``1 / (d + l)`` at the distance d from the end.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ TURN = 2 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class FilmGrid:
-    """Cells and nodes of a film.
+    """Cells and nodes of a film mesh on a bore.
 
     Attributes
     ----------
@@ -52,13 +51,13 @@ class FilmGrid:
     heights
         Cell boundaries along the axis, ascending, shape (along + 1,) [m].
     family
-        ``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node).
+        Element family: ``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node).
 
     Raises
     ------
     SettingsError
-        No positive radius, fewer than 3 cells around or 1 along, boundaries that do not ascend,
-        angles that do not close, or an unknown family.
+        If the radius is not positive, there are fewer than 3 cells around or 1 along, boundaries
+        do not ascend, angles do not span one turn, or the family is unknown.
     """
 
     radius: float
@@ -72,10 +71,10 @@ class FilmGrid:
         around, along = self.cells
         if around < 3 or along < 1:
             raise SettingsError(
-                f"a film of {around} x {along} cells: at least 3 around and 1 along are needed"
+                f"the film has {around} x {along} cells: use at least 3 around and 1 along"
             )
         if not (np.all(np.diff(self.angles) > 0) and np.all(np.diff(self.heights) > 0)):
-            raise SettingsError("the cell boundaries of the film must ascend")
+            raise SettingsError("the cell boundaries of the film, angles and heights, must ascend")
         if not abs(self.angles[-1] - self.angles[0] - TURN) < 1e-9:
             raise SettingsError(
                 f"the film's cells span {self.angles[-1] - self.angles[0]:.6g} rad, not one turn"
@@ -83,7 +82,7 @@ class FilmGrid:
 
     @property
     def cells(self) -> tuple[int, int]:
-        """Cells along the circumference and along the axis."""
+        """Number of cells along the circumference and along the axis."""
         return len(self.angles) - 1, len(self.heights) - 1
 
     @property
@@ -93,7 +92,7 @@ class FilmGrid:
 
     @cached_property
     def _numbers(self) -> np.ndarray:
-        """Node number at each half cell around and along, -1 where the family has none."""
+        """Node numbers on the grid of half cells, (2 around, 2 along + 1); -1 without a node."""
         around, along = self.cells
         exists = np.zeros((2 * around, 2 * along + 1), dtype=bool)
         for a, b in self._halves:
@@ -104,7 +103,10 @@ class FilmGrid:
 
     @property
     def _halves(self) -> np.ndarray:
-        """Nodes of a cell in dolfinx order, as offsets around and along in half cells."""
+        """Positions of a cell's nodes in half cells, around and along, shape (k, 2).
+
+        Nodes are in the order of dolfinx.
+        """
         return np.rint(2 * ELEMENTS[self.family].nodes).astype(int)
 
     @cached_property
@@ -117,18 +119,18 @@ class FilmGrid:
 
     @cached_property
     def rows(self) -> FilmRows:
-        """Nodes in rows around, between which extremes are computed."""
+        """Nodes in rows around the bore; extremes are interpolated between nodes of a row."""
         return FilmRows.of(*self.node_positions.T)
 
     @property
     def nodes(self) -> np.ndarray:
-        """Positions of the nodes on the bore, shape (n, 3) [m]."""
+        """Cartesian positions of the nodes on the bore, shape (n, 3) [m]."""
         angle, height = self.node_positions.T
         return np.column_stack([self.radius * np.cos(angle), self.radius * np.sin(angle), height])
 
     @cached_property
     def cell_nodes(self) -> np.ndarray:
-        """Nodes of every cell in dolfinx order, shape (cells, nodes per cell)."""
+        """Node numbers of every cell in dolfinx order, shape (cells, nodes per cell)."""
         around, along = self.cells
         i, j = np.meshgrid(np.arange(around), np.arange(along), indexing="ij")
         a, b = self._halves.T
@@ -138,14 +140,14 @@ class FilmGrid:
 
     @cached_property
     def cell_sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Extent of every cell in angle and in height over radius, each shape (cells,)."""
+        """Size of every cell, shape (cells,) each: angle [rad], and height over radius [-]."""
         around, along = self.cells
         widths = np.diff(self.angles)
         heights = np.diff(self.heights) / self.radius
         return np.repeat(widths, along), np.tile(heights, around)
 
     def interpolation(self, angle: np.ndarray, height: np.ndarray) -> sparse.csr_matrix:
-        """Matrix from nodal values to values at points of the bore, shape (points, n)."""
+        """Matrix (points, n) from nodal values to values at angles [rad] and heights [m]."""
         relative = np.mod(angle - self.angles[0], TURN) + self.angles[0]
         around, along = self.cells
         i = np.clip(np.searchsorted(self.angles, relative, "right") - 1, 0, around - 1)
@@ -167,16 +169,16 @@ def uniform_grid(
     *,
     start: float = 0.0,
 ) -> FilmGrid:
-    """Grid of equal cells, a cell boundary at angle `start` [rad].
+    """Film mesh of equal cells, with a cell boundary at angle `start` [rad].
 
     Raises
     ------
     SettingsError
-        The numbers of cells are not two integers, a size is not above 0, or the family is unknown.
+        If `cells` is not two whole numbers, a size is not above 0, or the family is unknown.
     """
     require_class("cells", cells, tuple, list, np.ndarray)
     if len(cells) != 2:
-        raise SettingsError(f"cells = {list(cells)} must be two whole numbers, around and along")
+        raise SettingsError(f"cells = {list(cells)} must be two whole numbers: around, along")
     around, along = (require_count(f"cells[{i}]", number) for i, number in enumerate(cells))
     half = 0.5 * require_number("width", width, above=0)
     angles = require_number("start", start) + np.linspace(0.0, TURN, around + 1)
@@ -185,19 +187,19 @@ def uniform_grid(
 
 
 def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:
-    """Move the nearest cell boundaries onto given angles, the edges of grooves.
+    """Film mesh whose cell boundaries nearest to the edges of grooves are moved onto these edges.
 
     Parameters
     ----------
     grid
-        Any grid.
+        The film mesh to start from.
     edges
-        Angles [rad], shape (e,).
+        Angles of the edges [rad], shape (e,).
 
     Raises
     ------
     SettingsError
-        Two edges are nearest to the same boundary: the mesh is too coarse.
+        If two edges are nearest to the same boundary: the mesh is too coarse.
     """
     if not len(edges):
         return grid
@@ -216,7 +218,7 @@ def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:
             f"{grid.cells[0]} cells around cannot resolve groove edges at {first:.4g} and "
             f"{second:.4g} degrees: use more cells"
         )
-    # The boundaries between two moved ones keep their proportions.
+    # Boundaries between two fixed ones keep the proportions of their distances.
     source = np.append(relative[fixed], relative[fixed[0]] + TURN)
     target = relative[fixed] + apart[fixed, order]
     target = np.append(target, target[0] + TURN)
@@ -227,15 +229,15 @@ def aligned_grid(grid: FilmGrid, edges: np.ndarray) -> FilmGrid:
 
 
 #: Share of the cells with a density proportional to 1 / h; the density of the others is even.
-#: Measured with 64 x 12 cells, L/D 0.25 to 4, eccentricity 0.1 to 0.999: 0.5 to 0.85 do not differ
-#: by more than 0.1 % in load.
+#: Measured with 64 x 12 cells, L/D 0.25 to 4, eccentricity 0.1 to 0.999: loads with shares of 0.5
+#: to 0.85 differ by at most 0.1 %.
 THIN_SHARE = 0.7
 
-#: Share of the cells along the axis that crowd at the ends. With 12 even cells the error of the
-#: load at L/D = 4, eccentricity 0.999, is 1.4 %; with these 0.1 %.
+#: Share of the cells along the axis that are concentrated at the ends. At L/D = 4, eccentricity
+#: 0.999, the error of the load is 1.4 % with 12 even cells, and 0.1 % with 12 cells of this share.
 END_SHARE = 0.8
 
-#: Intervals in which the density is integrated.
+#: Number of intervals for integrals of the cell density.
 SAMPLES = 20000
 
 
@@ -247,22 +249,24 @@ def gap_graded_grid(
     thickness: Callable[[np.ndarray], np.ndarray],
     edges: Sequence[float] = (),
 ) -> FilmGrid:
-    """Grid for a given gap, with cell boundaries at its minimum or at given angles.
+    """Film mesh graded by a gap, with cell boundaries at its minimum or at given angles.
 
     Parameters
     ----------
-    radius, width, cells, family
-        As for `FilmGrid`.
+    radius, width
+        Bore radius and bearing width [m].
+    cells, family
+        Number of cells around and along; element family, see `FilmGrid`.
     thickness
-        Gap at the angles [rad], above 0, in any unit.
+        Function from angles [rad] to the gap there, above 0, in any unit.
     edges
-        Angles that must be cell boundaries, the edges of grooves; without any, a
+        Angles that must be cell boundaries, the edges of grooves [rad]; without edges, a
         boundary lies where the gap is smallest.
 
     Raises
     ------
     SettingsError
-        Fewer cells around than edges.
+        If there are fewer cells around than edges.
     """
     around, along = cells
     even = np.linspace(0.0, TURN, SAMPLES + 1)
@@ -286,23 +290,24 @@ def gap_graded_grid(
         ]
     )
     angles = np.interp(targets, share, even)
-    # The given angles themselves, without the rounding of the two interpolations.
+    # The edges are set exactly: the two interpolations above round them.
     angles[np.cumsum(counts) - counts] = breaks[:-1]
     angles = start + np.append(angles, TURN)
-    # 1 / h has a maximum as wide as this angle, half a turn if the shaft is centred.
+    # Length of the thin film around: radius times the width of the peak of 1 / h, which is half a
+    # turn if the shaft is centred.
     layer = radius * share_of_turn * np.pi
     return FilmGrid(radius, angles, _towards_ends(width, along, layer), family)
 
 
 def _offsets(start: float, edges: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Distinct angles from `start` on to given ones, ascending, below a turn [rad]."""
+    """Angles of edges counted from `start`, without repetitions, ascending in [0, 2 pi) [rad]."""
     offsets = np.mod(np.asarray(edges, dtype=float) - start, TURN)
     offsets = np.sort(np.where(offsets > TURN - 1e-9, 0.0, offsets))
     return offsets[np.append(True, np.diff(offsets) > 1e-9)]
 
 
 def _apportion(shares: np.ndarray, total: int) -> np.ndarray:
-    """Whole numbers of at least one with a given total, in proportion to shares."""
+    """Whole numbers, each at least 1, that sum to `total`, in proportion to shares."""
     wanted = np.maximum(shares / shares.sum() * total, 1.0)
     counts = np.floor(wanted).astype(int)
     while counts.sum() < total:
@@ -313,7 +318,7 @@ def _apportion(shares: np.ndarray, total: int) -> np.ndarray:
 
 
 def _towards_ends(width: float, along: int, layer: float) -> np.ndarray:
-    """Cell boundaries that crowd in a layer at both ends [m], shape (along + 1,)."""
+    """Heights of cell boundaries, shape (along + 1,) [m], dense within `layer` [m] of both ends."""
     distance = width * np.append(0.0, np.geomspace(1e-8, 0.5, SAMPLES))
     share = np.log1p(distance / layer)
     share = END_SHARE * share / share[-1] + (1 - END_SHARE) * distance / distance[-1]
@@ -322,18 +327,18 @@ def _towards_ends(width: float, along: int, layer: float) -> np.ndarray:
     return np.where(wanted <= 1.0, -inward, inward)
 
 
-#: Largest distance between a film node and the bore node it belongs to, relative to the radius.
+#: Largest distance between a film node and its bore node, relative to the radius.
 MATCH_TOLERANCE = 1e-6
 
 
 def _positions(values: np.ndarray, tolerance: float) -> int:
-    """Number of distinct values."""
+    """Number of distinct values, those within `tolerance` of each other counted once."""
     ordered = np.sort(values)
     return 1 + int(np.sum(np.diff(ordered) > tolerance))
 
 
 def film_layout(nodes: np.ndarray) -> tuple[tuple[int, int], str]:
-    """Cells and element family of nodes on a bore.
+    """Number of cells and element family of a film mesh whose nodes are those of a bore.
 
     Parameters
     ----------
@@ -343,14 +348,14 @@ def film_layout(nodes: np.ndarray) -> tuple[tuple[int, int], str]:
     Returns
     -------
     cells : tuple of int
-        Cells along the circumference and along the axis.
+        Number of cells along the circumference and along the axis.
     family : str
         ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node).
 
     Raises
     ------
     InterfaceMismatchError
-        The nodes are not those of a structured quadratic mesh.
+        If the nodes are not those of a structured quadratic mesh.
     """
     angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]) + 1e-6, TURN)
     around = _positions(angle, 1e-5) // 2
@@ -367,14 +372,16 @@ def film_layout(nodes: np.ndarray) -> tuple[tuple[int, int], str]:
 
 
 def film_grid(nodes: np.ndarray) -> FilmGrid:
-    """Film mesh with the cells and the family of a structured set of bore nodes.
+    """Film mesh with the cells and the element family of a structured mesh of a bore.
+
+    `nodes` has the positions of all bore nodes, shape (m, 3) [m].
 
     Raises
     ------
     InterfaceMismatchError
-        The nodes are not those of a structured quadratic mesh of equal cells.
+        If the nodes are not those of a structured quadratic mesh of equal cells.
     SettingsError
-        The nodes are no array of positions.
+        If `nodes` is not an array of positions.
     """
     require_class("nodes", nodes, np.ndarray)
     if nodes.ndim != 2 or nodes.shape[1] != 3:
@@ -382,7 +389,8 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     cells, family = film_layout(nodes)
     radius = float(np.linalg.norm(nodes[:, :2], axis=1).mean())
     angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]), TURN / cells[0])
-    # Corner columns lie at whole multiples of the cell from here, mid columns half way.
+    # Angles of corner nodes are the start plus whole cells, those of mid-side nodes half a cell
+    # further. Every angle of the first row of nodes may be the start.
     first = nodes[:, 2] <= nodes[:, 2].min() + MATCH_TOLERANCE * radius
     half = angle[first] % (np.pi / cells[0])
     starts = half[np.unique(np.round(half, 6), return_index=True)[1]]
@@ -392,13 +400,16 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
             return grid
     raise InterfaceMismatchError(
         f"{len(nodes)} bore nodes are not those of {cells[0]} x {cells[1]} equal cells (largest "
-        f"distance {cKDTree(nodes).query(grid.nodes)[0].max():.2e} m): give the film cells of its "
-        f"own, cells = [{cells[0]}, {cells[1]}] say"
+        f"distance {cKDTree(nodes).query(grid.nodes)[0].max():.2e} m): set the film's number of "
+        f"cells, for example cells = [{cells[0]}, {cells[1]}]"
     )
 
 
 def match(own: np.ndarray, given: np.ndarray) -> np.ndarray | None:
-    """Index in `given` of each of the nodes `own`; None if the nodes are not the same."""
+    """Index in `given` of each node of `own`; None unless both have the same nodes.
+
+    Both have positions, shape (n, 3) [m]; nodes are the same within `MATCH_TOLERANCE`.
+    """
     if len(own) != len(given):
         return None
     distance, index = cKDTree(given).query(own)

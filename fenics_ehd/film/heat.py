@@ -1,19 +1,20 @@
-"""Balance of a film's heat: one temperature for the film, from its power and the oil that leaves.
+"""Heat balance of a film: one effective temperature, from dissipated power and outflow of oil.
 
-Of the power P dissipated in the film the share ``conducted_share`` is conducted into journal and
-bore, and the oil carries the rest away,
+Journal and bore conduct the share ``conducted_share`` of the power P dissipated in the film. The
+oil carries away the rest,
 
     (1 - conducted_share) P = rho c Q (T_out - T_supply),
 
-and the oil has the viscosity of an effective temperature between supply and outlet,
+and has the viscosity of an effective temperature between those of supply and outlet,
 
     T = T_supply + outlet_weight (T_out - T_supply).
 
 Design calculations use their mean, ``outlet_weight = 0.5`` (DIN 31652 as explained at
-inggo.com/teachnet/53-waermebilanz.html). Q is the oil that leaves (`FilmFlows.leaving`); as much
-oil enters at the temperature of the supply. rho is the density at the effective temperature.
+inggo.com/teachnet/53-waermebilanz.html). Q is the flow of the oil that leaves
+(`FilmFlows.leaving`); the same flow enters at the supply temperature. rho is the density at the
+effective temperature, and c the specific heat.
 
-Imports inside functions: `scipy.optimize` is slow to import, and films without heat do without.
+Imports inside functions: `scipy.optimize` is slow to import, and only heat balances need it.
 """
 
 from __future__ import annotations
@@ -33,28 +34,33 @@ if TYPE_CHECKING:
     from fenics_ehd.film.lubricant import TemperatureLaw
 
 
-#: Assumed ``n`` of ``P / (rho Q) ~ viscosity^n`` before n follows from two temperatures: exact for
-#: a journal at rest in its bore; the iteration contracts for every true n between 0 and 2.
+#: Exponent n of ``P / (rho Q) ~ viscosity^n`` until it is computed from two temperatures. It is
+#: exact for a journal at a fixed position; the iteration contracts for every true n between 0 and
+#: 2.
 FIRST_EXPONENT = 1.0
 
-#: Limits of n; n is 2 if a supply presses the oil through the film.
+#: Limits of n; n is 2 if supply pressure drives all the flow through the film.
 EXPONENTS = (0.0, 2.0)
 
-#: Least change of ln(viscosity) from which n is computed: over a cycle the film still depends on
-#: the temperature before, so that power and flow are off by 0.1 % per K of the last change.
+#: Smallest change of ln(viscosity) from which n is computed. In the cycle after a change of
+#: temperature the film still depends on the previous one: power and flow have an error of 0.1 % per
+#: K of the change.
 TELLING = 0.05
 
-#: Distance from the oil's limits [K].
+#: Distance that temperatures keep from the highest one of the oil, because of round-off [K].
 ROUNDING = 1e-9
 
-#: Factor by which the viscosity falls if no temperature balances power and flow of a cycle: in a
-#: first cycle, in which the film builds up, the power may be too large.
+#: Factor by which the viscosity is lowered if no temperature balances power and flow of a cycle:
+#: the power may be too large in a first cycle, in which the film builds up.
 THINNER = 4.0
 
 
 @attrs.frozen(kw_only=True)
 class Heat:
-    """Balance of a film's heat over a cycle; needs time.periodic and an oil by grade or like it."""
+    """Settings of a film's heat balance over a cycle.
+
+    It needs `time.periodic` and an oil whose viscosity depends on the temperature.
+    """
 
     supply_temperature: float = shared_settings.supply_temperature(
         REQUIRED, "of the oil that comes in [C]"
@@ -68,14 +74,14 @@ class Heat:
     )
 
     def outlet(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
-        """Temperature of the oil that leaves [C]; infinite if no oil leaves.
+        """Outlet temperature T_out of the oil [C]; infinite if no oil leaves the film.
 
         Parameters
         ----------
         oil, temperature
             Oil, and its effective temperature [C].
         power, flow
-            P [W] and Q [m3/s].
+            Dissipated power P [W] and flow Q of the oil that leaves [m3/s].
         """
         carried = oil.density(temperature) * oil.specific_heat * flow
         rise = (1.0 - self.conducted_share) * power
@@ -84,25 +90,28 @@ class Heat:
         return self.supply_temperature + rise / carried if carried > 0.0 else np.inf
 
     def balanced(self, oil: TemperatureLaw, temperature: float, power: float, flow: float) -> float:
-        """Effective temperature in balance with power and flow at another temperature [C]."""
+        """Effective temperature [C] that balances power [W] and flow [m3/s] of the film.
+
+        `temperature` [C] is the one at which power and flow were computed.
+        """
         outlet = self.outlet(oil, temperature, power, flow)
         return self.supply_temperature + self.outlet_weight * (outlet - self.supply_temperature)
 
 
 def require_graded(graded: bool, *, key: str = "heat", lubricant: str = "the lubricant") -> None:
-    """Refuse a balance of heat if the viscosity does not depend on the temperature.
+    """Refuse a heat balance if the viscosity of the lubricant does not depend on temperature.
 
     Parameters
     ----------
     graded
-        Whether the lubricant is an oil of a grade or of two kinematic viscosities.
+        Whether the lubricant is an oil with a grade or with two kinematic viscosities.
     key, lubricant
-        Setting of the heat, and name of the lubricant.
+        Key of the heat balance, and name of the lubricant, for the message.
 
     Raises
     ------
     SettingsError
-        The message contains both.
+        If the lubricant is not graded; the message names the key and the lubricant.
     """
     if not graded:
         raise SettingsError(
@@ -112,44 +121,47 @@ def require_graded(graded: bool, *, key: str = "heat", lubricant: str = "the lub
 
 
 def require_cycle(periodic: bool, key: str) -> None:
-    """Refuse a balance of heat in a run without a cycle.
+    """Refuse a heat balance in a run without a cycle.
 
     Raises
     ------
     SettingsError
-        Naming the key of the heat.
+        If the run is not periodic; the message names the key.
     """
     if not periodic:
         raise SettingsError(
             f"{key}: heat is balanced over a cycle, and a run with time.periodic = false has none: "
-            "give a period, or leave the heat out: the oil then has its lubricant's temperature"
+            "set time.periodic, or remove the heat: the oil then has its lubricant's temperature"
         )
 
 
 class TemperatureSearch(Stateful):
-    """Effective temperature of a film, from power and flow at one temperature after the other.
+    """Search for the effective temperature of a film, by power and flow at trial temperatures.
 
     Between two temperatures ``P / Q`` is assumed to be a power of the viscosity, whose dependence
-    on temperature is known: the exponent changes little while the viscosity changes a thousandfold.
+    on temperature is known. The exponent changes little even if the viscosity changes a
+    thousandfold.
 
     Parameters
     ----------
     heat, oil
-        Settings of the heat, and oil of the film.
+        Settings of the heat balance, and oil of the film.
     telling
         Change of ln(viscosity) above which the exponent is computed from two temperatures.
 
     Attributes
     ----------
     temperature
-        Current effective temperature [C], at first that of the supply.
+        Current effective temperature [C]; the search starts at the supply temperature.
     power, flow
-        Power [W] and flow [m3/s] from which the current temperature follows.
+        Power [W] and flow [m3/s] from which the current temperature was computed.
     without_balance
-        Whether no temperature balances this power and flow.
-    exponent, last
-        Exponent of the power law; logarithms of viscosity and temperature rise at the last
-        temperature.
+        True if no temperature balances this power and flow.
+    exponent
+        Exponent n of the power law.
+    last
+        Natural logarithms of viscosity [Pa s] and of the balanced temperature rise [K] at the last
+        temperature, shape (2,); None at first.
     """
 
     carried: ClassVar = {
@@ -165,7 +177,7 @@ class TemperatureSearch(Stateful):
         self.heat = heat
         self.oil = oil
         self._telling = telling
-        oil.viscosity(heat.supply_temperature)  # refused here if it is out of range
+        oil.viscosity(heat.supply_temperature)  # refuses a temperature out of range
         self.temperature = heat.supply_temperature
         self.without_balance = False
         self.power = self.flow = float("nan")
@@ -174,17 +186,17 @@ class TemperatureSearch(Stateful):
 
     @property
     def viscosity(self) -> float:
-        """Viscosity at the current temperature [Pa s]."""
+        """Dynamic viscosity at the current temperature [Pa s]."""
         return self.oil.viscosity(self.temperature)
 
     def shift(self, change: float) -> None:
-        """Current temperature plus a change [K], within the oil's limits and above the supply's."""
+        """Add `change` [K] to the current temperature, within the supply's and the oil's limit."""
         hottest = self.oil.hottest - ROUNDING
         wanted = self.temperature + change
         self.temperature = float(np.clip(wanted, self.heat.supply_temperature, hottest))
 
     def defect(self, power: float, flow: float) -> float:
-        """Temperature in balance less the current temperature [K]."""
+        """Temperature that balances power [W] and flow [m3/s], less the current one [K]."""
         return self.heat.balanced(self.oil, self.temperature, power, flow) - self.temperature
 
     def move(self, power: float, flow: float) -> bool:
@@ -225,7 +237,10 @@ class TemperatureSearch(Stateful):
         return True
 
     def _learn(self, viscosity: float, rise: float) -> None:
-        """Exponent from the logarithms of viscosity and of a quantity proportional to P / Q."""
+        """Set the exponent from logarithms of viscosity and temperature rise at two temperatures.
+
+        The rise is proportional to P / Q.
+        """
         if self.last is not None and abs(viscosity - self.last[0]) > self._telling:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])
             self.exponent = float(np.clip(slope, *EXPONENTS))
@@ -233,7 +248,10 @@ class TemperatureSearch(Stateful):
 
 
 def _thinner(oil: TemperatureLaw, temperature: float, hottest: float) -> float:
-    """Temperature at which an oil is `THINNER` times as thin as at another; at most the hottest."""
+    """Temperature at which the viscosity of an oil is lower by the factor `THINNER` [C].
+
+    It is at most `hottest`.
+    """
     wanted = oil.viscosity(temperature) / THINNER
     if oil.viscosity(hottest) >= wanted:
         return hottest
@@ -247,21 +265,21 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 
 def run_away(name: str, search: TemperatureSearch, error: Exception | None = None) -> HeatError:
-    """Make the error of a film without a balanced temperature.
+    """Make the error to raise for a film whose heat no temperature balances.
 
     Parameters
     ----------
     name
-        Name of the film, to which its keys are appended.
+        Name of the film for the message.
     search
-        Search after its last temperature.
+        Search of the film's temperature, at its last temperature.
     error
-        Failure of the film at the last temperature; None: the oil has no higher temperature.
+        Failure of the film at the last temperature; None if that is the oil's highest temperature.
     """
     last = f" ({error})" if error else ", the highest at which the viscosity of the oil is known"
     return HeatError(
-        f"{name}: the heat cannot leave: {search.power:.3g} W with a flow of "
-        f"{1e6 * search.flow:.3g} cm3/s find no balance up to {search.temperature:.4g} C{last}: "
+        f"{name}: the oil cannot carry away the heat: {search.power:.3g} W with a flow of "
+        f"{1e6 * search.flow:.3g} cm3/s have no balance up to {search.temperature:.4g} C{last}: "
         "raise the clearance, the supply or conducted_share, or lower supply_temperature or the "
         "speed"
     )

@@ -1,25 +1,24 @@
-"""Gap and surface velocities of a shaft in a bore (2)-(7), and deviations from round.
+"""Gap and surface velocities of a shaft in a bore (2)-(7), and deviations from a round shape.
 
-**Shape** of a bore or a journal: how far its surface lies outside the round one. The radial
-deviation ``delta(phi, z)`` [m] is positive outward, away from the axis. A deviation of the bore
-opens the gap, one of the journal closes it,
+**Shape.** The shape of a bore or a journal is the radial deviation ``delta(phi, z)`` [m] of its
+surface from a cylinder, positive outward. A deviation of the bore increases the gap, one of the
+journal reduces it,
 
     h = c + delta_bore(phi, z) - delta_journal(phi - alpha, z) - ...,
 
-alpha being the angle of the journal relative to the bore. At a fixed point of the bore the turning
-shape changes the gap at the rate
+with the angle alpha of the journal relative to the bore. At a fixed point of the bore the turning
+shape of the journal changes the gap at the rate
 
     dh/dt = ... + alpha' d delta_journal/dphi (phi - alpha, z),
 
-and has no other effect: the flux through a section stays ``h (v_1 + v_2) / 2 - h^3 / (12 eta)
-dp/dx``, for the oil that the inclined surface pushes ahead of it is this rate. (Integrate
-continuity over the film: ``d/dx int u dy - u(h) dh/dx + v(h) - v(0) = 0`` and ``v(h) = dh/dt + u(h)
-dh/dx``.)
+and has no other effect: the flux through a section remains ``h (v_1 + v_2) / 2 - h^3 / (12 eta)
+dp/dx``, and this rate is the oil that the inclined surface displaces. (Integrate continuity over
+the film: ``d/dx int u dy - u(h) dh/dx + v(h) - v(0) = 0`` with ``v(h) = dh/dt + u(h) dh/dx``.)
 
-**Gap and surface velocities** (2)-(7). The bore carries the frame: its points keep their angle phi
-and height z, and all velocities are relative to it. A shaft of radius ``R_1 = R_2 - c`` with its
-centre at ``e`` and its axis tilted by the small rotations ``psi_x, psi_y`` has its centre at ``e(z)
-= e + z (psi_y, -psi_x)`` in the plane of height z, and
+**Gap and surface velocities** (2)-(7). The frame is fixed to the bore: points of the bore keep
+their angle phi and height z, and all velocities are relative to it. A shaft of radius ``R_1 = R_2 -
+c`` with its centre at ``e`` and its axis tilted by the small rotations ``psi_x, psi_y`` has its
+centre at ``e(z) = e + z (psi_y, -psi_x)`` in the plane of height z, and
 
     h     = R_2 + delta_r - e_r - s,    s = sqrt(R_1^2 - e_t^2)        (4), (5)
     dh/dt = d(delta_r)/dt - (de/dt)_r + (de/dt)_t e_t / s
@@ -31,11 +30,12 @@ does not change the gap. Taking ``d/dy`` with ``y = R_2 phi`` on both surfaces,
 as printed, yields an additional ``omega_1 e_t h / R_2``, a false squeeze of order c / R.
 
 All terms with ``e_t`` are kept; ``R_1 - s = e_t^2 / (R_1 + s)`` is formed without
-cancellation. Left out, each smaller than what is kept by a factor c / R: the
-product of tangential bore velocity and bore slope, and the axial velocity of
-a tilted shaft (w in (6), which the paper drops too).
+cancellation. Two terms are neglected, because each is smaller by a factor c / R than those kept:
+the product of tangential bore velocity and bore slope, and the axial velocity of
+a tilted shaft (w in (6), which the paper neglects too).
 
-Imports inside functions: SciPy's splines take a tenth of a second, and most surfaces are round.
+Imports inside functions: SciPy's splines take a tenth of a second to import, and round surfaces
+need none.
 """
 
 from __future__ import annotations
@@ -57,40 +57,41 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline, PPoly
 
 
-#: Least number of angles in a table: fewer do not define a smooth curve.
+#: Smallest number of angles in a table: fewer do not define a smooth curve.
 FEWEST_ANGLES = 4
 
-#: Accepted overshoot of a spline beyond its two neighbouring rows, over the range of the table.
+#: Accepted overshoot of a spline beyond the two adjacent rows, over the range of the table.
 OVERSHOOT = 0.05
 
-#: Accepted overshoot at an extreme between rows, over the smaller one of the two adjacent steps.
-#: A cosine with n rows a wave overshoots by 0.139 of that step for n = 8, 0.150 for 6, 0.162 for 5;
-#: two rows that stand out, 0, 1, 1, 0, by 0.201.
+#: Accepted overshoot at an extreme between two rows, over the smaller step of the table before or
+#: after these rows. A cosine with n rows per wave overshoots by 0.139 of that step for n = 8, 0.150
+#: for 6 and 0.162 for 5; the spline of two raised rows, 0, 1, 1, 0, by 0.201.
 ROUNDED = 0.165
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeTable:
-    """Measured deviations: a periodic cubic spline around, linear along the axis.
+    """Table of measured deviations: a periodic cubic spline around, linear along the axis.
 
     Beyond the first and last height the deviation is constant. At a height at which the spline
     overshoots its rows (a step of the surface), a monotone cubic curve (PCHIP) replaces the spline:
-    its slope is continuous, too, and its values stay within the range of the two neighbouring rows.
+    its slope is continuous, too, and its values stay within the range of the two adjacent rows.
 
     Attributes
     ----------
     angles
-        Angles, ascending within one turn, shape (n,) [rad].
+        Angles of the rows, ascending within one turn, shape (n,) [rad].
     heights
-        Heights, ascending, shape (k,) [m]; the deviations of a single height are valid at all
-        heights.
+        Heights of the columns, ascending, shape (k,) [m]; the deviations of a single height are
+        valid at all heights.
     deviations
-        shape (n, k) [m].
+        Radial deviations, positive outward, shape (n, k) [m].
 
     Raises
     ------
     SettingsError
-        The angles are too few, or do not ascend.
+        If the angles are too few or do not ascend, or an array has a wrong shape or values that are
+        not finite numbers.
     """
 
     angles: np.ndarray
@@ -108,16 +109,18 @@ class ShapeTable:
             object.__setattr__(self, name, array.astype(float))
         if self.deviations.shape != (len(self.angles), len(self.heights)):
             raise SettingsError(
-                f"deviations of shape {self.deviations.shape} for {len(self.angles)} angles and "
-                f"{len(self.heights)} heights of a shape"
+                f"deviations have the shape {self.deviations.shape}, not ({len(self.angles)}, "
+                f"{len(self.heights)}), angles by heights"
             )
         if len(self.angles) < FEWEST_ANGLES:
             raise SettingsError(
-                f"a shape over {len(self.angles)} angles: at least {FEWEST_ANGLES} are needed"
+                f"a shape has {len(self.angles)} angles: give at least {FEWEST_ANGLES}"
             )
         ascending = (np.diff(self.angles) > 0).all() and (np.diff(self.heights) > 0).all()
         if not (ascending and np.ptp(self.angles) < 2 * np.pi):
-            raise SettingsError("angles of a shape must ascend within one turn, and its heights")
+            raise SettingsError(
+                "angles of a shape must ascend within one turn, and heights must ascend"
+            )
         if not np.isfinite(self.deviations).all():
             raise SettingsError("deviations of a shape must be finite numbers")
 
@@ -131,7 +134,10 @@ class ShapeTable:
 
     @cached_property
     def overshoot(self) -> np.ndarray:
-        """Largest overshoot of the spline, accepted extremes excluded, shape (k,) [m]."""
+        """Largest overshoot of the spline at each height, shape (k,) [m].
+
+        Accepted overshoots (`ROUNDED`) do not count.
+        """
         spline = self._spline
         rows = self.deviations
         following = np.roll(rows, -1, axis=0)
@@ -149,7 +155,7 @@ class ShapeTable:
 
     @cached_property
     def stepped(self) -> np.ndarray:
-        """True of the heights at which the curve is monotone between the rows, shape (k,)."""
+        """Mask of the heights at which a monotone curve replaces the spline, shape (k,)."""
         return self.overshoot > OVERSHOOT * np.ptp(self.deviations)
 
     @cached_property
@@ -169,7 +175,10 @@ class ShapeTable:
         return PPoly(pieces, closed, extrapolate="periodic")
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation or its derivative around, see `Shape.radial`; linear between heights."""
+        """Deviation at angles [rad] and heights [m], or its derivative with respect to angle.
+
+        `order` is the order of the derivative: 0, 1 or 2.
+        """
         angle, height = np.broadcast_arrays(angle, height)
         columns = np.moveaxis(self._around(angle, order), -1, 0)
         units = np.eye(len(self.heights))
@@ -178,9 +187,9 @@ class ShapeTable:
 
 
 def _outer_steps(rows: np.ndarray) -> np.ndarray:
-    """Smaller step before or after every interval of a closed table, shape (n,) [m].
+    """Smaller one of the steps before and after each interval of a periodic table, shape (n,) [m].
 
-    0 unless the rows have an extreme in the interval.
+    It is 0 for an interval without an extreme of the rows.
     """
     before = rows - np.roll(rows, 1)
     after = np.roll(rows, -1) - np.roll(rows, -2)
@@ -189,56 +198,63 @@ def _outer_steps(rows: np.ndarray) -> np.ndarray:
 
 
 def require_read(table: str, read: object, key: str = "table", given: str = "a curve") -> None:
-    """Refuse a setting whose table was not read: only scenes read tables.
+    """Refuse settings that name a table but lack its data: only scenes read tables.
+
+    Parameters
+    ----------
+    table, read
+        Name of the table in the settings, and the data read from it; None if it was not read.
+    key, given
+        Key of the table, and the argument to use in Python, for the message.
 
     Raises
     ------
     SettingsError
-        The message contains the key, and the value to be `given` instead.
+        If the table was not read; the message names the key and the argument.
     """
     if table != NONE and read is None:
-        raise SettingsError(f"{key} = {table!r} is read with a scene: give {given} in Python")
+        raise SettingsError(f"{key} = {table!r} is read with a scene only: give {given} in Python")
 
 
 def require_inside(
     eccentricity: tuple[float, float], *, rough: bool, key: str = "eccentricity"
 ) -> None:
-    """Refuse a journal that lies on its bore or beyond, unless the surfaces are rough.
+    """Refuse a journal that touches its bore or overlaps with it, unless the surfaces are rough.
 
     Parameters
     ----------
     eccentricity
-        Eccentricity over the clearance [-].
+        Components of the eccentricity over the clearance [-].
     rough
-        Whether the surfaces are rough: the mean surfaces of rough ones may overlap.
+        Whether the surfaces are rough: mean planes of rough surfaces may overlap.
     key
-        Setting of the eccentricity.
+        Key of the eccentricity.
 
     Raises
     ------
     SettingsError
-        Naming the key.
+        If smooth surfaces touch; the message names the key.
     """
     share = float(np.hypot(*eccentricity))
     if not (rough or share < 1.0):
         raise SettingsError(
-            f"{key} = {share:.3g} of the clearance must be below 1: the journal lies on the bore "
-            "or beyond"
+            f"{key} = {share:.3g} of the clearance must be below 1: the journal would touch or "
+            "penetrate the bore"
         )
 
 
 @attrs.frozen(kw_only=True, slots=False)
 class Shape(Deviations):
-    """Radial deviation of a surface.
+    """Radial deviation of a bore or a journal from a cylinder, positive outward.
 
-    With z the height over half the width, it is
-    ``ovality cos(lobes (phi - ovality_angle)) + (barrel z + taper) z`` plus the deviations of a
-    tilted axis at ``z (psi_y, -psi_x)`` and of a table.
+    It is the sum of ``ovality cos(lobes (phi - ovality_angle)) + (barrel s + taper) s``, with s the
+    height z over half the width; of ``z (psi_y cos(phi) - psi_x sin(phi))``, for an axis tilted by
+    the misalignment (psi_x, psi_y); and of the deviations of a table.
     """
 
-    #: Half the width of the bearing [m], for barrel and taper.
+    #: Half the width of the bearing [m], needed for barrel and taper.
     half_width: float = np.inf
-    #: Table of measured deviations.
+    #: Table of measured deviations; None if there is none.
     measured: ShapeTable | None = None
 
     def __attrs_post_init__(self) -> None:
@@ -249,21 +265,21 @@ class Shape(Deviations):
         if (self.barrel or self.taper) and self.half_width == np.inf:
             raise SettingsError(
                 f"barrel = {self.barrel:g} m, taper = {self.taper:g} m need half_width, half the "
-                "bearing's width [m]"
+                "bearing's width [m]: give it"
             )
 
     @property
     def round(self) -> bool:
-        """True of a shape that is the same at all angles: turning does not change the gap."""
+        """Whether the shape is the same at all angles, so that turning does not change the gap."""
         return not (self.ovality or any(self.misalignment) or self.measured)
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation [m] at angles [rad] and heights [m], or its derivative along the angle.
+        """Deviation [m] at angles [rad] and heights [m], or its derivative with respect to angle.
 
-        `order` is 0, 1 or 2.
+        `order` is the order of the derivative: 0, 1 or 2.
         """
         total = np.zeros(np.broadcast(angle, height).shape)
-        quarters = order * (0.5 * np.pi)  # each derivative is a quarter turn of a wave
+        quarters = order * (0.5 * np.pi)  # each derivative shifts a wave by a quarter period
         if self.ovality:
             wave = self.lobes * (angle - np.radians(self.ovality_angle)) + quarters
             total += self.ovality * self.lobes**order * np.cos(wave)
@@ -280,12 +296,12 @@ class Shape(Deviations):
 
 
 def require_shape(name: str, value: Any) -> None:
-    """Refuse a value that is neither a `Shape`, None, nor a user's object with `radial`.
+    """Refuse a value that is neither a `Shape`, None, nor a user's object with a method `radial`.
 
     Raises
     ------
     SettingsError
-        The message contains the argument and its class.
+        If the value is another object; the message names the argument and the object's class.
     """
     if not hasattr(value, "radial"):
         require_class(name, value, Shape, optional=True)
@@ -293,19 +309,19 @@ def require_shape(name: str, value: Any) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Points of a bore: arrays of angle [rad] and height [m] of the same shape."""
+    """Points on a bore: arrays of their angles [rad] and heights [m], of the same shape."""
 
     angle: np.ndarray
     height: np.ndarray
 
     @property
     def normal(self) -> tuple[np.ndarray, np.ndarray]:
-        """X and y components of the outward normal e_r."""
+        """Components x and y of the unit vector e_r, which points away from the axis."""
         return np.cos(self.angle), np.sin(self.angle)
 
     @cached_property
     def rows(self) -> FilmRows:
-        """Points in rows around, between which extremes are computed."""
+        """Points in rows around the bore; extremes are interpolated between points of a row."""
         return FilmRows.of(self.angle.ravel(), self.height.ravel())
 
 
@@ -316,9 +332,10 @@ class Gap:
     Attributes
     ----------
     thickness, thickness_rate
-        h [m] and its rate at a fixed point of the bore's frame [m/s].
+        Film thickness h [m] and its rate at a fixed point of the bore's frame [m/s].
     mean_velocity, sliding_velocity
-        ``(v_1 + v_2) / 2`` and ``v_1 - v_2`` along the circumference [m/s].
+        Mean ``(v_1 + v_2) / 2`` and difference ``v_1 - v_2`` of the velocities of shaft and bore
+        along the circumference [m/s].
     turn, time
         Angle of the journal relative to the bore [rad], and time [s]; supplies may depend on both.
     """
@@ -331,7 +348,7 @@ class Gap:
     time: float = 0.0
 
     def changed(self, thickness: np.ndarray, rate: np.ndarray) -> Gap:
-        """The gap with changes of its thickness [m] and thickness rate [m/s], shape (g,)."""
+        """Gap with changes added to its thickness [m] and thickness rate [m/s], g entries each."""
         shape = self.thickness.shape
         return replace(
             self,
@@ -351,12 +368,11 @@ class ShaftMotion:
     Attributes
     ----------
     eccentricity, eccentricity_rate
-        Centre of the shaft at mid-width, x and y [m], [m/s].
+        Centre of the shaft at mid-width, x and y [m], and its velocity [m/s].
     tilt, tilt_rate
-        Small rotations of its axis about x and y [rad], [rad/s].
+        Small rotations of the shaft's axis about x and y [rad], and their rates [rad/s].
     shaft_speed, bore_speed
-        Angular speeds about the axis, in the frame in which the eccentricity
-        is given [rad/s].
+        Angular speeds of shaft and bore about the axis, in the frame of the eccentricity [rad/s].
     """
 
     eccentricity: Pair
@@ -374,7 +390,10 @@ class ShaftMotion:
 
 
 def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, np.ndarray]:
-    """Radial and tangential components (3) at every point of a centre and a tilt."""
+    """Components e_r and e_t (3), at every point, of the shaft's centre in the plane of the point.
+
+    `pair` is the centre at mid-width and `tilt` the rotation of the axis, or the rates of both.
+    """
     cosine, sine = points.normal
     x = pair[0] + points.height * tilt[1]
     y = pair[1] - points.height * tilt[0]
@@ -382,7 +401,7 @@ def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, n
 
 
 def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: ShaftMotion) -> Gap:
-    """Gap between a round shaft and a rigid bore; deformations add to gap and velocities.
+    """Gap between a round shaft and a rigid bore; callers add deformations to gap and velocities.
 
     Parameters
     ----------
@@ -391,16 +410,17 @@ def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: Sh
     radius, clearance
         Bore radius R_2 and radial clearance c [m].
     motion
-        Motion of the shaft.
+        Position and motion of the shaft.
 
     Returns
     -------
     Gap
+        Gap at the points.
 
     Raises
     ------
     SettingsError
-        The shaft's centre lies outside the shaft.
+        If the shaft is displaced tangentially by more than its radius.
     """
     require_class("points", points, SurfacePoints)
     require_class("motion", motion, ShaftMotion)
@@ -412,8 +432,8 @@ def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: Sh
     off = np.abs(e_t).max(initial=0.0)
     if not off < shaft_radius:
         raise SettingsError(
-            f"the shaft's centre lies {off:.3g} m off, outside the shaft's radius of "
-            f"{shaft_radius:.3g} m"
+            f"the shaft's centre is displaced by {off:.3g} m: it must be less than the shaft's "
+            f"radius, {shaft_radius:.3g} m"
         )
     # The half chord of (4).
     s = np.sqrt(shaft_radius**2 - e_t**2)

@@ -1,35 +1,36 @@
-"""Viscosity and density of an oil: pressure, temperature, shear rate, named grades.
+"""Viscosity and density of an oil as functions of pressure, temperature and shear rate; grades.
 
 **Temperature.** Kinematic viscosity follows the Walther equation of ASTM D341,
 
     log10 log10 (nu + 0.7) = A - B log10 T,    nu in mm2/s, T in K,
 
 through its values at 40 and 100 C. The standard adds terms that matter below 2 mm2/s: temperatures
-at which nu is above `LARGEST` or below `SMALLEST` are refused. Density falls linearly. Dynamic
-viscosity is their product.
+at which nu is above `LARGEST` or below `SMALLEST` are refused. Density falls linearly with
+temperature. Dynamic viscosity is the product of kinematic viscosity and density.
 
-**Grades.** A grade has two nominal kinematic viscosities. The standard specifies one of them:
-ISO 3448 the number of an ISO VG grade at 40 C, SAE J300 a range at 100 C, whose middle is taken
-(fuchs.com, "Viscosity charts"; "SAE 10", a winter grade, has the range from 4.1 mm2/s to the lower
-limit of 15W). The other follows from an assumed viscosity index by ASTM D2270, whose formulas are
-at dgaequipment.com and whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals).
-Indices replace a product's data sheet: 95 for ISO and single grades, as in the chart at
-noco.ca/viscosity-chart, and the values of `GRADES` for multigrade oils. Density and specific heat
-are the defaults of `Oil`.
+**Grades.** A grade has two nominal kinematic viscosities. A standard specifies one of them: ISO
+3448 the value of an ISO VG grade at 40 C, SAE J300 a range at 100 C, of which the middle is used
+(fuchs.com, "Viscosity charts"). "SAE 10", a winter grade, is given the range from 4.1 mm2/s to the
+lower limit of 15W. The other viscosity follows from an assumed viscosity index by ASTM D2270, whose
+formulas are at dgaequipment.com and whose table of L and H is in ``chemicals.viscosity``
+(CalebBell/chemicals). The assumed index, which a product's data sheet would give, is 95 for ISO and
+single grades, as in the chart at noco.ca/viscosity-chart, and the value in `GRADES` for multigrade
+oils. Density and specific heat are the defaults of `Oil`.
 
 **Shear thinning.** The shear rate is that of the sliding surfaces, ``gamma = |U| / h``. It is the
-mean of du/dy over the thickness for every slope of the pressure. The contribution of the pressure
-is antisymmetric: ``-h/2`` to ``h/2`` times ``(dp/dy) / eta``, zero in the middle and small against
-U / h in a sliding film. The viscosity is therefore constant across the film, and Reynolds' equation
-keeps its form. The oil between surfaces that do not slide, a squeeze film, does not thin. Models
-with a viscosity that varies across the film (Dowson's generalised equation) differ if h^2 dp/dy /
-(2 eta U) is not small.
+mean of the velocity gradient over the thickness, for every slope of the pressure. The pressure adds
+a part that varies over the thickness from ``-h/2`` to ``h/2`` times ``(dp/dy) / eta``, is zero in
+the middle, and is small against U / h in a sliding film. It is neglected: the viscosity is constant
+across the film, and Reynolds' equation keeps its form. The oil between surfaces that do not slide,
+a squeeze film, does not thin. Models with a viscosity that varies across the film (Dowson's
+generalised equation) give other results if h^2 dp/dy / (2 eta U) is not small.
 
-**Laws.** Viscosity laws for pressure, position and shear rate are multiplied. A law is the ratio to
-the value at ambient pressure, or at rest. One expression defines it, for arrays of values and for
-UFL's symbols in the weak form, which differentiates the law (`fenics_ehd.film.weak_form`). Position
-enters by a factor on either property, given at the Gauss points (`Lubricant.viscosity_field`).
-Settings choose the laws of a `Lubricant` in `make_lubricant`.
+**Laws.** Viscosity laws for pressure, position and shear rate are multiplied. A law is the ratio of
+a property to its value at ambient pressure, or at rest. One expression defines it, for arrays of
+values and for UFL's symbols in the weak form, which differentiates the law
+(`fenics_ehd.film.weak_form`). Position enters as a factor on viscosity or density at the Gauss
+points (`Lubricant.viscosity_field`). `make_lubricant` chooses the laws of a `Lubricant` from
+settings.
 """
 
 from __future__ import annotations
@@ -62,18 +63,18 @@ ZERO_CELSIUS = 273.15
 SMALLEST = 2.0
 LARGEST = 2e7
 
-#: Decrease of the density per kelvin, over the density at 15 C [1/K]: between the 5.8e-4 of a
-#: synthetic oil (MadsKirkFoged/SharpFluids, SHC230.cs) and the 6.7e-4 of an engine oil of 1061.3 -
-#: 0.5921 T.
+#: Decrease of the density per kelvin, over the density at 15 C [1/K]. It lies between that of a
+#: synthetic oil, 5.8e-4 (MadsKirkFoged/SharpFluids, SHC230.cs), and that of an engine oil with the
+#: density 1061.3 - 0.5921 T, 6.7e-4.
 EXPANSION = 6.5e-4
 
 
 @runtime_checkable
 class TemperatureLaw(Protocol):
-    """Viscosity and density of an oil at every temperature, from which a `Lubricant` is made.
+    """Viscosity and density of an oil at any temperature, from which a `Lubricant` is made.
 
-    The film, the heat balance and scene files use these members only. `Oil` is the Walther law; the
-    Vogel law is worked in ``docs/extending.md``.
+    The film, the heat balance and scene files use these members only. `Oil` is the Walther law;
+    ``docs/extending.md`` develops the Vogel law as an example.
 
     Attributes
     ----------
@@ -92,29 +93,35 @@ class TemperatureLaw(Protocol):
         """Highest temperature for which the law holds [C]."""
 
     def viscosity(self, temperature: float) -> float:
-        """Dynamic viscosity at a temperature [C], at ambient pressure [Pa s].
+        """Dynamic viscosity at a temperature [C] and ambient pressure [Pa s].
 
         Raises
         ------
         SettingsError
-            The law does not hold at this temperature.
+            If the law does not hold at this temperature.
         """
 
     def viscosity_slope(self, temperature: float) -> float:
-        """Derivative of the dynamic viscosity along the temperature [Pa s/K]; errors likewise."""
+        """Derivative of the dynamic viscosity with respect to temperature [Pa s/K].
+
+        Raises
+        ------
+        SettingsError
+            If the law does not hold at this temperature.
+        """
 
     def density(self, temperature: float) -> float:
-        """Density at a temperature [C], at ambient pressure [kg/m3]."""
+        """Density at a temperature [C] and ambient pressure [kg/m3]."""
 
 
 @dataclass(frozen=True)
 class WaltherLine:
-    """Line of the doubly logarithmic kinematic viscosity over the logarithmic temperature.
+    """Walther's line ``log10 log10 (nu + 0.7) = A - B log10 T``, nu in mm2/s and T in K.
 
     Attributes
     ----------
     intercept, slope
-        A and B.
+        Coefficients A and B [-].
     """
 
     intercept: float
@@ -122,12 +129,12 @@ class WaltherLine:
 
     @classmethod
     def through(cls, first: tuple[float, float], second: tuple[float, float]) -> WaltherLine:
-        """Through two pairs of temperature [C] and kinematic viscosity [mm2/s].
+        """Line through two pairs of temperature [C] and kinematic viscosity [mm2/s].
 
         Raises
         ------
         SettingsError
-            A viscosity is out of range, or does not fall with temperature.
+            If a viscosity is out of range, or does not fall with temperature.
         """
         (cold, high), (hot, low) = sorted((first, second))
         for temperature, nu in ((cold, high), (hot, low)):
@@ -152,25 +159,25 @@ class WaltherLine:
         return float(10**logarithm - 0.7)
 
     def derivative(self, temperature: float) -> float:
-        """Derivative of the kinematic viscosity along the temperature [mm2/(s K)]."""
+        """Derivative of the kinematic viscosity with respect to temperature [mm2/(s K)]."""
         kelvin = temperature + ZERO_CELSIUS
         logarithm = 10 ** (self.intercept - self.slope * np.log10(kelvin))
         return float(-(10**logarithm) * np.log(10.0) * self.slope * logarithm / kelvin)
 
     def temperature(self, viscosity: float) -> float:
-        """Temperature of a kinematic viscosity [mm2/s] [C]."""
+        """Temperature [C] at which the kinematic viscosity has a given value [mm2/s]."""
         exponent = (self.intercept - np.log10(np.log10(viscosity + 0.7))) / self.slope
         return float(10**exponent - ZERO_CELSIUS)
 
 
 @attrs.frozen
 class Oil:
-    """A `TemperatureLaw`: kinematic viscosity by Walther's equation, density falling linearly.
+    """Temperature law of an oil: viscosity by Walther's equation, density falling linearly.
 
     Raises
     ------
     SettingsError
-        A value is out of range.
+        If a value is out of range.
     """
 
     viscosity_40: float = number(REQUIRED, "kinematic viscosity at 40 C [mm2/s]", above=0)
@@ -186,36 +193,39 @@ class Oil:
 
     @property
     def coldest(self) -> float:
-        """Temperature below which the Walther equation is refused [C]."""
+        """Lowest temperature for which the Walther equation is used [C]."""
         return self._line().temperature(LARGEST)
 
     @property
     def hottest(self) -> float:
-        """Temperature above which the Walther equation is refused [C]."""
+        """Highest temperature for which the Walther equation is used [C]."""
         return self._line().temperature(SMALLEST)
 
     def kinematic_viscosity(self, temperature: float) -> float:
-        """Kinematic viscosity at a temperature [mm2/s].
+        """Kinematic viscosity at a temperature [C], in mm2/s.
 
         Raises
         ------
         SettingsError
-            At this temperature it is out of the range of the Walther equation.
+            If the temperature is below `coldest` or above `hottest`.
         """
         if not self.coldest <= temperature <= self.hottest:
             raise SettingsError(
                 f"temperature = {temperature:g} C of the oil must lie between {self.coldest:.4g} C "
-                f"and {self.hottest:.4g} C, where its kinematic viscosity is {LARGEST:g} and "
+                f"and {self.hottest:.4g} C, at which its kinematic viscosity is {LARGEST:g} and "
                 f"{SMALLEST:g} mm2/s"
             )
         return self._line()(temperature)
 
     def viscosity(self, temperature: float) -> float:
-        """Dynamic viscosity [Pa s]; errors as `kinematic_viscosity`."""
+        """Dynamic viscosity at a temperature [C], in Pa s; errors as of `kinematic_viscosity`."""
         return 1e-6 * self.kinematic_viscosity(temperature) * self.density(temperature)
 
     def viscosity_slope(self, temperature: float) -> float:
-        """Derivative of the dynamic viscosity [Pa s/K]; errors as `kinematic_viscosity`."""
+        """Derivative of the dynamic viscosity with respect to temperature [Pa s/K].
+
+        It raises the errors of `kinematic_viscosity`.
+        """
         viscosity = self.kinematic_viscosity(temperature)
         by_density = -self.density_15 * self.expansion * viscosity
         return 1e-6 * (
@@ -223,7 +233,7 @@ class Oil:
         )
 
     def density(self, temperature: float) -> float:
-        """Density at a temperature [kg/m3]."""
+        """Density at a temperature [C], in kg/m3."""
         return self.density_15 * (1.0 - self.expansion * (temperature - 15.0))
 
     def _line(self) -> WaltherLine:
@@ -231,14 +241,15 @@ class Oil:
 
 
 class Functions(NamedTuple):
-    """Functions in the expressions of laws: of arrays here, of UFL's expressions in the weak form.
+    """Functions that the formulas of laws call: NumPy's for arrays, or UFL's for the weak form.
 
     Attributes
     ----------
     exp, erf
-        Functions of one argument.
+        Exponential and error function.
     where
-        Function of a condition and two values. Both values are evaluated: both must be defined.
+        Function of a condition, the value if it is true, and the value if not. Both values are
+        evaluated, so that both must be defined.
     """
 
     exp: Callable[[Any], Any]
@@ -248,8 +259,8 @@ class Functions(NamedTuple):
 
 ARRAYS = Functions(np.exp, erf, np.where)
 
-#: Largest shear rate over gamma_c, and largest exponent, whose power does not overflow; and the
-#: rate below which oil counts as at rest, because a power of the rate has no slope at zero.
+#: Largest shear rate over gamma_c, and largest exponent, whose power does not overflow. Below the
+#: smallest rate the oil counts as at rest, because a power of the rate has no slope at zero.
 LARGEST_RELATIVE_RATE = 1e30
 LARGEST_EXPONENT = 10.0
 SMALLEST_RELATIVE_RATE = 1e-30
@@ -258,27 +269,27 @@ SMALLEST_RELATIVE_RATE = 1e-30
 class Law:
     """Formula of the ratio of a property to its value at rest, or at ambient pressure.
 
-    Laws are classes of attrs, or dataclasses, whose fields are the formula's numbers.
+    Laws are attrs classes or dataclasses, whose fields are the coefficients of the formula.
     """
 
     __match_args__: ClassVar[tuple[str, ...]] = ()
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Arguments of `ratio`."""
+        """Coefficients of the formula: the last arguments of `ratio`."""
         return tuple(getattr(self, name) for name in type(self).__match_args__)
 
     @staticmethod
     def ratio(f: Functions, at: Any, *numbers: Any) -> Any:
-        """Ratio [-] at pressures [Pa] or shear rates [1/s] >= 0.
+        """Ratio of the property [-] at pressures [Pa] or shear rates [1/s], both >= 0.
 
-        The arguments are arrays and numbers, or UFL's expressions and constants; `f` has the
-        conditions and functions for them.
+        `at` and `numbers`, the coefficients, are arrays and numbers, or UFL's expressions and
+        constants. `f` has the condition and the functions for either.
         """
         raise NotImplementedError
 
     def __call__(self, at: np.ndarray) -> np.ndarray:
-        """Ratio [-] of arrays."""
+        """Ratio of the property [-] at an array of pressures [Pa] or shear rates [1/s]."""
         return self.ratio(ARRAYS, at, *self.numbers)
 
 
@@ -289,14 +300,14 @@ class Cross(Law):
     With an exponent m below 1 the slope at rest is infinite; the law uses zero.
     """
 
-    rate: float = number(REQUIRED, "gamma_c, at which half of what can go is gone [1/s]", above=0)
+    rate: float = number(REQUIRED, "gamma_c, for the mean of eta_0 and eta_2 [1/s]", above=0)
     exponent: float = number(1.0, "m [-]", above=0, below=LARGEST_EXPONENT)
     second: float = number(0.5, "eta_2 / eta_0 [-]", least=0, most=1)
 
     @staticmethod
     def ratio(f: Functions, shear_rate: Any, critical: Any, exponent: Any, second: Any) -> Any:
-        """Viscosity over that at rest, of shear rates >= 0 [1/s]."""
-        # At the largest numbers whose powers do not overflow the viscosity has fallen to eta_2.
+        """Viscosity over the viscosity at rest [-], at shear rates >= 0 [1/s]."""
+        # Shear rates are limited so that powers do not overflow: the viscosity is eta_2 there.
         largest = LARGEST_RELATIVE_RATE * critical
         relative = f.where(shear_rate < largest, shear_rate, largest) / critical
         moving = relative > SMALLEST_RELATIVE_RATE
@@ -306,7 +317,7 @@ class Cross(Law):
 
 @dataclass(frozen=True)
 class Grade:
-    """Nominal kinematic viscosities at 40 and 100 C [mm2/s] and the assumed viscosity index."""
+    """Oil grade: kinematic viscosities at 40 and 100 C [mm2/s], and assumed viscosity index."""
 
     viscosity_40: float
     viscosity_100: float
@@ -345,12 +356,12 @@ GRADES = {
 
 
 def _plain(name: str) -> str:
-    """Name of a grade without variations of spelling: ``sae 5w30`` is SAE 5W-30."""
+    """Name of a grade in capitals without spaces and hyphens: ``sae 5w-30`` gives SAE5W30."""
     return name.upper().replace(" ", "").replace("-", "")
 
 
 def _spoken(name: str) -> tuple[str, ...]:
-    """Short names of a listed grade: ``VG 32`` is ISO VG 32, ``5W-30`` is SAE 5W-30."""
+    """Names, spelled as by `_plain`, by which a grade is known: SAE5W30 and 5W30 for SAE 5W-30."""
     full = _plain(name)
     short = full.removeprefix("ISO").removeprefix("SAE")
     return (full, short) if not short.isdigit() else (full,)
@@ -360,34 +371,34 @@ _BY_PLAIN_NAME = {plain: name for name in GRADES for plain in _spoken(name)}
 
 
 def grade_name(name: str) -> str:
-    """Name of a grade in `GRADES`, however it is spelled.
+    """Name in `GRADES` of a grade in any spelling.
 
     Raises
     ------
     SettingsError
-        The grade is not listed.
+        If the grade is not listed.
     """
     listed = _BY_PLAIN_NAME.get(_plain(name))
     if listed is None:
         raise SettingsError(
-            f"grade = {name!r} is not one of {', '.join(GRADES)}: give viscosity_40 and "
-            "viscosity_100 of another"
+            f"grade = {name!r} is not one of {', '.join(GRADES)}: for another grade give "
+            "viscosity_40 and viscosity_100"
         )
     return listed
 
 
 def oil_of_grade(name: str, **properties: float) -> Oil:
-    """Oil of a named grade; `properties` of `Oil` in place of its defaults."""
+    """Make an oil of a named grade; `properties` are further arguments of `Oil`."""
     grade = GRADES[grade_name(name)]
     return Oil(grade.viscosity_40, grade.viscosity_100, **properties)
 
 
-#: Ratio of viscosities beyond which no solution is computed: oil is glass at much smaller ratios.
+#: Largest ratio of viscosities for which a film is solved: real oil is a glass at far smaller ones.
 LARGEST_RATIO = 1e30
 
 
 class PressureLaw(Law):
-    """Law of the pressure; it refuses pressures at which oil is glass.
+    """Law of viscosity or density as a function of pressure.
 
     Attributes
     ----------
@@ -398,12 +409,12 @@ class PressureLaw(Law):
     constant: ClassVar[bool] = False
 
     def __call__(self, pressure: np.ndarray) -> np.ndarray:
-        """Ratio [-] at pressures >= 0 [Pa].
+        """Ratio of the property to its value at ambient pressure [-], at pressures >= 0 [Pa].
 
         Raises
         ------
         ViscosityError
-            The ratio is above `LARGEST_RATIO`, or not a number.
+            If the ratio is above `LARGEST_RATIO`, or not a number.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             ratio = np.ones_like(pressure) * super().__call__(pressure)
@@ -424,30 +435,30 @@ class Constant(PressureLaw):
 
     @staticmethod
     def ratio(f: Functions, pressure: Any) -> Any:
-        """One, as a number."""
+        """Ratio of 1 at every pressure."""
         return 1.0
 
 
 @attrs.frozen
 class Barus(PressureLaw):
-    """``eta = eta_0 exp(alpha p)`` (Barus 1893)."""
+    """Barus' law of viscosity, ``eta = eta_0 exp(alpha p)`` (1893)."""
 
     coefficient: float = number(REQUIRED, "alpha [1/Pa]", above=0)
 
     @staticmethod
     def ratio(f: Functions, pressure: Any, coefficient: Any) -> Any:
-        """Exponential of the pressure."""
+        """Viscosity over the viscosity at ambient pressure [-]."""
         return f.exp(coefficient * pressure)
 
 
 @attrs.frozen
 class Roelands(PressureLaw):
-    """``eta = eta_0 exp((ln eta_0 + 9.67) ((1 + p / 0.196 GPa)^Z - 1))`` (Roelands 1966)."""
+    """Roelands' law, ``eta = eta_0 exp((ln eta_0 + 9.67) ((1 + p / 0.196 GPa)^Z - 1))`` (1966)."""
 
     viscosity: float = number(REQUIRED, "eta_0 at ambient pressure, above exp(-9.67) [Pa s]")
     index: float = number(0.6, "pressure index Z [-], 0.6 for mineral oils", above=0)
 
-    #: ln of Roelands' limit viscosity 6.315e-5 Pa s and his reference pressure [Pa].
+    #: Logarithm of Roelands' limit viscosity, 6.315e-5 Pa s, and his reference pressure [Pa].
     LOG_LIMIT = -9.67
     REFERENCE = 1.96e8
 
@@ -459,53 +470,52 @@ class Roelands(PressureLaw):
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Factor and index Z of the exponent."""
+        """Factor ``ln eta_0 + 9.67`` and pressure index Z of the exponent."""
         return float(np.log(self.viscosity)) - self.LOG_LIMIT, self.index
 
     @staticmethod
     def ratio(f: Functions, pressure: Any, strength: Any, index: Any) -> Any:
-        """Viscosity of Roelands' formula over that without pressure."""
+        """Viscosity over the viscosity at ambient pressure [-]."""
         return f.exp(strength * ((1 + pressure / Roelands.REFERENCE) ** index - 1))
 
 
 @attrs.frozen
 class DowsonHigginson(PressureLaw):
-    """``rho = rho_0 (1 + a p / (1 + b p))`` (Dowson and Higginson 1966)."""
+    """Dowson and Higginson's law of density, ``rho = rho_0 (1 + a p / (1 + b p))`` (1966)."""
 
     compressibility: float = number(COMPRESSIBILITY, "a [1/Pa]", least=0)
     stiffening: float = number(STIFFENING, "b [1/Pa]", least=0)
 
     @staticmethod
     def ratio(f: Functions, pressure: Any, compressibility: Any, stiffening: Any) -> Any:
-        """Density of Dowson and Higginson's formula over that without pressure."""
+        """Density over the density at ambient pressure [-]."""
         return 1 + compressibility * pressure / (1 + stiffening * pressure)
 
 
-#: Factor [-] at angles [rad] and heights [m] of points on the bore.
+#: Function of angles [rad] and heights [m] of points on the bore that returns a factor [-].
 Field = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @attrs.frozen
 class Lubricant:
-    """One oil."""
+    """Properties of the oil of a film, with the laws by which they change."""
 
     viscosity: float = number(REQUIRED, "dynamic, at ambient pressure [Pa s]", above=0)
-    #: How viscosity and density change with pressure.
+    #: Laws of viscosity and density as functions of pressure.
     viscosity_law: PressureLaw = attrs.field(factory=Constant)
     density_law: PressureLaw = attrs.field(factory=Constant)
-    #: Factors that depend on the place, of a known temperature for instance; None for an oil that
-    #: is the same everywhere.
+    #: Factors on viscosity and density that depend on position, for a known temperature field for
+    #: instance; None for an oil that is the same everywhere.
     viscosity_field: Field | None = None
     density_field: Field | None = None
-    # The film's pressure does not depend on these two: they make masses and heat of the volumes
-    # that flow.
+    # The film's pressure does not depend on these two: they convert volume flows to mass and heat.
     density: float = number(DENSITY, "at ambient pressure [kg/m3]", above=0)
     specific_heat: float = number(SPECIFIC_HEAT, "at ambient pressure [J/(kg K)]", above=0)
-    #: Law of the temperature; None: viscosity and density are known at one temperature only.
+    #: Law of temperature; None if viscosity and density are known at one temperature only.
     oil: TemperatureLaw | None = None
-    #: Temperature of viscosity and density [C]; None: not known.
+    #: Temperature at which viscosity and density hold [C]; None if unknown.
     temperature: float | None = None
-    #: How the viscosity falls with the shear rate; None: it does not.
+    #: Law of viscosity as a function of shear rate; None if the oil does not thin.
     shear_law: Law | None = None
 
     def __attrs_post_init__(self) -> None:
@@ -521,12 +531,12 @@ class Lubricant:
 
     @classmethod
     def of(cls, oil: TemperatureLaw, temperature: float) -> Lubricant:
-        """An oil at a temperature [C], its viscosity the same at every pressure.
+        """Make a lubricant of an oil at a temperature [C], without dependence on pressure.
 
         Raises
         ------
         SettingsError
-            See `TemperatureLaw.viscosity`.
+            If the oil's law does not hold at this temperature.
         """
         return cls(
             oil.viscosity(temperature),
@@ -537,18 +547,19 @@ class Lubricant:
         )
 
     def at(self, temperature: float) -> Lubricant:
-        """The same lubricant at another temperature [C], its laws and fields kept.
+        """Return this lubricant at another temperature [C], with the same laws and fields.
 
-        Roelands' law starts from the viscosity there; Barus' and Cross's numbers stay.
+        Roelands' law uses the viscosity at the new temperature as eta_0; the coefficients of Barus'
+        and Cross's laws do not change.
 
         Raises
         ------
         SettingsError
-            The lubricant has no law of the temperature, or see `TemperatureLaw.viscosity`.
+            If the lubricant has no law of temperature, or the law does not hold there.
         """
         if self.oil is None:
             raise SettingsError(
-                f"a lubricant of viscosity = {self.viscosity:g} Pa s has no other at "
+                f"the lubricant has a fixed viscosity of {self.viscosity:g} Pa s, and none at "
                 f"{temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
             )
         there = self.of(self.oil, temperature)
@@ -565,17 +576,17 @@ class Lubricant:
 
     @property
     def linear(self) -> bool:
-        """True if the Reynolds equation is linear in the pressure."""
+        """Whether the Reynolds equation is linear in the pressure: no law of pressure is in use."""
         return self.viscosity_law.constant and self.density_law.constant
 
 
 def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lubricant:
-    """Make a lubricant of settings, or with another `viscosity` [Pa s] than they have.
+    """Make a lubricant from settings; a `viscosity` [Pa s] replaces the one in the settings.
 
     Raises
     ------
     SettingsError
-        They contradict each other, or lack something.
+        If settings contradict each other, or one is missing.
     """
     viscosity = settings.viscosity if viscosity is None else viscosity
     oil = _oil(settings, viscosity)
@@ -584,7 +595,7 @@ def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lub
         density = settings.density
     elif temperature is None:
         raise SettingsError(
-            "temperature is missing: that of the oil of a grade or of kinematic viscosities [C]"
+            "temperature is missing: an oil with a grade or kinematic viscosities needs it [C]"
         )
     else:
         viscosity = oil.viscosity(temperature)
@@ -601,18 +612,18 @@ def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lub
     )
 
 
-#: Law of every word of `OilSettings.temperature_law`, made of the kinematic viscosities at 40 and
-#: 100 C [mm2/s] with the keywords ``density_15`` and ``specific_heat``.
+#: Temperature law for every value of `OilSettings.temperature_law`. It is called with the kinematic
+#: viscosities at 40 and 100 C [mm2/s] and the keywords ``density_15`` and ``specific_heat``.
 LAWS_OF_TEMPERATURE: Mapping[str, Callable[..., TemperatureLaw]] = {"walther": Oil}
 
 
 def _oil(settings: OilSettings, viscosity: float) -> TemperatureLaw | None:
-    """Temperature law of the settings; None if they give a viscosity."""
+    """Temperature law from settings; None if they have a `viscosity` [Pa s] instead."""
     kinematic = settings.viscosity_40, settings.viscosity_100
     graded = settings.grade != NONE
     if bool(viscosity) + graded + any(kinematic) != 1:
         raise SettingsError(
-            "give a viscosity, a grade, or viscosity_40 and viscosity_100, one of them"
+            "give exactly one of: viscosity, grade, viscosity_40 with viscosity_100"
         )
     if viscosity:
         return None

@@ -1,73 +1,75 @@
-"""Oil balance of a film that may be partly empty, with limited transport of the void.
+"""Mass-conserving cavitation (JFO): oil balance of a film that is partly empty.
 
-**Transport** of the empty part of the gap by the moving surfaces is of second order, and limited.
-The nodes of one height form a strip around the bore. With the shape function ``N_i = A_i(phi)
-Z(z)`` of node i of a strip, the full-film Couette term of the weak form is a difference of flows
-between neighbours,
+**Transport** of the void by the moving surfaces is of second order, with a slope limiter. The nodes
+of one height form a strip around the bore. With the shape function ``N_i = A_i(phi) Z(z)`` of node
+i of a strip, the full-film Couette term of the weak form is a difference of flows between adjacent
+nodes,
 
-    -int rho H V dN_i/dphi = F_i - F_(i-1),   F_i = -int rho H V dN_i/dphi behind node i,
+    -int rho H V dN_i/dphi = F_i - F_(i-1),   F_i = -int rho H V dN_i/dphi after node i,
 
-"behind": over the cells between i and the following node. Where the gap is empty to
-the void fraction s, a flow carries the fraction c at the middle of its cell,
+the last integral over the cells between node i and the following one. If the void fraction of the
+gap is s, a flow carries the void fraction c at the middle of its cell,
 
     t(s)_i = F_i c_i - F_(i-1) c_(i-1) + d/dt (int rho H N_i) s_i.
 
-In a full film (s = 0) the term is zero; in an empty film (s = 1) it cancels the Couette term to
-round-off. No oil is lost between nodes, and strips do not mix.
+In a full film (s = 0) t is zero; in an empty film (s = 1) t cancels the Couette term to round-off.
+No oil is lost between nodes, and strips do not exchange void.
 
-**Limiter.** c is extrapolated from the upstream node u of the flow, by the harmonic mean of
-the slopes on both sides of it (van Leer, J. Comput. Phys. 14, 1974, 361). With b the node before u
-and a the node after u in the direction of the flow, and l the lengths of their cells,
+**Limiter.** c is extrapolated from the node u upstream of the flow, by the harmonic mean of
+the slopes on both sides of u (van Leer, J. Comput. Phys. 14, 1974, 361). With b the node before u
+and a the node after u in the direction of the flow, and l the lengths of the cells before and after
+u,
 
-    c = s_u + x y / (x + y)  where x y > 0, else s_u;   x = (s_u - s_b) l_a / l_b,   y = s_a - s_u.
+    c = s_u + x y / (x + y)  if x y > 0, else s_u;   x = (s_u - s_b) l_a / l_b,   y = s_a - s_u.
 
-Second order where s is smooth, first order at its extremes; c lies between s_u and s_a, so that no
+The order is two where s is smooth, and one at its extremes. c lies between s_u and s_a, so that no
 oil flows out of an empty node, and no more than its content out of a full node. In the form of
 Harten (J. Comput. Phys. 49, 1983, 357), ``F (c_i - c_(i-1)) = C F (s_i - s_(i-1))`` with C >= 0:
-implicit Euler adds no variation and no extreme, for any step.
+steps of implicit Euler of any length add no variation and no extreme.
 
-**Derivative.** With the upstream node of a flow held, and with kinks of c where x y = 0,
+**Derivative.** For fixed upstream nodes, and except at x y = 0, where c has kinks,
 
     dc = ds_u + (y / (x + y))^2 dx + (x / (x + y))^2 dy,
 
-so that second neighbours belong to the pattern, too.
+so that second neighbours belong to the sparsity pattern, too.
 
-**Balance** (Jakobsson and Floberg 1957, Olsson 1965). The gap holds oil to the fraction
-``theta = 1 - s``; where the film is full, s = 0, and elsewhere the pressure is the cavitation
-pressure, p = 0. Per node i, dimensionless as in `fenics_ehd.film.weak_form`, the oil is conserved,
+**Balance** (Jakobsson and Floberg 1957, Olsson 1965). Oil fills the fraction ``theta = 1 - s`` of
+the gap. Either the film is full, s = 0, or the pressure is the cavitation pressure, p = 0. The oil
+of every node i is conserved, dimensionless as in `fenics_ehd.film.weak_form`,
 
     int k grad p . grad N_i - rho H V dN_i/dphi + (M_i - M_i^old) / dt - t(s)_i = 0,
 
-where ``M_i = int rho H N_i`` is the oil content of a full gap and ``M_i^old`` the content before.
-Time is integrated by implicit Euler or a formula of several steps. That is ``r(p) = t(s)`` with
-``0 <= p`` complementary to ``s >= 0``. The rate of the gap is the difference of two contents, never
-`Gap.thickness_rate`, because only the difference conserves oil from step to step.
+where ``M_i = int rho H N_i`` is the oil content of a full gap and ``M_i^old`` the content at the
+start of the step. Time is integrated by implicit Euler or a multistep formula. The balance is
+``r(p) = t(s)`` with ``p >= 0`` complementary to ``s >= 0``. The squeeze term is the difference of
+two contents, not `Gap.thickness_rate`, because only the difference conserves oil from step to step.
 
 ``t^-1(r(p)) >= 0`` as a function of p alone is not used: t transports along the film, so that the
 sign of one component depends on all the nodes upstream. With p and s as variables SNES-VI solves
 
     p >= 0   complementary to   s + gamma d >= 0,      d = r(p) - t(s) = 0.
 
-``gamma d`` vanishes at the solution. During the iteration it empties a full node whose Newton
-update was negative and was cut off at p = 0: the void fraction of this node is zero, and only its
+``gamma d`` vanishes at the solution. During the iteration the Newton update of a full node may be
+negative and cut off at p = 0. This node must become empty, but its void fraction is zero: only its
 defect d has the right sign. Each Newton step then solves
 
     A_I p_I - T_C s_C = b,    A = dr/dp,  T = dt/ds,
 
-on the full nodes I and the others C, one sparse system of one pattern
-(`ActiveSetSystem`), and moves between I and C the nodes with a wrong sign.
+on the full nodes I and the other nodes C. It is one sparse system with one pattern
+(`ActiveSetSystem`). Nodes with a wrong sign then move from I to C, or back.
 
-If the fractions c are held, t is linear. No entry off the diagonals of A and t is positive, and no
-column sum is negative. The same is true of every matrix that has the columns of full nodes from A
-and the others from t. All these matrices are M-matrices: theta is not below 0. For A this requires
-bilinear cells, strictly no longer than 1.4 times their width; in practice cells 9 times as long
-have theta > 0, too. 9-node cells are excluded: theta is -0.1 next to the ends of a short groove.
+For fixed ratios ``c / s_u``, t is linear. No entry off the diagonals of A and t is positive,
+and no column sum is negative. The same holds for every matrix that consists of the columns of A for
+full nodes and of t for the others. All these matrices are M-matrices, so that theta is never
+negative. For A this requires bilinear cells, strictly no longer than 1.4 times their width; in
+practice cells 9 times as long have theta > 0, too. 9-node cells are excluded: theta is -0.1 next to
+the ends of a short groove.
 
 Nodes with a given pressure above cavitation, and grooves and holes at any pressure, are reservoirs:
-theta = 1 and oil flows in or out. A side at cavitation pressure is no reservoir: its unknown is the
-outflow, positive only where the film is full, and zero elsewhere. The flow of
-`FilmParameters.feeds` into the film, ``w kappa (p_s - p)``, is ``w kappa p_s`` at empty nodes. This
-flow is lumped at the nodes, and all matrices stay M-matrices.
+theta = 1, and oil flows in or out. A side at cavitation pressure is no reservoir: the unknown of
+its nodes is the outflow, which is positive if the film is full there, and zero otherwise. The flow
+of `FilmParameters.feeds` into the film, ``w kappa (p_s - p)``, is ``w kappa p_s`` at empty nodes.
+This flow is lumped at the nodes, so that all matrices remain M-matrices.
 
 The oil content of an empty region converges with second order in the mesh, the position of its
 front with first order: a front lies between two nodes, one of which has no void.
@@ -92,41 +94,45 @@ from fenics_ehd.film.parameters import FeedTerm
 if TYPE_CHECKING:
     from fenics_ehd.film.weak_form import Flow, Inputs
 
-#: Rate of the contents below which a source counts as zero.
+#: Dimensionless rate of oil contents below which a source counts as zero.
 SMALLEST_SOURCE = 1e-6
 
-#: Nodes of a bilinear cell at its smaller angle, lower one first.
+#: Numbers in a bilinear cell of the two nodes at its smaller angle, the lower node first.
 LEFT = [0, 2]
 
-#: Nodes of a bilinear cell at its larger angle, lower one first.
+#: Numbers in a bilinear cell of the two nodes at its larger angle, the lower node first.
 RIGHT = [1, 3]
 
 
 class Strips:
-    """Flows along the strips of a film mesh.
+    """Strips of a film mesh, the nodes of one height each, and the flows between their nodes.
 
     Parameters
     ----------
     assembly
-        Gauss points of a bilinear mesh.
+        Shape functions of a bilinear mesh at its Gauss points.
     unknown
-        Nodes with an unknown, along which t is differentiated.
+        Indices of the nodes with an unknown, with respect to which t is differentiated.
 
     Attributes
     ----------
     assembly, unknown
-        As given.
+        Arguments of the constructor.
     following, preceding, second
-        Node after and before every node of its strip, and the one after the next, shape (nodes,).
+        Index of the next node, the previous node and the node after the next one in the strip of
+        every node, shape (nodes,) each.
     passing
-        Nodes whose flows pass the nodes of every cell, ascending, shape (c, k).
+        Index of the node at which the flow through the lower or upper half of a cell starts, for
+        the k nodes of every cell in ascending order, shape (c, k).
     ratio
-        Length of a flow's cell over the length of the cell upstream, for flows in either direction.
+        Length of the cell of every flow over that of the cell upstream, shape (nodes,), for flows
+        to the following node and for flows back.
     pattern
-        Pattern of the derivative of t on the unknown nodes, second neighbours included.
+        Sparsity pattern of the derivative of t on the unknown nodes, second neighbours included.
     places
-        Indices of the entries of every flow in two rows of the pattern; rows of other nodes have
-        the index after the last one.
+        Indices in `pattern` of the derivatives of every flow, shape (2, 4, nodes): in the rows of
+        the node and of the following one, and for the columns of the preceding node, the node, the
+        following and the second one. Entries of other nodes have the index after the last one.
     """
 
     def __init__(self, assembly: Assembly, unknown: np.ndarray):
@@ -152,7 +158,7 @@ class Strips:
         self._number_entries()
 
     def _number_entries(self) -> None:
-        """The pattern, and the indices of the entries of every flow in two of its rows."""
+        """Set `pattern` and `places`."""
         n = len(self.unknown)
         number = np.full(self.assembly.size, -1)
         number[self.unknown] = np.arange(n)
@@ -176,16 +182,18 @@ class Strips:
 
 @dataclass(frozen=True, eq=False)
 class Transport:
-    """Transport of one void fraction by given flows.
+    """Transport ``t(s)`` of a void fraction s by given flows, dimensionless.
 
     Attributes
     ----------
     strips
         Strips of the film.
-    flows, storage
-        ``F_i`` and ``int rho H N_i`` over the time step, shape (nodes,) each.
+    flows
+        Full-film flow ``F_i`` from every node to the following one, shape (nodes,).
+    storage
+        Full contents ``int rho H N_i`` over the length of the time step, shape (nodes,).
     void
-        s, shape (nodes,).
+        Void fraction s of the nodes, shape (nodes,).
     """
 
     strips: Strips
@@ -195,7 +203,10 @@ class Transport:
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """``s_u``, x, y over x + y (0 if x y <= 0); and a mask: flow to the following node."""
+        """``s_u``, x and ``y / (x + y)`` of every flow, and a mask of flows to the following node.
+
+        ``y / (x + y)`` is 0 if ``x y <= 0``. All have the shape (nodes,).
+        """
         on = self.flows > 0
         void = self.void
         strips = self.strips
@@ -215,18 +226,18 @@ class Transport:
 
     @property
     def nodal(self) -> np.ndarray:
-        """``t(s)`` at all nodes."""
+        """Transport ``t(s)`` at all nodes, shape (nodes,)."""
         carried = self.flows * self.carried
         return carried - carried[self.strips.preceding] + self.storage * self.void
 
     @property
     def values(self) -> np.ndarray:
-        """``t(s)`` at the unknown nodes."""
+        """Transport ``t(s)`` at the nodes with an unknown, shape (m,)."""
         return self.nodal[self.strips.unknown]
 
     @cached_property
     def entries(self) -> np.ndarray:
-        """Entries of ``dt/ds`` on these, in the order of `Strips.pattern`."""
+        """Entries of ``dt/ds`` on the nodes with an unknown, in the order of `Strips.pattern`."""
         strips = self.strips
         (_, x, share, on) = self._slopes
         behind = -np.where(on, *strips.ratio) * share**2
@@ -243,14 +254,27 @@ class Transport:
 
 @dataclass(frozen=True, eq=False)
 class OilStep:
-    """One time step, dimensionless.
+    """Data of the oil balance for one time step, dimensionless.
 
-    The nominal `gap` at its end, and the `flow` there of a film without pressure; its `length`;
-    what the weak form is assembled with for flows (`driven`) and for derivatives, contents included
-    (`inputs`); the full-film `flows` from node to node, and, over the length, the `full` contents
-    of the pressureless gap and the `former` contents; what supplies add, None without any. Of a
-    formula with several steps the length is one over its shift, and `former` minus the rate of
-    contents that are zero at the end.
+    Attributes
+    ----------
+    gap
+        Nominal gap at the end of the step.
+    flow
+        Oil and its flow at the end of the step in a film without pressure.
+    driven, inputs
+        Data of the weak form for flows alone, and for derivatives with oil contents.
+    length
+        Length of the step; for a multistep formula, one over its shift.
+    flows
+        Full-film flow from every node to the following one, shape (nodes,).
+    full
+        Oil content of the nodes of a full gap without pressure, over `length`, shape (nodes,).
+    former
+        Oil content at the start of the step, over `length`, shape (nodes,). For a multistep
+        formula, minus the rate that it gives for contents of zero at the end of the step.
+    feed
+        Term of the supplies; None without supplies.
     """
 
     gap: Gap
@@ -265,29 +289,31 @@ class OilStep:
 
 
 class OilBalance:
-    """Balance of one film.
+    """Oil balance of one film with mass-conserving cavitation.
 
     Parameters
     ----------
     film
         Film on a bilinear mesh.
     oil_outside
-        Whether oil surrounds sides at cavitation pressure, too.
+        Whether oil surrounds the bearing also at sides at cavitation pressure, so that their nodes
+        are reservoirs.
 
     Attributes
     ----------
     unknown
-        Nodes with an unknown: pressure or void fraction where the pressure is
-        free, outflow or void fraction at a side at cavitation pressure.
+        Indices of the m nodes with an unknown: pressure or void fraction at nodes of unknown
+        pressure; outflow or void fraction at dry sides, those at cavitation pressure without oil
+        outside.
     dry
-        Mask of the unknown nodes at such a side.
+        Mask of the nodes of dry sides among `unknown`, shape (m,).
     pattern
-        Pattern of the derivatives along pressure and void fraction.
+        Sparsity pattern of the derivatives with respect to pressure and void fraction, m x m.
     """
 
     def __init__(self, film: Film, *, oil_outside: bool = False):
         self.film = film
-        # Nodes of given pressure that are no reservoirs.
+        # `dry` are the nodes of given pressure that are no reservoirs.
         empty = (film.equation.given == 0.0) & ~film.supplied_nodes & (not oil_outside)
         dry = np.setdiff1d(np.flatnonzero(empty), film.free)
         self.unknown = np.union1d(film.free, dry)
@@ -300,12 +326,12 @@ class OilBalance:
 
     @property
     def volume_scale(self) -> float:
-        """``c R^2`` [m^3], the unit of oil contents."""
+        """Unit of oil contents, ``c R^2`` [m^3]."""
         p = self.film.parameters
         return p.clearance * p.grid.radius**2
 
     def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
-        """A step of a length that ends with a gap, see `OilStep`."""
+        """Make the data of a step from its gap at the end, length, and `former`, see `OilStep`."""
         equation = self.film.equation
         flow = equation.flow(gap)
         return OilStep(
@@ -321,7 +347,10 @@ class OilBalance:
         )
 
     def problem(self, step: OilStep) -> Complementarity:
-        """``r`` of the unknown nodes; the unknown of a dry side is its outflow."""
+        """Residual r and its derivative on the nodes with an unknown, without transport of void.
+
+        The unknowns are pressures, and outflows at dry sides.
+        """
 
         def residual(values: np.ndarray) -> np.ndarray:
             defect = self.full_film(step, self.nodal(values))[self.unknown]
@@ -329,7 +358,7 @@ class OilBalance:
 
         def entries(values: np.ndarray) -> np.ndarray:
             entries_of_all = self.film.equation.forms.matrix(step.inputs, self.nodal(values))
-            # The pattern without second neighbours does not contain all entries.
+            # Entries of second neighbours are missing in the matrix of the forms: they are zero.
             matrix = np.append(entries_of_all, 0.0)[self._places]
             if step.feed is not None:
                 lumped = self.assembly.source(step.feed.conductance.sum(axis=0))
@@ -348,27 +377,31 @@ class OilBalance:
         )
 
     def transport(self, step: OilStep, void: np.ndarray) -> Transport:
-        """Transport of the void fractions of the unknown nodes, shape (m,); others have none."""
+        """Transport of the void fractions `void` of nodes with an unknown, shape (m,)."""
         nodal = np.zeros(self.assembly.size)
         nodal[self.unknown] = void
         return Transport(self.strips, step.flows, step.full, nodal)
 
     def rows(self, step: OilStep, problem: Complementarity) -> np.ndarray:
-        """Size of the equations of a nearly full film, shape (m,)."""
+        """Scale of the equation of every unknown in a nearly full film, shape (m,).
+
+        The scale is the sum of the diagonal entries of the derivatives with respect to scaled
+        pressure and to void fraction.
+        """
         carried = self.transport(step, problem.zero)
         both = problem.unit * problem.entries(problem.zero) + carried.entries
         return both[self.pattern.diagonal]
 
     def nodal(self, values: np.ndarray) -> np.ndarray:
-        """Dimensionless pressures at all nodes."""
+        """Dimensionless pressures at all nodes, shape (nodes,), from the unknowns, shape (m,)."""
         nodal = self.film.equation.given.copy()
         nodal[self.unknown] = np.where(self.dry, 0.0, values)
         return nodal
 
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
-        """Balance at all nodes without the void fraction."""
-        # Contents are summed in one way only: two sums differ by round-off, by which oil would be
-        # lost in every step.
+        """Oil balance of a full film at all nodes, shape (nodes,), for pressures `nodal`."""
+        # Contents are summed in one way only: if two sums differed by round-off, oil would be lost
+        # in every step.
         full = step.full
         if not self.film.parameters.lubricant.density_law.constant:
             density = self.film.equation.flow(step.gap, nodal).density
@@ -379,14 +412,14 @@ class OilBalance:
     def outflow(
         self, step: OilStep, nodal: np.ndarray, values: np.ndarray, transport: Transport
     ) -> np.ndarray:
-        """Flow through the ends of the film, zero at other nodes, shape (nodes,).
+        """Flow out of the film at nodes of given pressure, zero at other nodes, shape (nodes,).
 
         Parameters
         ----------
         step, nodal, transport
-            One time step, pressures of all nodes, and the transport of their void fractions.
+            Time step, pressures of all nodes, and transport of their void fractions.
         values
-            Unknowns of the nodes: pressures, at dry sides outflows.
+            Unknowns, shape (m,): pressures, and outflows at dry sides.
         """
         outflow = transport.nodal - self.full_film(step, nodal)
         outflow[self.film.free] = 0.0
@@ -396,7 +429,10 @@ class OilBalance:
     def gap_derivatives(
         self, step: OilStep, nodal: np.ndarray, carried: Transport
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
-        """Derivatives of the balance with upstream nodes held, see `ReynoldsEquation`."""
+        """Derivatives of the oil balance with respect to the gap, for fixed upstream nodes.
+
+        Results are those of `ReynoldsEquation.gap_derivatives`.
+        """
         slope = step.flow.slope / self.film.parameters.clearance
         slope = np.broadcast_to(slope, step.gap.thickness.shape)
         full = self.film.equation.gap_derivatives(step.gap, nodal, inputs=step.inputs)
@@ -414,9 +450,10 @@ class OilBalance:
         return full
 
     def _dragged(self, step: OilStep, slope: np.ndarray) -> list[np.ndarray | None]:
-        """Derivatives along the gap of the Couette term of a film without pressure.
+        """Derivatives with respect to the gap of the Couette term of a film without pressure.
 
-        Entries of the matrices of `Assembly.tested`, shape (c, q, k).
+        They are entries of matrices of the shape of `Assembly.tested`, shape (c, q, k) each:
+        derivatives with respect to thickness, mean velocity and sliding velocity.
         """
         equation = self.film.equation
         flow = step.flow
@@ -425,24 +462,24 @@ class OilBalance:
             none = np.zeros_like(equation.given)
             derivatives = equation.gap_derivatives(step.gap, none, inputs=step.driven)
             return [None if d is None else d.data.reshape(drag.shape) for d in derivatives]
-        # Between surfaces of one roughness the flow is a product of thickness and mean velocity.
+        # Unless one surface is rougher, the flow is the product of thickness and mean velocity.
         speed = self.film.parameters.rate * self.film.parameters.grid.radius
         along = slope * flow.velocity, flow.thickness / speed
         return [(flow.density * slope)[:, :, None] * drag for slope in along] + [None]
 
     def along_turn(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
-        """Change of the balance with the journal's angle, shape (nodes,) [1/rad]."""
+        """Derivative of the balance with respect to the journal's angle, (nodes,) [1/rad]."""
         assert step.feed is not None
         return step.feed.lumped(self.assembly, nodal, step.feed.along_turn)
 
 
 def require_monotone(family: str, key: str = "film.element") -> None:
-    """Refuse elements whose matrices are no M-matrices.
+    """Refuse an element family whose matrices are no M-matrices.
 
     Raises
     ------
     SettingsError
-        The message contains the setting.
+        If the family is not bilinear; the message names the key.
     """
     if family != "bilinear":
         raise SettingsError(

@@ -1,21 +1,22 @@
 """Parameters of a film, and supplies that conduct oil into it.
 
-A film is made of a mesh, a clearance, an oil and given pressures. A supply conducts oil into it, at
-rest on the bore or turning with the journal. In a region of covered share w the film takes in, per
-area,
+A film is made of a mesh, a clearance, an oil and given pressures. A supply conducts oil into the
+film through a region of the bore, or of the journal, with which it turns. The flow into the film
+per area is
 
     w kappa (p_s - p)
 
-at supply pressure p_s. No value is imposed at nodes: a region may move, and load and flow are
-continuous functions of its position. w is the region's indicator, blurred over a width d of `BLUR`
-cells by the cubic ``t^2 (3 - 2 t)``: continuously differentiable along the journal's angle.
+with the supply pressure p_s and the covered share w. No pressure is imposed at nodes, so that load
+and flow are continuous functions of the position of a moving region. w is 1 within the region and 0
+outside. Its edge is blurred over a width d of `BLUR` cells by the cubic ``t^2 (3 - 2 t)``: w is
+continuously differentiable with respect to the journal's angle.
 
-Without a resistance kappa belongs to the film's own conductance on the scale of the blur,
-``kappa = C rho h^3 / (12 eta d^2)``. C is such that the pressure next to a straight edge is that of
-a region with p = p_s up to the edge itself (`EDGES`). With a hydraulic resistance, of the passage
-that leads to the region, kappa is uniform and ``int w kappa dA = 1 / resistance``: the flow is
-``(p_s - mean p) / resistance`` to round-off, the mean weighted by w. Viscosity and density in kappa
-are those at ambient pressure.
+Without a resistance, kappa is the film's own conductance on the scale of the blur, ``kappa = C rho
+h^3 / (12 eta d^2)``. C is such that the pressure next to a straight edge is that of a region with p
+= p_s up to the edge itself (`EDGES`). With a hydraulic resistance of the passage that leads to the
+region, kappa is uniform and ``int w kappa dA = 1 / resistance``: the flow is ``(p_s - mean p) /
+resistance`` to round-off, with the mean weighted by w. Viscosity and density in kappa are those at
+ambient pressure.
 
 `fenics_ehd.film.supply` imposes pressures at nodes of the bore instead.
 """
@@ -39,7 +40,7 @@ from fenics_ehd.film.supply import AxialGroove, Sides, Supply, blur_of, check_su
 
 @dataclass(frozen=True, eq=False)
 class FilmParameters:
-    """One bearing and its oil.
+    """Parameters of the film of one bearing.
 
     Attributes
     ----------
@@ -53,7 +54,7 @@ class FilmParameters:
         Reference angular speed Omega > 0 [rad/s] that makes the equation dimensionless; it changes
         results by round-off only.
     sides, regions
-        Given pressures.
+        Pressures at the two ends of the bearing, and axial grooves of given pressure.
     feeds
         Supplies that conduct oil into the film.
     recesses
@@ -86,8 +87,8 @@ class FilmParameters:
             require_number(name, getattr(self, name), above=0)
         if not np.finfo(float).tiny < self.pressure_scale < np.inf:
             raise SettingsError(
-                f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s: the film's "
-                f"pressure is of the size of {self.pressure_scale:g} Pa, which cannot be computed"
+                f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s: pressures "
+                f"of the order of {self.pressure_scale:g} Pa cannot be computed: check the units"
             )
         if not self.clearance < self.grid.radius:
             raise SettingsError(
@@ -96,37 +97,39 @@ class FilmParameters:
 
     @property
     def pressure_scale(self) -> float:
-        """``p_s = 12 eta Omega (R / c)^2`` [Pa]."""
+        """Unit of the dimensionless pressure, ``p_s = 12 eta Omega (R / c)^2`` [Pa]."""
         ratio = self.grid.radius / self.clearance
         return 12 * self.lubricant.viscosity * self.rate * ratio**2
 
 
-#: ``C = kappa d^2`` over the film's mobility for which the effective edge is the given edge: with
-#: ``q = p_s - p``, ``q'' = C w q`` decays into the region, and the tangent of q outside of the
-#: region is zero at the edge for C = 33.1. A quarter of it moves the edge by 0.24 d inward, four
-#: times by 0.15 d outward. Load error of the groove of `BLUR` on 40 x 10, 80 x 20, 160 x 40 and 320
-#: x 80 cells: 0.9, 0.27, 0.08, 0.02 %; with 1000 in its place 9.3, 4.6, 2.3, 1.2 %. Bilinear cells,
-#: which resolve the decay less, need what is measured next to a groove all around: within 0.012 d
-#: with 9 nodes, 0.012 d with 4, and 0.035 d lumped. Unchanged, 33.1 is 0.05 and 0.18 d off there.
+#: Constant ``C = kappa d^2`` over the film's mobility, for each element family. With it the
+#: pressure outside a region extrapolates to p_s at the given edge. The solution of ``q'' = C w q``,
+#: with ``q = p_s - p``, decays into the region, and its tangent outside is zero at the edge for C =
+#: 33.1. A quarter of this value moves the effective edge by 0.24 d inward, four times the value by
+#: 0.15 d outward. The load error for the groove of `BLUR` on 40 x 10, 80 x 20, 160 x 40 and 320 x
+#: 80 cells is 0.9, 0.27, 0.08 and 0.02 %; with C = 1000 it is 9.3, 4.6, 2.3 and 1.2 %. Bilinear
+#: cells resolve the decay less: their value was measured next to a groove all around. There the
+#: error of the edge is 0.012 d with 9 nodes, 0.012 d with 4 nodes, and 0.035 d with lumped flows;
+#: with 33.1 it would be 0.05 d with 4 nodes, and 0.18 d with lumped flows.
 EDGES = {"lagrange": 33.119152, "serendipity": 33.119152, "bilinear": 24.0}
 
-#: Factor on this constant if flows are lumped at the nodes.
+#: Factor on the constant of `EDGES` if flows are lumped at the nodes.
 LUMPED = 2.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class FeedTerm:
-    """Term of one film's supplies in its equation, dimensionless.
+    """Term of n supplies in the Reynolds equation of a film, dimensionless.
 
     Attributes
     ----------
     conductance
-        kappa w of every supply at the Gauss points, shape (n, cells, points).
+        Conductance ``kappa w`` of every supply at the Gauss points, shape (n, cells, points).
     along_thickness, along_turn
-        Derivatives of the conductance along H and along the angle of the journal [1/rad], the same
-        shape.
+        Derivatives of the conductance with respect to H and to the angle of the journal [1/rad],
+        shape (n, cells, points) each.
     pressure
-        Dimensionless pressure of every supply, shape (n,).
+        Dimensionless pressure P_s of every supply, shape (n,).
     """
 
     conductance: np.ndarray
@@ -135,24 +138,27 @@ class FeedTerm:
     pressure: np.ndarray
 
     def outflow(self, pressure: np.ndarray, conductance: np.ndarray | None = None) -> np.ndarray:
-        """``kappa w (P - P_s)`` into every supply, for P at the Gauss points, (n, cells, points).
+        """Flow ``kappa w (P - P_s)`` per area into every supply, shape (n, cells, points).
 
-        With a `conductance`, the flow through this conductance, which may be a change.
+        `pressure` is P at the Gauss points. A `conductance`, or its derivative, replaces
+        ``kappa w``.
         """
         conductance = self.conductance if conductance is None else conductance
         return conductance * (pressure - self.pressure[:, None, None])
 
     def _supplied(self, conductance: np.ndarray) -> np.ndarray:
-        """Flow from supplies with such conductances into a film without pressure."""
+        """Flow per area from all supplies into a film without pressure, shape (cells, points)."""
         flow = self.pressure @ conductance.reshape(len(conductance), -1)
         return flow.reshape(conductance.shape[1:])
 
     def lumped(
         self, assembly: Assembly, nodal: np.ndarray, conductance: np.ndarray | None = None
     ) -> np.ndarray:
-        """Outflow tested with every node, (nodes,), each with the pressure at its own node.
+        """Outflow into all supplies, lumped at the nodes, shape (nodes,).
 
-        The sums of the flows do not change, and the matrix of the film stays an M-matrix.
+        The flow is integrated with the shape function of every node, with the pressure at that
+        node instead of the pressures at the Gauss points, so that the film's matrix remains an
+        M-matrix. A `conductance`, or its derivative, replaces ``kappa w``.
         """
         conductance = self.conductance if conductance is None else conductance
         supplied = self._supplied(conductance)
@@ -161,7 +167,10 @@ class FeedTerm:
     def lumped_change(
         self, assembly: Assembly, slope: np.ndarray, nodal: np.ndarray
     ) -> sparse.csc_matrix:
-        """Derivative (nodes, c * q) of `lumped` for a change `slope` of the conductances."""
+        """Derivative of `lumped` with respect to values at the Gauss points, shape (nodes, c * q).
+
+        `slope` is the derivative of the conductances with respect to these values.
+        """
         at_nodes = slope.sum(axis=0)[:, :, None] * assembly.by_nodes(nodal)
         supplied = self._supplied(slope)
         return with_weights(assembly.tested, at_nodes - supplied[:, :, None])
@@ -175,14 +184,16 @@ class Feeds:
     parameters
         Parameters of the film, with its `feeds`.
     points, area
-        Gauss points, and their areas over R^2, of the film mesh.
+        Gauss points of the film mesh, and their areas over R^2.
     mobility
-        Density over viscosity at the Gauss points if they depend on the position.
+        Dimensionless density over viscosity at ambient pressure: a number, or an array at the Gauss
+        points.
 
     Raises
     ------
     SettingsError
-        The bearing or its mesh cannot hold a region, or two supplies have the same name.
+        If a region does not fit into the bearing or its mesh, two supplies have the same name, or
+        the table of a supply was not read.
     """
 
     def __init__(
@@ -200,12 +211,13 @@ class Feeds:
         names = [feed.name for feed in feeds]
         if len(set(names)) < len(names):
             raise SettingsError(
-                f"two supplies of one name, {', '.join(map(repr, sorted(names)))}: give each a name"
+                f"supplies have the names {', '.join(map(repr, sorted(names)))}: give each a "
+                "different name"
             )
         for feed in feeds:
             require_read(feed.table, feed.curve, f"{feed.name}: table")
-        # A supply has either the film's own conductance, here over w H^3, or that of its passage:
-        # the pressure scale over a resistance, in units of the flow c Omega R^2.
+        # A supply has either the film's own conductance, stored over w H^3, or that of its passage,
+        # the pressure scale over the resistance, in units of the flow c Omega R^2.
         self._film = np.zeros((len(feeds), *area.shape))
         self._passage = np.zeros((len(feeds), 1, 1))
         flow = parameters.clearance * parameters.rate * grid.radius**2
@@ -220,13 +232,14 @@ class Feeds:
 
     @property
     def turning(self) -> bool:
-        """True if one of the supplies turns with the journal."""
+        """Whether at least one supply turns with the journal."""
         return any(feed.on_journal for feed in self.parameters.feeds)
 
     def shares(self, turn: float) -> tuple[np.ndarray, np.ndarray]:
-        """Covered shares w (n, cells, points) and their derivatives along the journal's angle.
+        """Covered shares w of all supplies, (n, cells, points), and their derivatives [1/rad].
 
-        `turn` is the angle of the journal relative to the bore [rad].
+        `turn` is the angle of the journal relative to the bore [rad], and the derivatives are those
+        with respect to it.
         """
         grid = self.parameters.grid
         values = []
@@ -238,9 +251,10 @@ class Feeds:
         return np.array(values), np.array(slopes)
 
     def _at(self, turn: float) -> tuple[np.ndarray, ...]:
-        """Conductances at an angle, cached: over H^3 of the film, and of passages.
+        """Conductances of all supplies at an angle of the journal [rad], cached for one angle.
 
-        Their derivatives along the angle follow.
+        Four arrays, shape (n, cells, points): conductances of the film over H^3, those of
+        passages, and the derivatives of both with respect to the angle.
         """
         if turn != self._turn:
             share, slope = self.shares(turn)
@@ -254,14 +268,15 @@ class Feeds:
         return self._kept
 
     def _pressure(self, time: float) -> np.ndarray:
-        """Supply pressures at a time, dimensionless, shape (n,)."""
+        """Dimensionless supply pressures at a time [s], shape (n,)."""
         pressure = np.array([feed.pressure_at(time) for feed in self.parameters.feeds])
         return pressure / self.parameters.pressure_scale
 
     def term(self, gap: Gap, thickness: np.ndarray, *, lumped: bool = False) -> FeedTerm:
-        """Term of the supplies at the angle and time of a gap with a dimensionless thickness.
+        """Term of the supplies in the Reynolds equation, at the angle and time of a gap.
 
-        `lumped` is True for `FeedTerm.lumped`.
+        `thickness` is the dimensionless thickness H at the Gauss points. `lumped` adapts
+        conductances to flows that are lumped at the nodes (`FeedTerm.lumped`).
         """
         film, passage, film_slope, passage_slope = self._at(gap.turn)
         cube = (LUMPED if lumped else 1.0) * thickness**3
@@ -274,30 +289,30 @@ class Feeds:
         )
 
     def values(self, gap: Gap) -> np.ndarray:
-        """Supplies in the weak form, shape (4, cells, points).
+        """Sums over the supplies for the weak form, shape (4, cells, points).
 
-        Conductances over H^3 of those without a resistance and these times the supplies' pressures;
-        the same of those with one, not over H^3.
+        Supplies without a resistance: conductance over H^3, and conductance over H^3 times
+        pressure. Supplies with a resistance: conductance, and conductance times pressure.
         """
         film, passage, *_ = self._at(gap.turn)
         weights = np.array([np.ones(len(film)), self._pressure(gap.time)])
         return np.concatenate([np.tensordot(weights, kind, 1) for kind in (film, passage)])
 
 
-#: Conductance of a recess over that of the film: with 1e3 the pressure's change across a recess is
-#: a thousandth of that in the film.
+#: Conductance of a recess over that of the film: with 1e3, pressure slopes in a recess are a
+#: thousandth of those in the film.
 DEEP = 1e3
 
 
 def recess_viscosity(parameters: FilmParameters, points: SurfacePoints) -> np.ndarray:
-    """Factor on the viscosity that makes `FilmParameters.recesses` conduct, at the Gauss points.
+    """Factor on the viscosity at the Gauss points that models `FilmParameters.recesses`.
 
-    It falls linearly with the covered share, and the flow to a recess is that to its edge.
+    The factor falls linearly with the covered share, from 1 to `1 / DEEP` within a recess.
 
     Raises
     ------
     SettingsError
-        The bearing or its mesh cannot hold a recess.
+        If a recess does not fit into the bearing or its mesh.
     """
     factor = np.ones(points.angle.shape)
     for region in parameters.recesses:

@@ -1,8 +1,8 @@
 """Reynolds equation (1) of one film: residual, complementarity problem, derivatives.
 
-Dimensionless, see `fenics_ehd.film.weak_form`, whose forms dolfinx assembles. Oils of constant
-properties make the equation linear in the pressure, others do not. The angle of the journal is no
-field of the gap: derivatives along this angle are computed from arrays.
+The equation is dimensionless, see `fenics_ehd.film.weak_form`, whose forms dolfinx assembles. It is
+linear in the pressure if viscosity and density do not depend on pressure. The angle of the journal
+is not a coefficient of the forms: derivatives with respect to this angle are computed from arrays.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from fenics_ehd.film.weak_form import (
     flow_law,
 )
 
-#: Below this dimensionless rate of gap change the source of (11) counts as zero. The assembled
-#: source of a uniform gap is 1e-15 of the flow, and the problem of 8-node elements may have no
-#: solution for a source of round-off.
+#: Dimensionless rate of gap change below which the source of (11) counts as zero. The assembled
+#: source of a uniform gap is round-off, 1e-15 of the flow, for which the problem of 8-node elements
+#: may have no solution.
 SMALLEST_SOURCE = 1e-4
 
 
@@ -46,19 +46,18 @@ class ReynoldsEquation:
     Attributes
     ----------
     free
-        Indices of the nodes whose pressure is unknown.
+        Indices of the free nodes, whose pressure is unknown.
     given
         Dimensionless pressure at all nodes, zero at the free ones.
     points
         Gauss points on the bore.
     pattern
-        Pattern of the derivative along the pressures of the free nodes.
+        Sparsity pattern of the derivative with respect to the pressures of the free nodes.
     lubricant
         The oil; its temperature may differ from that of `parameters`, which define the scales.
     factors
-        Viscosity and density, which depend on position and temperature, over those of `parameters`.
-    surfaces
-        See `FilmParameters`.
+        Viscosity and density at ambient pressure over those of `parameters`: numbers, or arrays at
+        the Gauss points if they depend on position.
     weights
         Entries of the mass matrix N of (11) for the 8-node element, else None.
     laws
@@ -81,14 +80,15 @@ class ReynoldsEquation:
         self.pattern = self.assembly.pattern(self.free)
         self.weights = mass.data if weighted else None
         self._diagonal = mass.diagonal() if weighted else np.ones(len(self.free))
-        # Source of a film at unit speed: nodal areas, or ones if divided by the mass matrix.
+        # Source for a dimensionless rate of one: nodal areas, or ones if divided by the mass
+        # matrix.
         unit = np.ones(len(self.free)) if weighted else mass.sum(axis=1)
         self._smallest = SMALLEST_SOURCE * float(np.linalg.norm(unit))
         self.laws = Laws.of(parameters)
         self._set_viscosity(1.0)
 
     def _set_viscosity(self, ratio: float) -> None:
-        """Set the viscosity to `ratio` times that of the parameters, also in supplies."""
+        """Set the viscosity of film and supplies to `ratio` times that of the parameters."""
         p = self.parameters
         oil = self.lubricant
         surfaces = self.parameters.surfaces
@@ -119,7 +119,7 @@ class ReynoldsEquation:
 
     @cached_property
     def forms(self) -> FilmForms:
-        """Weak form on this mesh, made on first use: a film that is only read needs none."""
+        """Forms on this mesh, made on first use because plots of films need none."""
         return FilmForms(self.parameters.grid, self.laws, self._numbers.layout)
 
     @cached_property
@@ -132,19 +132,19 @@ class ReynoldsEquation:
             return 1.0
         values = np.asarray(function(self.points.angle, self.points.height), dtype=float)
         if not np.all(np.isfinite(values) & (values > 0)):
-            raise SettingsError(f"the {name} of the lubricant must be above 0 everywhere")
+            raise SettingsError(f"the lubricant's {name} must be finite and above 0 everywhere")
         return values
 
     def at_temperature(self, temperature: float) -> ReynoldsEquation:
-        """The equation for the viscosity of the oil at another temperature [C].
+        """Return this equation with the viscosity of the oil at another temperature [C].
 
-        Densities are not changed: the equation balances volumes at ambient density. Forms and
-        patterns are those of this equation.
+        Densities are not changed: the equation balances volumes at ambient density. Both equations
+        share forms and sparsity patterns.
 
         Raises
         ------
         SettingsError
-            See `Lubricant.at`.
+            If the lubricant has no viscosity at this temperature, see `Lubricant.at`.
         """
         reference = self.parameters.lubricant
         equation = copy(self)
@@ -153,16 +153,16 @@ class ReynoldsEquation:
         return equation
 
     def fed(self, gap: Gap, flow: Flow | None = None, *, lumped: bool = False) -> FeedTerm | None:
-        """Term of the supplies in the equation at a gap, see `Feeds.term`; None without any.
+        """Term of the supplies in the equation for a gap, see `Feeds.term`; None without supplies.
 
-        The `flow` of this film without pressure may be known.
+        `flow` is the film's flow without pressure; it is computed if it is None.
         """
         if self.feeds is None:
             return None
         return self.feeds.term(gap, (flow or self.flow(gap)).thickness, lumped=lumped)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
-        """Dimensionless pressure at all nodes from the pressure at the free nodes."""
+        """Dimensionless pressures at all nodes, (nodes,), from those at the free nodes."""
         values = self.given.copy()
         values[self.free] = pressure
         return values
@@ -176,16 +176,16 @@ class ReynoldsEquation:
         rate_shift: float = 0.0,
         supplied: bool = True,
     ) -> Inputs:
-        """Data that the forms are assembled with.
+        """Data of the forms for a gap.
 
         Parameters
         ----------
         gap
             Gap at the Gauss points.
         squeeze, storage, rate_shift
-            See `Numbers`.
+            Coefficients of the source and of its derivative, see `Numbers`.
         supplied
-            Whether supplies belong to the equation.
+            Whether the forms contain the flow of supplies.
         """
         values = {name: getattr(gap, name) for name in GAP}
         shape = gap.thickness.shape
@@ -203,12 +203,14 @@ class ReynoldsEquation:
         return Inputs(numbers, values)
 
     def balance(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
-        """Weak form of (1) tested with every node, shape (nodes,), all dimensionless.
+        """Residual of (1) at every node, shape (nodes,), from dimensionless nodal pressures.
+
+        The residual is the weak form tested with the shape function of the node.
 
         Raises
         ------
         ViscosityError
-            The viscosity runs away with the largest pressure.
+            If the viscosity at the largest pressure is above its limit.
         """
         law = self.lubricant.viscosity_law
         if not law.constant:
@@ -216,7 +218,7 @@ class ReynoldsEquation:
         return self.forms.vector(inputs, nodal)
 
     def problem(self, gap: Gap) -> Complementarity:
-        """Complementarity problem (11) of a gap, assembled on demand."""
+        """Complementarity problem (11) for a gap; its functions assemble when they are called."""
         inputs = self.inputs(gap)
 
         def residual(pressure: np.ndarray) -> np.ndarray:
@@ -235,7 +237,10 @@ class ReynoldsEquation:
         )
 
     def flow(self, gap: Gap, nodal: np.ndarray | None = None) -> Flow:
-        """Oil and its flow at the Gauss points, dimensionless; None: at ambient pressure."""
+        """Properties and flow of the oil at the Gauss points, dimensionless.
+
+        `nodal` are dimensionless nodal pressures; None for a film at ambient pressure.
+        """
         pressure = np.zeros(gap.thickness.shape)
         if nodal is not None:
             pressure = self.assembly.at_points(nodal)[0]
@@ -251,23 +256,23 @@ class ReynoldsEquation:
         *,
         inputs: Inputs | None = None,
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
-        """Sparse derivatives of the residual along the gap.
+        """Sparse derivatives of the residual with respect to the gap, shape (nodes, c * q) each.
 
         Parameters
         ----------
         gap, pressure
-            A gap and dimensionless nodal pressures, shape (nodes,).
+            Gap at the Gauss points, and dimensionless nodal pressures, shape (nodes,).
         rate_shift
-            ``d h' / d h`` [1/s].
+            Derivative ``d h' / d h`` of the thickness rate [1/s].
         inputs
-            Data of another weak form at this gap, for which rates and shift are not needed.
+            Data of the forms to use instead of `inputs(gap)`; `rate_shift` is then ignored.
 
         Returns
         -------
         thickness, velocity, sliding
-            Along h [m] at the Gauss points, its rate following, along the mean and along the
-            sliding velocity [m/s]: shape (nodes, c * q) each. The last is None for an oil that
-            does not thin, unless one of the surfaces is rougher.
+            Derivatives with respect to the thickness at the Gauss points [1/m], on which the rate
+            depends; to the mean velocity [s/m]; and to the sliding velocity [s/m]. The last is None
+            unless the oil thins or one surface is rougher than the other.
         """
         inputs = inputs or self.inputs(gap, rate_shift=rate_shift)
         thickness, sliding = self.forms.along_gap(inputs, pressure)
@@ -277,7 +282,7 @@ class ReynoldsEquation:
         return thickness, with_data(self.assembly.tested, drag.ravel()), sliding
 
     def along_turn(self, gap: Gap, pressure: np.ndarray) -> np.ndarray:
-        """Change of the residual with the journal's angle, shape (nodes,) [1/rad]."""
+        """Derivative of the residual with respect to the journal's angle, (nodes,) [1/rad]."""
         feed = self.fed(gap)
         if feed is None:
             return np.zeros(self.assembly.size)
@@ -286,7 +291,10 @@ class ReynoldsEquation:
 
 
 def gauss_points(grid: FilmGrid, reference: np.ndarray) -> SurfacePoints:
-    """Gauss points of every cell, each array (cells, points)."""
+    """Gauss points of every cell of a film mesh, arrays of shape (cells, points).
+
+    `reference` has the Gauss points of the unit cell, shape (points, 2).
+    """
     around, along = grid.cells
     widths = np.diff(grid.angles)
     heights = np.diff(grid.heights)

@@ -1,10 +1,9 @@
-"""Supplies of a film: sides and axial grooves of given pressure, regions that conduct oil.
+"""Supplies of a film: sides and axial grooves of given pressure, and regions that conduct oil.
 
-Boundaries of given pressure: sides and axial grooves, (9) and (10).
-
-Regions of the bore or of the journal through which oil is supplied: the share of the surface that
-they cover at every point. Angles are counted from the x axis of the body with the bore, or with the
-journal, positive from x to y; heights along the axis from the middle of the bore.
+Sides and axial grooves are boundaries of given pressure, (9) and (10). A region of the bore or of
+the journal that conducts oil has a covered share at every point, which `fenics_ehd.film.parameters`
+uses. Angles are counted from the x axis of the body with the bore, or of the one with the journal,
+positive from x to y. Heights along the axis are counted from the middle of the bore.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from fenics_ehd.base.needs import NONE, not_with
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import SurfacePoints
 
-#: Slack in deciding whether a node lies in a region, relative to the radius.
+#: Tolerance for nodes on the edge of a region to count as inside, relative to the radius.
 SLACK = 1e-9
 
 
@@ -41,8 +40,8 @@ class Sides:
     Attributes
     ----------
     lower, upper
-        Ambient pressure at ``z = -B/2`` and ``z = B/2`` [Pa], above the
-        cavitation pressure; None for a closed side, through which nothing flows.
+        Ambient pressure at ``z = -B/2`` and ``z = B/2``, relative to the cavitation pressure [Pa];
+        None for a closed side, through which nothing flows.
     """
 
     lower: float | None = 0.0
@@ -57,16 +56,18 @@ class Sides:
 
 @dataclass(frozen=True)
 class AxialGroove:
-    """Axial groove over the whole width, or part of it.
+    """Axial groove of given pressure, over the whole width of the bearing or a part of it.
 
     Attributes
     ----------
     angle, width
-        Middle and extent along the circumference [rad]; a width of zero is a line.
+        Angle of the middle, and extent along the circumference [rad]; a groove of width zero is a
+        line.
     pressure
         Supply pressure [Pa].
     length
-        Extent along the axis, centred [m]; None: the whole width.
+        Extent along the axis, from the middle of the bore in both directions [m]; None for the
+        whole width.
     """
 
     angle: float
@@ -82,17 +83,18 @@ class AxialGroove:
         require_number("the width of a groove", self.width)
         if not 0 <= self.width < 2 * np.pi:
             raise SettingsError(
-                f"a groove {np.degrees(self.width):g} degrees wide: it must lie in 0..360"
+                f"a groove is {np.degrees(self.width):g} degrees wide: its width must be at least "
+                "0 and below 360 degrees"
             )
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """Angles that should be cell boundaries [rad]."""
+        """Angles of the edges, or of the line, which should be cell boundaries [rad]."""
         half = 0.5 * self.width
         return (self.angle - half, self.angle + half) if half else (self.angle,)
 
     def contains(self, angle: np.ndarray, height: np.ndarray, radius: float) -> np.ndarray:
-        """Mask of points, at angles [rad] and heights [m], in the groove."""
+        """Mask of the points, at angles [rad] and heights [m], that lie in the groove."""
         offset = np.abs(np.mod(angle - self.angle + np.pi, 2 * np.pi) - np.pi)
         inside = offset <= 0.5 * self.width + SLACK
         if self.length is not None:
@@ -103,7 +105,7 @@ class AxialGroove:
 def in_regions(
     regions: Sequence[AxialGroove], angle: np.ndarray, height: np.ndarray, radius: float
 ) -> np.ndarray:
-    """Mask of points, at angles [rad] and heights [m], in any of the grooves."""
+    """Mask of the points, at angles [rad] and heights [m], that lie in any of the grooves."""
     inside = np.zeros(np.shape(angle), dtype=bool)
     for region in regions:
         inside |= region.contains(angle, height, radius)
@@ -113,19 +115,19 @@ def in_regions(
 def given_pressures(
     grid: FilmGrid, sides: Sides, regions: Sequence[AxialGroove]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with given pressure.
+    """Nodes of a film mesh with given pressure, at its sides and in grooves.
 
     Returns
     -------
     fixed : numpy.ndarray of bool
-        shape (nodes,).
+        Mask of the nodes with given pressure, shape (nodes,).
     pressure : numpy.ndarray
         Pressure of these nodes [Pa], zero at other nodes, shape (nodes,).
 
     Raises
     ------
     SettingsError
-        A region holds no node of the mesh, or no node is left.
+        If a groove contains no node of the mesh, or every node has a given pressure.
     """
     angle, height = grid.node_positions.T
     fixed = np.zeros(len(angle), dtype=bool)
@@ -138,7 +140,7 @@ def given_pressures(
     for region in regions:
         inside = region.contains(angle, height, grid.radius)
         if not inside.any():
-            raise SettingsError(f"no node of the film mesh lies in {region}: use more cells")
+            raise SettingsError(f"{region} contains no node of the film mesh: use more cells")
         fixed |= inside
         pressure[inside] = region.pressure
     if fixed.all():
@@ -150,34 +152,35 @@ TURN = 2 * np.pi
 
 
 def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
-    """Covered share at a distance [m] from an edge, 1 inside and 0 outside; and its derivative.
+    """Covered share at a distance from an edge [m], positive outside, and its derivative [1/m].
 
-    The cubic between them is blurred over `blur` [m], half of it on either side.
+    The share falls from 1 inside to 0 outside by a cubic over the width `blur` [m], half of it on
+    either side of the edge.
     """
     t = np.clip(0.5 - distance / blur, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / blur
 
 
-#: Surroundings of the sides of a film without ambient pressure.
+#: What surrounds sides at cavitation pressure: with oil, they are reservoirs.
 AMBIENTS = ("air", "oil")
 
-#: Surfaces that a supply may be in.
+#: Surfaces in which a supply may be.
 SURFACES = ("bore", "journal")
 
 
 @attrs.frozen(kw_only=True)
 class Supply:
-    """Oil under pressure at a region of the bore or of the journal."""
+    """Region of the bore or of the journal through which oil is supplied under pressure."""
 
-    on: str = choice("bore", SURFACES, "the surface that it is in and turns with")
+    on: str = choice("bore", SURFACES, "the surface that has the supply, which turns with it")
     pressure: float = number(
         0.0,
-        "of the supply, above that at which the film cavitates [Pa]",
+        "of the supply, above the cavitation pressure [Pa]",
         least=0,
         usual=(1e3, 1e9),
         example="3e5 for 3 bar",
     )
-    table: str = text(NONE, "in its place: CSV file time_s,pressure_Pa, or none")
+    table: str = text(NONE, "in place of pressure: CSV file time_s,pressure_Pa, or none")
     resistance: float = number(
         0.0,
         "of the passage to the region, pressure over flow [Pa s/m3], 0: none",
@@ -196,63 +199,73 @@ class Supply:
         above=-LARGEST_LENGTH,
         below=LARGEST_LENGTH,
     )
-    #: Of its flow.
+    #: Name of the supply and of its flow.
     name: str = ""
-    #: The table: pressure over the time [s], [Pa], and its derivative.
+    #: Function of time [s] from the table: pressure [Pa] and its derivative [Pa/s]; None without
+    #: one.
     curve: Callable[[float], tuple[float, float]] | None = None
 
     @property
     def middle(self) -> float:
-        """Angle of the middle [rad]."""
+        """Angle of the middle of the region [rad]."""
         return radians(self.angle)
 
     @property
     def on_journal(self) -> bool:
-        """True where it turns with the journal."""
+        """Whether the supply turns with the journal."""
         return self.on == "journal"
 
     def pressure_at(self, time: float) -> float:
-        """Supply pressure at a time [Pa]."""
+        """Supply pressure [Pa] at a time [s]."""
         return self.pressure if self.curve is None else self.curve(time)[0]
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Lengths around and along that film cells must resolve [m]; infinite if there are none."""
+        """Smallest lengths around and along the axis that cells must resolve [m], or infinity.
+
+        `radius` is the bore radius [m].
+        """
         raise NotImplementedError
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Lowest and highest z [m]."""
+        """Lowest and highest z of the region [m]."""
         _, along = self.sizes(1.0)
         return self.height - 0.5 * along, self.height + 0.5 * along
 
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Covered share, and its derivative along the offset.
+        """Covered share of the region at points, and its derivative along `offset` [1/rad].
 
-        Points by their angle from the region's middle, within half a turn [rad], and their
-        height [m].
+        Parameters
+        ----------
+        offset
+            Angles of the points from the middle of the region, within half a turn [rad].
+        height
+            Heights of the points [m].
+        radius, blur
+            Bore radius, and width of the blurred edge [m].
         """
         raise NotImplementedError
 
 
 @attrs.frozen(kw_only=True)
 class HoleSupply(Supply):
-    """A round hole."""
+    """Round hole through which oil is supplied."""
 
     diameter: float = number(
-        0.0, "[m]; 0: place and size of the hole in the mesh of a flexible bore, nearest to angle "
-        "and height", least=0, below=LARGEST_LENGTH,
+        0.0, "[m]; 0: position and size of the hole in the mesh of a flexible bore, nearest to "
+        "angle and height", least=0, below=LARGEST_LENGTH,
     )  # fmt: skip
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Diameter of the hole, around and along [m]."""
+        """Diameter of the hole, both around and along the axis [m]."""
         return self.diameter, self.diameter
 
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Share covered by the hole, and its derivative, as of `Supply`."""
+        """Covered share of the hole and its derivative, see `Supply.share`."""
         arc = radius * offset
         distance = np.hypot(arc, height - self.height)
         value, slope = step(distance - 0.5 * self.diameter, blur)
@@ -260,18 +273,30 @@ class HoleSupply(Supply):
 
 
 class GrooveSupply(Supply):
-    """A groove with edges along axis and circumference, `width` along the axis [m]."""
+    """Groove with edges along axis and circumference.
+
+    Attributes
+    ----------
+    extent
+        Extent along the circumference [degrees].
+    width
+        Extent along the axis [m].
+    """
 
     extent: float
     width: float
 
     @property
     def closed(self) -> bool:
-        """True of a groove all around."""
+        """Whether the groove extends all around."""
         return self.extent >= 360.0 - 1e-7
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Lengths of the groove, around the shorter one of groove and land [m]."""
+        """Smallest lengths around and along the axis that cells must resolve [m].
+
+        Around, the length is the shorter one of groove and land; it is infinite if the groove is
+        closed.
+        """
         if self.closed:
             return np.inf, self.width
         return radius * radians(min(self.extent, 360.0 - self.extent)), self.width
@@ -279,7 +304,7 @@ class GrooveSupply(Supply):
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Share covered by the groove, and its derivative, as of `Supply`."""
+        """Covered share of the groove and its derivative, see `Supply.share`."""
         along, _ = step(np.abs(height - self.height) - 0.5 * self.width, blur)
         if self.closed:
             return along, np.zeros_like(along)
@@ -289,20 +314,20 @@ class GrooveSupply(Supply):
 
 @attrs.frozen(kw_only=True)
 class AxialGrooveSupply(GrooveSupply):
-    """A groove along the axis."""
+    """Groove along the axis through which oil is supplied."""
 
     length: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
     extent: float = number(REQUIRED, "along the circumference [degrees]", above=0, below=360)
 
     @property
     def width(self) -> float:  # type: ignore[override]
-        """Size along the axis [m]."""
+        """Extent along the axis [m]."""
         return self.length
 
 
 @attrs.frozen(kw_only=True)
 class CircumferentialGrooveSupply(GrooveSupply):
-    """A groove along the circumference."""
+    """Groove along the circumference through which oil is supplied."""
 
     width: float = number(REQUIRED, "along the axis [m]", above=0, below=LARGEST_LENGTH)
     extent: float = number(
@@ -310,48 +335,54 @@ class CircumferentialGrooveSupply(GrooveSupply):
     )
 
 
-#: Width over which a region's edge is blurred, over the larger side of a cell. A groove of 36
-#: degrees turned with an eccentricity of 0.6 through a cell changes the load by 0.6 % with 1, 0.37
-#: with 1.5 and 0.19 % with 2 (9-node cells, 40 x 10; 0.19 % without groove), and the load itself is
-#: 0.4, 0.9 and 1.5 % off.
+#: Width over which the edge of a region is blurred, over the larger side of a cell. Measured with a
+#: groove of 36 degrees at an eccentricity of 0.6 (9-node cells, 40 x 10), for widths of 1, 1.5 and
+#: 2 cells: turning the groove by one cell changes the load by 0.6, 0.37 and 0.19 % (without groove
+#: 0.19 %), and the error of the load is 0.4, 0.9 and 1.5 %.
 BLUR = 1.5
 
 
 def covered(
     region: Supply, grid: FilmGrid, points: SurfacePoints, turn: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covered share at points of a region turned by an angle [rad], and its angular derivative."""
+    """Covered share of a region at points, and its derivative with respect to `turn` [1/rad].
+
+    `turn` is the angle by which the region is turned [rad].
+    """
     offset = np.mod(points.angle - region.middle - turn + np.pi, TURN) - np.pi
     share, slope = region.share(offset, points.height, grid.radius, blur_of(region, grid))
     return share, -slope
 
 
 def blur_of(region: Supply, grid: FilmGrid) -> float:
-    """Width of a region's blurred edge [m]: `BLUR` cells, at most its size, twice its land."""
+    """Width of the blurred edge of a region [m].
+
+    It is `BLUR` cells, but at most the size of the region and twice its distance from a side.
+    """
     sizes = region.sizes(grid.radius)
     cell = max(c for c, size in zip(_cells(grid), sizes, strict=True) if np.isfinite(size))
     return min(BLUR * cell, 2 * _land(region, grid), *sizes)
 
 
 def _cells(grid: FilmGrid) -> tuple[float, float]:
-    """Largest extents of cells around and along [m]."""
+    """Largest size of the cells around and along the axis [m]."""
     around, along = grid.cell_sizes
     return float(around.max()) * grid.radius, float(along.max()) * grid.radius
 
 
 def _land(region: Supply, grid: FilmGrid) -> float:
-    """Least distance from a side of the bearing [m]."""
+    """Smallest distance of a region from a side of the bearing [m]."""
     bottom, top = region.reach
     return float(min(bottom - grid.heights[0], grid.heights[-1] - top))
 
 
 def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
-    """Refuse a supply whose region the bearing or its mesh cannot hold.
+    """Refuse a supply that reaches a side of the bearing, or that the film mesh does not resolve.
 
     Raises
     ------
     SettingsError
-        The message contains value and limit.
+        If the region does not fit; the message starts with `name` and has value and limit.
     """
     low = grid.heights[0]
     high = grid.heights[-1]
@@ -360,8 +391,8 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
     if not land > 0.0:
         raise SettingsError(
             f"{name} reaches from z = {1e3 * bottom:.4g} to {1e3 * top:.4g} mm, the bearing from "
-            f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: a region must leave land at both sides, else "
-            "its oil flows out there without passing a film"
+            f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: make it smaller or move it, so that land "
+            "remains at both sides"
         )
     around, along = region.sizes(grid.radius)
     counts = list(grid.cells)
@@ -377,7 +408,7 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
             counts[direction] = max(counts[direction], needed)
             breach = (
                 breach
-                or f"{what} of {1e3 * value:.4g} mm, less than a film cell's {1e3 * cell:.4g}"
+                or f"{what} of {1e3 * value:.4g} mm, below the cell size of {1e3 * cell:.4g} mm"
             )
     if breach:
         raise SettingsError(f"{name} has {breach}: use cells = {counts} or more")

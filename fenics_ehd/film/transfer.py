@@ -1,18 +1,19 @@
 """Transfer of pressure and displacement between film and bore meshes that do not match.
 
-A `Surface` is a mesh of a whole cylinder, unwrapped to the plane (phi, z) and periodic in phi. It
-may have holes. Points are located in the cells, in which nodal values are interpolated. Within a
-hole the interpolation is extended from the rim by mean value coordinates (K. Hormann and M. S.
-Floater, ACM Transactions on Graphics 25, 2006): exact where it is linear, and continuous but for
-the bend of the rim's edges.
+A `Surface` is a mesh of a full cylinder, unwrapped to the plane (phi, z) and periodic in phi. It
+may have holes. Points are located in cells, and nodal values are interpolated there. Within a hole
+the interpolation is extended from the rim by mean value coordinates (K. Hormann and M. S. Floater,
+ACM Transactions on Graphics 25, 2006). They reproduce linear functions, and the extension is
+continuous except for the curvature of the edges of the rim.
 
-**Section 2.2** has two ways to the nodal forces of a film pressure. The mortar (14) gives pressures
-on the bore's nodes, to be loaded with (15). The conservative one integrates the
-film's pressure against the bore's shape functions: resultant force and moment
-stay those of the film to round-off. Displacements are interpolated to the film's Gauss points by
-the bore's shape functions, the transpose of the conservative transfer: force and gap are then
-conjugate. With the mortar they are conjugate up to the error of the projection. Integrals are taken
-over the common refinement of the two meshes, triangles that tile all intersections of their cells.
+**Transfer.** Section 2.2 of the paper has two ways from a film pressure to nodal forces. The mortar
+(14) gives pressures at the nodes of the bore, whose forces are (15). The conservative transfer
+integrates the film's pressure times the shape functions of the bore: resultant force and moment are
+those of the film to round-off. Displacements are interpolated to the Gauss points of the film by
+the shape functions of the bore, which is the transpose of the conservative transfer: force and gap
+are then conjugate. With the mortar they are conjugate up to the error of the projection. Integrals
+are computed over the common refinement of both meshes: triangles that tile all intersections of
+their cells.
 """
 
 from __future__ import annotations
@@ -32,30 +33,30 @@ from fenics_ehd.reduction.elements import ELEMENTS, summed
 
 TURN = 2 * np.pi
 
-#: Largest distance of a node from its position in the affine cell, in reference coordinates.
+#: Largest distance of a node from its position in an affine cell, in reference coordinates.
 SHAPE_TOLERANCE = 1e-6
 
-#: The same distance for nodes in the middle of the edges of a hole, which lie on its rim.
+#: Largest such distance of a mid-side node on the rim of a hole, which follows the curved rim.
 RIM_TOLERANCE = 0.2
 
 
 def unwrap(angle: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Angles moved by whole turns to within half a turn of others."""
+    """Angles [rad] shifted by whole turns to within half a turn of the angles `near`."""
     return angle - TURN * np.round((angle - near) / TURN)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Mesh of a cylinder about the z axis.
+    """Mesh of a full cylinder about the z axis, in the plane of angle and height.
 
     Attributes
     ----------
     nodes
-        Angle [rad] and height [m] of the nodes, shape (m, 2); angles may lie
-        anywhere, cells across the seam unwrap themselves.
+        Angle [rad] and height [m] of the nodes, shape (m, 2). Angles may differ by whole turns:
+        those of one cell are shifted to lie together.
     cells
-        Nodes of each cell, shape (c, k): corners, edge midpoints, centre, in
-        dolfinx order; those of a `FilmGrid` are its `cell_nodes`.
+        Node numbers of each cell, shape (c, k): corners, edge midpoints, centre, in
+        dolfinx order, as `FilmGrid.cell_nodes`.
     family
         ``"bilinear"``, ``"serendipity"``, ``"lagrange"`` (4, 8, 9 nodes on
         quadrilaterals) or ``"triangle"`` (6 nodes).
@@ -63,7 +64,7 @@ class Surface:
     Raises
     ------
     InterfaceMismatchError
-        The cells are no straight-edged ones that cover a whole cylinder once, but for holes.
+        If the cells have curved edges, or do not cover the cylinder once except for holes.
     """
 
     nodes: np.ndarray
@@ -77,8 +78,8 @@ class Surface:
         if not abs(covered - TURN * self.width) <= SHAPE_TOLERANCE * TURN * self.width:
             raise InterfaceMismatchError(
                 f"surface cells cover {covered / max(self.width, 1e-300):.6g} rad of the "
-                "circumference, not a whole turn: they must be narrower than half a turn and "
-                "neither overlap nor leave gaps"
+                "circumference, not a whole turn: they must be narrower than half a turn, without "
+                "overlaps and gaps"
             )
         expected = ELEMENTS[self.family].nodes
         reference = self.reference(np.arange(len(self.cells)), self.cell_nodes)
@@ -89,14 +90,14 @@ class Surface:
         defect = off.max()
         if not defect <= SHAPE_TOLERANCE:
             raise InterfaceMismatchError(
-                f"a surface node lies {defect:.1e} cells off its place, above "
+                f"a surface node lies {defect:.1e} cell sizes from its position, above "
                 f"{SHAPE_TOLERANCE:.0e}: quadrilaterals must be parallelograms in (phi, z), with "
                 "mid-side nodes at the middle of the edges"
             )
 
     @classmethod
     def on_cylinder(cls, positions: np.ndarray, cells: np.ndarray, family: str) -> Surface:
-        """Surface of nodes on a cylinder about the z axis, positions of shape (m, 3) [m]."""
+        """Make a surface from Cartesian positions of its nodes, shape (m, 3) [m]."""
         angle = np.arctan2(positions[:, 1], positions[:, 0])
         return cls(np.column_stack([angle, positions[:, 2]]), cells, family)
 
@@ -112,12 +113,12 @@ class Surface:
 
     @cached_property
     def covered(self) -> float:
-        """Area of the cells [rad m]."""
+        """Area of all cells in the plane of angle and height [rad m]."""
         return float(self.determinants.sum() * (0.5 if self.triangular else 1.0))
 
     @cached_property
     def holes(self) -> list[BoreHole]:
-        """Holes that no cell covers."""
+        """Holes of the surface, which no cell covers."""
         if not self.covered < (1 - SHAPE_TOLERANCE) * TURN * self.width:
             return []
         angle, z = self.nodes.T
@@ -125,25 +126,28 @@ class Surface:
             holes = bore_holes(
                 np.column_stack([np.cos(angle), np.sin(angle), z]), self.cells, self.family
             )
-        except StructureError:  # what they leave is no hole
+        except StructureError:  # the uncovered area is no hole
             return []
         return [hole.straight() for hole in holes] if self.family != "bilinear" else holes
 
     @property
     def triangular(self) -> bool:
-        """True where the cells are triangles."""
+        """Whether the cells are triangles."""
         return ELEMENTS[self.family].corners == 3
 
     @cached_property
     def cell_nodes(self) -> np.ndarray:
-        """Nodes of every cell side by side in the plane, shape (c, k, 2)."""
+        """Angle and height of the nodes of every cell, shape (c, k, 2).
+
+        Angles of one cell are within half a turn of that of its first node.
+        """
         x = self.nodes[self.cells]
         x[:, :, 0] = unwrap(x[:, :, 0], x[:, :1, 0])
         return x
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """Corners of every cell in dolfinx order, shape (c, 3 or 4, 2)."""
+        """Angle and height of the corners of every cell in dolfinx order, (c, 3 or 4, 2)."""
         return self.cell_nodes[:, : 3 if self.triangular else 4]
 
     @cached_property
@@ -154,7 +158,7 @@ class Surface:
 
     @cached_property
     def determinants(self) -> np.ndarray:
-        """Area [rad m] per reference area of every cell, shape (c,)."""
+        """Area of every cell [rad m] over the area of the reference cell, shape (c,)."""
         return np.abs(np.linalg.det(self.jacobians))
 
     @cached_property
@@ -162,39 +166,40 @@ class Surface:
         return np.linalg.inv(self.jacobians).swapaxes(1, 2)
 
     def reference(self, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Reference coordinates of points (p, n, 2), each row in the cell given for it (p,)."""
+        """Reference coordinates of points (p, n, 2), n points in each of `cells`, shape (p,)."""
         offsets = points - self.corners[:, 0][cells][:, None]
         return offsets @ self._inverse_transposes[cells]
 
     @cached_property
     def centres(self) -> np.ndarray:
-        """Centres of the cells, shape (c, 2)."""
+        """Angle and height of the centre of every cell, shape (c, 2)."""
         return self.corners.mean(axis=1)
 
 
 #: Largest distance of a located point from its cell, in reference coordinates.
 OUTSIDE_TOLERANCE = 1e-6
 
-#: Triangles integrated at once.
+#: Number of triangles over which integrals are computed at once.
 BLOCK = 20_000
 
 
 def near_pairs(surface: Surface, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a cell and a point that may touch.
+    """Pairs of a cell and a point that are close enough for an overlap.
 
     Parameters
     ----------
     surface
-        The cells.
+        Surface with the cells.
     points
-        Angle and height, shape (p, 2).
+        Angle and height of the points, shape (p, 2).
     reach
-        Radius of what is around the points, in the length of `scaled_reach`.
+        Radius of an object around each point, with heights scaled as in `scaled_reach`; 0 for the
+        points alone.
 
     Returns
     -------
     cells, points : numpy.ndarray
-        Indices, shape (pairs,).
+        Indices of cells and points, shape (pairs,) each.
     """
     scale = _scale(surface)
     trees = [
@@ -209,46 +214,49 @@ def near_pairs(surface: Surface, points: np.ndarray, reach: float) -> tuple[np.n
 
 
 def _scale(surface: Surface) -> float:
-    """Angle per height that makes the cells about as wide as high."""
+    """Factor on heights, angle per height, with which cells are about as wide as high [rad/m]."""
     extents = np.ptp(surface.corners, axis=1).mean(axis=0)
     return extents[0] / extents[1]
 
 
 def scaled_reach(surface: Surface, other: Surface) -> float:
-    """Largest distance of a corner of `other` from its cell's centre, heights scaled alike."""
+    """Largest distance of a corner of `other` from the centre of its cell.
+
+    Heights are multiplied by the factor with which cells of `surface` are about as wide as high.
+    """
     offsets = (other.corners - other.centres[:, None]) * [1.0, _scale(surface)]
     return float(np.linalg.norm(offsets, axis=2).max())
 
 
 def locate(surface: Surface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cell of each point and its reference coordinates there.
+    """Find the cell of each point, and the reference coordinates of the point in this cell.
 
     Parameters
     ----------
     surface
-        The mesh.
+        Surface with the cells.
     points
-        Angle and height, shape (p, 2); any turn.
+        Angle and height of the points, shape (p, 2); angles may differ by whole turns.
 
     Returns
     -------
     cells : numpy.ndarray
-        shape (p,).
+        Index of the cell of each point, shape (p,).
     reference : numpy.ndarray
-        shape (p, 2).
+        Reference coordinates of each point, shape (p, 2).
 
     Raises
     ------
     InterfaceMismatchError
-        A point lies beyond an end of the cylinder.
+        If a point lies outside all cells.
     """
     cell, point = near_pairs(surface, points, 0.0)
     x = points[point]
     x[:, 0] = unwrap(x[:, 0], surface.centres[cell, 0])
     xi = surface.reference(cell, x[:, None])[:, 0]
     far = 1 - xi.sum(axis=1) if surface.triangular else (1 - xi).min(axis=1)
-    # A point on a common edge may belong to any of the cells: the one with the largest distance to
-    # its edges is chosen.
+    # A point on a common edge lies in several cells, up to round-off: the cell in which it lies
+    # deepest is chosen.
     depth = np.minimum(xi.min(axis=1), far)
     order = np.lexsort((depth, point))
     last = np.append(np.flatnonzero(np.diff(point[order])), len(order) - 1)[: len(order)]
@@ -258,31 +266,31 @@ def locate(surface: Surface, points: np.ndarray) -> tuple[np.ndarray, np.ndarray
         missing = np.setdiff1d(np.arange(len(points)), point[best[inside]])[0]
         low, high = surface.bounds
         raise InterfaceMismatchError(
-            f"the point at z = {points[missing, 1]:.6g} m lies outside the surface, which reaches "
-            f"from {low:.6g} to {high:.6g} m"
+            f"a point at z = {points[missing, 1]:.6g} m lies outside the surface, which reaches "
+            f"from z = {low:.6g} to {high:.6g} m"
         )
     return cell[best], xi[best]
 
 
 def interpolation_matrix(surface: Surface, phi: np.ndarray, z: np.ndarray) -> sparse.csr_matrix:
-    """Shape functions of a surface at points.
+    """Matrix from nodal values of a surface to values at points.
 
     Parameters
     ----------
     surface
-        The mesh, m nodes.
+        Surface with m nodes.
     phi, z
-        Points, shape (p,) [rad], [m].
+        Angles [rad] and heights [m] of the points, shape (p,) each.
 
     Returns
     -------
     scipy.sparse.csr_matrix
-        shape (p, m).
+        Shape functions at the points, extended into holes from their rims, shape (p, m).
 
     Raises
     ------
     InterfaceMismatchError
-        A point lies beyond an end of the cylinder.
+        If a point lies outside all cells and holes.
     """
     points = np.column_stack([phi, z])
     if surface.holes:
@@ -291,7 +299,7 @@ def interpolation_matrix(surface: Surface, phi: np.ndarray, z: np.ndarray) -> sp
 
 
 def _within(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
-    """Shape functions at points of the cells."""
+    """Shape functions at points (p, 2) within cells, shape (p, m)."""
     cells, xi = locate(surface, points)
     values = ELEMENTS[surface.family].shapes(xi)
     starts = np.arange(0, values.size + 1, values.shape[1])
@@ -300,7 +308,7 @@ def _within(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
 
 
 def _around_holes(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
-    """Shape functions at points, in a hole the extension from its rim."""
+    """Shape functions at points (p, 2), shape (p, m); in holes, the extension from the rim."""
     matrix = sparse.lil_matrix((len(points), len(surface.nodes)))
     outside = np.ones(len(points), dtype=bool)
     for hole in surface.holes:
@@ -315,9 +323,9 @@ def _around_holes(surface: Surface, points: np.ndarray) -> sparse.csr_matrix:
 
 
 def mean_value(polygon: np.ndarray, points: np.ndarray, scale: float) -> np.ndarray:
-    """Mean value coordinates of points within a polygon, shape (p, r).
+    """Mean value coordinates of points (p, 2) within a polygon (r, 2), shape (p, r).
 
-    `scale` is the angle that is as long as a unit of height.
+    Points and polygon are angles and heights; `scale` is a factor on heights [rad/m].
     """
     offsets = (polygon - points[:, None]) * [1.0, scale]
     following = np.roll(offsets, -1, axis=1)
@@ -331,28 +339,28 @@ def mean_value(polygon: np.ndarray, points: np.ndarray, scale: float) -> np.ndar
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-#: Largest difference of the two meshes' ends, relative to the width.
+#: Largest difference in height between the ends of the two meshes, relative to the width.
 WIDTH_TOLERANCE = 1e-8
 
-#: Largest relative difference of the intersections' area from the cylinder's.
+#: Largest relative difference between the area of all intersections and that of the cylinder.
 AREA_TOLERANCE = 1e-10
 
-#: Triangles smaller than this share of the cell are round-off of cells that only touch.
+#: Area over that of the reference cell below which a triangle is round-off of adjacent cells.
 SLIVER = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Triangles, each within one cell of either mesh.
+    """Common refinement of two meshes: t triangles, each within one cell of either mesh.
 
     Attributes
     ----------
     structure_cells, film_cells
-        Cells that each triangle lies in, shape (t,).
+        Indices of the cells of bore and film in which each triangle lies, shape (t,).
     on_structure, on_film
-        Its corners in the reference coordinates of these cells, shape (t, 3, 2).
+        Corners of each triangle in the reference coordinates of these cells, shape (t, 3, 2).
     areas
-        shape (t,) [rad m].
+        Area of each triangle, shape (t,) [rad m].
     """
 
     structure_cells: np.ndarray
@@ -365,13 +373,13 @@ class Overlay:
 def overlay(structure: Surface, film: Surface) -> Overlay:
     """Intersect the cells of two meshes of one cylinder.
 
-    The film's cells are clipped in the reference coordinates of the
-    structure's, where the clipping lines are the same for all pairs.
+    Cells of the film are clipped in the reference coordinates of cells of the structure, in which
+    the clipping lines are the same for all pairs.
 
     Raises
     ------
     InterfaceMismatchError
-        The meshes do not cover the same cylinder.
+        If the meshes do not cover the same cylinder.
     """
     _check_ends(structure, film)
     cell, other = near_pairs(structure, film.centres, scaled_reach(structure, film))
@@ -400,8 +408,8 @@ def overlay(structure: Surface, film: Surface) -> Overlay:
     defect = abs(result.areas.sum() / area - 1)
     if not defect <= AREA_TOLERANCE:
         raise InterfaceMismatchError(
-            f"the intersections of film and bore cells miss the cylinder's area by {defect:.1e} "
-            f"(relative), above {AREA_TOLERANCE:.0e}: cells of one mesh overlap"
+            f"the area of the intersections of film and bore cells differs from the cylinder's by "
+            f"{defect:.1e} (relative), above {AREA_TOLERANCE:.0e}: cells of one mesh overlap"
         )
     return result
 
@@ -416,7 +424,7 @@ def _check_ends(structure: Surface, film: Surface) -> None:
 
 
 def _clip_to_cell(polygons: np.ndarray, triangular: bool) -> np.ndarray:
-    """Convex polygons (p, n, 2) cut to the reference cell; vertices may repeat."""
+    """Parts of convex polygons (p, n, 2) within the reference cell; vertices may repeat."""
     lines = [([1, 0], 0), ([0, 1], 0)]
     lines += [([-1, -1], 1)] if triangular else [([-1, 0], 1), ([0, -1], 1)]
     for direction, offset in lines:
@@ -425,10 +433,11 @@ def _clip_to_cell(polygons: np.ndarray, triangular: bool) -> np.ndarray:
 
 
 def _clip(polygons: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Part of convex polygons (p, n, 2) where a linear function, `side` (p, n), is not negative.
+    """Parts of convex polygons (p, n, 2) in which a linear function is not negative.
 
-    Sutherland and Hodgman, Comm. ACM 17 (1974), all polygons at once. A cut adds
-    at most one vertex; polygons with fewer repeat their first kept one.
+    `side`, shape (p, n), has the values of the function at the vertices. The algorithm is that of
+    Sutherland and Hodgman, Comm. ACM 17 (1974), for all polygons at once. A cut adds at most one
+    vertex; polygons with fewer vertices repeat their first one.
     """
     count, size = side.shape
     following = np.roll(polygons, -1, axis=1)
@@ -451,7 +460,10 @@ def _areas(triangles: np.ndarray) -> np.ndarray:
 
 
 def _triangulate(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fans from the first vertex, degenerate triangles left out, and the polygon of each."""
+    """Triangles (t, 3, 2) that tile convex polygons (p, n, 2), and index of the polygon of each.
+
+    Triangles of a polygon share its first vertex; degenerate ones are omitted.
+    """
     size = polygons.shape[1]
     fan = np.stack([polygons[:, [0, i, i + 1]] for i in range(1, size - 1)], axis=1)
     owner = np.repeat(np.arange(len(polygons)), size - 2)
@@ -461,7 +473,10 @@ def _triangulate(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Barycentric points (q, 3) and weights (q,), sum 1, exact for a total polynomial degree."""
+    """Quadrature rule on a triangle that is exact for polynomials of a total degree.
+
+    It has barycentric points, shape (q, 3), and weights of sum 1, shape (q,).
+    """
     points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
     barycentric = np.column_stack([1 - points.sum(axis=1), points])
     return barycentric, weights / weights.sum()
@@ -470,36 +485,36 @@ def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
 #: Weights of three Gauss points on the unit interval.
 GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 
-#: Round-off of the area of a film cell's parts.
+#: Relative round-off of the area of a film cell that is summed over its parts.
 WHOLE = 1e-9
 
 
 class Mortar:
-    """``P_s = H_sf P_f`` (14), the L2 projection of film pressures onto the bore's mesh.
+    """L2 projection of film pressures onto the mesh of the bore, ``P_s = H_sf P_f`` (14).
 
-    ``H = D^-1 M`` with ``D = int N_s N_s dA`` and ``M = int N_s N_f dA``, the
-    latter integrated exactly over the true intersections of the cells, D over those of the bore's
-    with themselves: what both meshes can represent is reproduced, and the integral of every
-    pressure is kept. H itself is full and is not formed.
+    ``H = D^-1 M`` with ``D = int N_s N_s dA`` and ``M = int N_s N_f dA``. M is integrated exactly
+    over the intersections of the cells of both meshes. Functions that both meshes can represent are
+    reproduced, and the integral of every pressure is preserved. H itself is dense and is not
+    formed.
 
     Parameters
     ----------
     structure
-        Bore mesh of the pressures of (15), m nodes.
+        Mesh of the bore for the pressures of (15), m nodes.
     film
         Film mesh, k nodes.
     radius
-        Radius of both [m].
+        Bore radius [m].
 
     Attributes
     ----------
     mass, coupling
-        D, shape (m, m), and M, shape (m, k), sparse [m^2].
+        Sparse matrices D, shape (m, m), and M, shape (m, k) [m^2].
 
     Raises
     ------
     InterfaceMismatchError
-        The meshes do not cover the same cylinder.
+        If the meshes do not cover the same cylinder.
     """
 
     def __init__(self, structure: Surface, film: Surface, radius: float):
@@ -508,12 +523,12 @@ class Mortar:
         self._factor = splu(self.mass.tocsc())
 
     def to_structure(self, pressures: np.ndarray) -> np.ndarray:
-        """``H P_f`` for film pressures of shape (k,) or (k, columns)."""
+        """Pressures ``H P_f`` at nodes of the bore, from film pressures (k,) or (k, columns)."""
         return self._factor.solve(self.coupling @ pressures)
 
 
 def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
-    """``int N_s N_f dphi dz`` on the intersections of the cells."""
+    """Matrix ``int N_s N_f dphi dz``, shape (m, k), integrated over intersections of cells."""
     tiles = overlay(structure, film)
     degree = ELEMENTS[structure.family].degree + ELEMENTS[film.family].degree
     barycentric, weights = triangle_rule(degree)
@@ -536,24 +551,24 @@ def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
 
 
 def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.ndarray:
-    """Share of the area of each Gauss point of a film that lies outside the holes of a bore.
+    """Factor on the weight of each Gauss point of a film so that integrals omit holes of a bore.
 
-    Weights that integrate all products of quadratics exactly over the part of a film cell outside
-    the holes. With these weights the pressure of the film acts on the remaining surface.
+    With these factors the Gauss rule integrates all biquadratic functions exactly over the part of
+    a film cell outside the holes. The pressure of the film then acts on the remaining surface.
 
     Parameters
     ----------
     structure
-        Bore mesh, its holes polygons.
+        Mesh of the bore, whose holes are polygons.
     film
         Film mesh.
     points
-        3 x 3 Gauss points of a film cell, shape (9, 2).
+        3 x 3 Gauss points of the unit cell, shape (9, 2).
 
     Returns
     -------
     numpy.ndarray
-        shape (cells, 9), 1 where a cell is whole.
+        Factors [-], shape (cells, 9); 1 for cells that no hole touches.
     """
     tiles = overlay(structure, film)
     barycentric, weights = triangle_rule(4)
@@ -574,19 +589,19 @@ def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.nda
 
 
 def outward_displacement(structure: Surface, phi: np.ndarray, z: np.ndarray) -> sparse.csr_matrix:
-    """Gap change ``n . N_s u`` at points of the film per displacement of the bore nodes.
+    """Matrix from displacements u of bore nodes to gap changes ``n . N_s u`` at film points.
 
     Parameters
     ----------
     structure
-        Bore mesh of the displacements, m nodes.
+        Mesh of the bore, m nodes.
     phi, z
-        Points, shape (p,) [rad], [m]; ``n = (cos phi, sin phi, 0)``.
+        Angles [rad] and heights [m] of the points, shape (p,) each; ``n = (cos phi, sin phi, 0)``.
 
     Returns
     -------
     scipy.sparse.csr_matrix
-        shape (p, 3 m), columns ``3 node + component``.
+        Matrix, shape (p, 3 m), with the columns ``3 node + component``.
     """
     shape = interpolation_matrix(structure, phi, z)
     normal = np.repeat(np.column_stack([np.cos(phi), np.sin(phi)]), np.diff(shape.indptr), axis=0)

@@ -1,27 +1,28 @@
-"""Weak form of the Reynolds equation (1) over one flux law, in UFL.
+"""Weak form of the Reynolds equation (1) in UFL, with one flux law for the form and for arrays.
 
-Dimensionless: ``P = p / p_s`` with ``p_s = 12 eta Omega (R / c)^2``, gap ``H = h / c``, time in
-units of ``1 / Omega``, lengths in units of the bore radius ``R``. With the flux and the source
+All quantities are dimensionless: pressure ``P = p / p_s`` with ``p_s = 12 eta Omega (R / c)^2``,
+gap ``H = h / c``, time in units of ``1 / Omega``, lengths in units of the bore radius ``R``. With
+the flux and the source
 
     f = k grad P - rho H V e_phi,     s = d(rho H) / dt,     k = rho H^3 / eta
 
-the weak form on the flat mesh of the unwrapped bore, v of the pressure's space, is
+the weak form on the flat mesh of the unwrapped bore, for test functions v, is
 
     r(v) = int f . grad v + s v
 
-`flow_law` defines eta, rho, H, V and k once, for the symbols of the weak form and for arrays, from
-which losses, friction and heat are evaluated. Derivatives are UFL's: along the
-pressure, and along the gap's data, functions of the quadrature space. The derivative along the mean
-velocity is ``-rho H`` times the slope of v.
+`flow_law` defines eta, rho, H, V and k once: for the symbols of the weak form, and for arrays, from
+which losses, friction and heat are evaluated. UFL differentiates the weak form with respect to the
+pressure and to the gap's data, which are functions of the quadrature space. The derivative with
+respect to the mean velocity is ``-rho H`` times the slope of v.
 
 Between rough surfaces (`fenics_ehd.film.rough_surfaces`) H is the average gap ``h_T``, and with
 flow factors ``k = rho (sigma / c)^3 (h / sigma)^3 phi_p / eta`` and ``V + (U / 2) sigma w phi_s /
 h_T`` replace k and V.
 
-The source is written ``rho (a dH/dt + b H)``: a = 1, b = 0 for a steady density; a = 0, b = 1 /
-step for the content of a gap at the end of a step. Supplies add ``(H^3 q + t) P``, conductances of
-the film's own kind and of passages, and take ``H^3 q_s + t_s``, these times the pressures of the
-supplies.
+The source is ``rho (a dH/dt + b H)``: a = 1, b = 0 for a density constant in time; a = 0, b = 1 /
+step for the oil content at the end of a step. Supplies add ``(H^3 q + t) P - (H^3 q_s + t_s)``: q
+and t are the conductances of supplies without and with a resistance, q_s and t_s the same times the
+supply pressures.
 
 Numbers are constants of the form: only another combination of laws requires another form.
 
@@ -30,11 +31,11 @@ compiled once; other meshes, oils and temperatures use the same kernels.
 
 The mesh is the unwrapped bore, flat. Node numbers make it periodic: a node at one end of the
 circumference and its counterpart at the other end have the same number in the film's grid. Gap data
-are functions of the quadrature space, numbered cell by cell as arrays (cells, points) are. Matrices
-have the rows of all nodes; those of nodes where the pressure is given are left out by the pattern
-of a solver, whose entries are picked from them. Derivatives along the gap are assembled transposed,
-a row for every Gauss point: the data of these rows are those of the columns of a sparse matrix
-(nodes, points).
+are functions of the quadrature space, numbered cell by cell like arrays (cells, points). Matrices
+have rows for all nodes; solvers pick the entries of their own sparsity pattern, which omits nodes
+of given pressure. Derivatives with respect to the gap are assembled transposed, with a row for
+every Gauss point: the entries of these rows are those of the columns of a sparse matrix (nodes,
+points).
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.lubricant import Functions, Law, PressureLaw
 from fenics_ehd.film.parameters import FilmParameters
 
-#: Degree that the Gauss points integrate exactly.
+#: Polynomial degree up to which integrals over the Gauss points are exact.
 DEGREE = 2 * GAUSS_POINTS - 1
 
 SYMBOLS = Functions(ufl.exp, ufl.erf, ufl.conditional)
@@ -71,21 +72,22 @@ SUPPLIES = ("film_conductance", "film_supply", "passage_conductance", "passage_s
 
 @dataclass(frozen=True)
 class Laws:
-    """Element and combination of laws that a film's forms are compiled for.
+    """Element family and combination of laws for which the forms of a film are compiled.
 
     Attributes
     ----------
     family
-        See `FilmGrid`.
+        Element family, see `FilmGrid`.
     viscosity, density, thinning
-        Classes of the oil's laws; the last None for one that does not thin.
+        Classes of the oil's laws of viscosity, density and shear thinning; the last is None if the
+        oil does not thin.
     rough, flow_factors, dragging
-        Whether the surfaces are rough (average gap); whether Patir and Cheng's flow factors are
-        used; whether one surface is rougher.
+        Whether the surfaces are rough, so that H is the average gap; whether Patir and Cheng's flow
+        factors are used; whether sliding changes the flow because one surface is rougher.
     fields
-        Whether viscosity or density depend on the position.
+        Whether viscosity or density depend on position.
     supplies
-        Whether oil is conducted into the film.
+        Whether supplies conduct oil into the film.
     """
 
     family: str
@@ -100,7 +102,7 @@ class Laws:
 
     @classmethod
     def of(cls, p: FilmParameters) -> Laws:
-        """Combination of laws of one film."""
+        """Element family and laws of a film with the parameters `p`."""
         oil = p.lubricant
         surfaces = p.surfaces
         return cls(
@@ -117,38 +119,40 @@ class Laws:
 
     @property
     def values(self) -> tuple[str, ...]:
-        """Names of all values at the Gauss points."""
+        """Names of all input fields at the Gauss points: gap, properties of the oil, supplies."""
         fields = FIELDS if self.fields else ()
         return GAP + fields + (SUPPLIES if self.supplies else ())
 
     @property
     def sliding(self) -> bool:
-        """True of laws that depend on the sliding velocity."""
+        """Whether the flow depends on the sliding velocity."""
         return self.thinning is not None or self.dragging
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers of a form, or its constants of these values.
+    """Constants of a weak form: numbers, or the symbols for them in UFL.
 
     Attributes
     ----------
     squeeze, storage
-        a and b of the source.
+        Coefficients a and b of the source.
     rate_shift
-        ``d h' / d h`` [1/s] in the derivative along the thickness.
+        Derivative ``d h' / d h`` [1/s] of the thickness rate, in the derivative with respect to
+        thickness.
     level
         Constant that is subtracted from ``rho H V``. A uniform flow has no divergence, but its
-        round-off would choose the full nodes of a centred journal.
+        round-off would decide which nodes are full if the journal is centred.
     clearance, speed, rate, pressure_scale
-        c [m], ``Omega R`` [m/s], Omega [1/s] and p_s [Pa].
+        Clearance c [m], ``Omega R`` [m/s], Omega [1/s] and p_s [Pa].
     viscosity, density
-        Viscosity and density of the oil at ambient pressure, over those that make the equation
-        dimensionless.
+        Viscosity and density of the oil at ambient pressure, over those in the scales of the
+        equation.
     viscosity_law, density_law, shear_law
-        See `Law.numbers`.
+        Coefficients of the laws, see `Law.numbers`.
     surfaces
-        sigma [m], w, and the continuation of the mobility, see `rough_surfaces.mobility`.
+        Roughness sigma [m], weight w, and the coefficients of `rough_surfaces.mobility`; empty for
+        smooth surfaces.
     """
 
     squeeze: Any
@@ -168,35 +172,36 @@ class Numbers:
 
     @cached_property
     def flat(self) -> np.ndarray:
-        """All numbers in one array: `squeeze`, `storage`, `rate_shift` and `level` first."""
+        """All numbers in one array, in the order of the attributes."""
         return np.hstack([getattr(self, number.name) for number in fields(self)]).astype(float)
 
     @property
     def layout(self) -> tuple[int | None, ...]:
-        """Number of values in every attribute, None for an attribute that is no tuple."""
+        """Number of values in every attribute; None for an attribute that is a single number."""
         values = [getattr(self, number.name) for number in fields(self)]
         return tuple(len(value) if isinstance(value, tuple) else None for value in values)
 
     @classmethod
     def spread(cls, layout: Sequence[int | None], constants: Iterable[Any]) -> Numbers:
-        """Constants in the order of `flat`."""
+        """Make the object from a layout and constants in the order of `flat`."""
         rest = iter(constants)
         return cls(*(next(rest) if n is None else tuple(islice(rest, n)) for n in layout))
 
 
 class Flow(NamedTuple):
-    """Oil in a gap, dimensionless: expressions, or arrays (cells, points).
+    """Oil in a gap and its flow, dimensionless: UFL's expressions, or arrays (cells, points).
 
     Attributes
     ----------
     viscosity, density
-        eta and rho.
+        Viscosity eta and density rho, over those in the scales of the equation.
     conductance
-        k.
+        Factor ``k = rho H^3 / eta`` of the pressure gradient in the flux.
     thickness, slope
-        H, and ``dh_T / dh`` of rough surfaces.
+        Thickness H, the average gap between rough surfaces; and its derivative ``dh_T / dh``, 1
+        between smooth ones.
     velocity
-        V.
+        Mean velocity V of the flow.
     """
 
     viscosity: Any
@@ -208,8 +213,20 @@ class Flow(NamedTuple):
 
 
 def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Functions) -> Flow:
-    """Flow at a dimensionless pressure through a gap whose data are `q`."""
-    # Shape functions undershoot between nodes; the oil's laws require pressures of at least zero.
+    """Oil and its flow in a gap at a dimensionless pressure, as expressions or arrays.
+
+    Parameters
+    ----------
+    laws, n
+        Combination of laws, and its constants.
+    q
+        Fields at the Gauss points by name, see `Laws.values`.
+    pressure
+        Dimensionless pressure.
+    f
+        Functions for expressions or for arrays.
+    """
+    # Interpolated pressures may be negative between nodes; the oil's laws require at least zero.
     p = n.pressure_scale * f.where(pressure >= 0.0, pressure, 0.0)
     density = n.density * laws.density.ratio(f, p, *n.density_law)
     viscosity = n.viscosity * laws.viscosity.ratio(f, p, *n.viscosity_law)
@@ -242,7 +259,7 @@ def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Fun
 
 
 def pressure_element(family: str) -> Any:
-    """Element of the pressure on the flat mesh."""
+    """Finite element of the pressure on the flat mesh, for an element family."""
     if family == "serendipity":
         return compat.plane(quadratic_element(family, "quadrilateral"))
     degree = 1 if family == "bilinear" else 2
@@ -250,14 +267,14 @@ def pressure_element(family: str) -> Any:
 
 
 class WeakForm:
-    """Residual and its derivatives, independent of a mesh.
+    """UFL forms of the residual and its derivatives, independent of a mesh.
 
     Parameters
     ----------
     laws
         Combination of laws.
     layout
-        Layout of their numbers, see `Numbers.layout`.
+        Layout of the constants of the laws, see `Numbers.layout`.
 
     Attributes
     ----------
@@ -266,8 +283,9 @@ class WeakForm:
     coefficients
         Symbols of the nodal pressure and of `Laws.values`, by name.
     forms
-        ``"residual"``; ``"pressure"``, its derivative along the pressure; and the derivatives along
-        thickness and sliding velocity, transposed: a row for every Gauss point.
+        Forms by name: ``"residual"``; ``"pressure"``, its derivative with respect to pressure;
+        ``"thickness"`` and ``"sliding_velocity"``, its derivatives with respect to these,
+        transposed with a row for every Gauss point.
     """
 
     def __init__(self, laws: Laws, layout: Sequence[int | None]):
@@ -298,7 +316,7 @@ class WeakForm:
 
     @staticmethod
     def _integrand(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, v: Any) -> Any:
-        """The Reynolds equation (1): ``f . grad v + s v`` and the flow of supplies."""
+        """Integrand of the residual: ``f . grad v + s v`` of (1), and the flow of supplies."""
         flow = flow_law(laws, n, q, pressure, SYMBOLS)
         dragged = flow.density * flow.thickness * flow.velocity - n.level
         around = flow.conductance * pressure.dx(0) - dragged
@@ -311,13 +329,13 @@ class WeakForm:
         return around * v.dx(0) + flow.conductance * pressure.dx(1) * v.dx(1) + source * v
 
 
-#: Gauss points of a cell.
+#: Number of Gauss points in a cell.
 POINTS = GAUSS_POINTS**2
 
 
 @cache
 def compiled(laws: Laws, layout: tuple[int | None, ...]) -> tuple[WeakForm, dict[str, Any]]:
-    """Weak form of a combination of laws and what it compiles to, once in a process."""
+    """Weak form of a combination of laws, and its compiled forms by name; once in a process."""
     weak = WeakForm(laws, layout)
     handles = compat.compile_forms(list(weak.forms.values()))
     return weak, dict(zip(weak.forms, handles, strict=True))
@@ -325,14 +343,14 @@ def compiled(laws: Laws, layout: tuple[int | None, ...]) -> tuple[WeakForm, dict
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Data of the forms other than the pressure.
+    """Data with which the forms are assembled, except for the pressure.
 
     Attributes
     ----------
     numbers
-        `Numbers.flat`.
+        Constants of the forms, in the order of `Numbers.flat`.
     values
-        `Laws.values` by name, arrays (cells, points).
+        Fields at the Gauss points by the names of `Laws.values`, shape (cells, points) each.
     """
 
     numbers: np.ndarray
@@ -340,14 +358,14 @@ class Inputs:
 
 
 class FilmForms:
-    """Forms of a combination of laws on one grid.
+    """Forms of a combination of laws on one film mesh, with their vectors and matrices.
 
     Parameters
     ----------
     grid
         The film mesh.
     laws, layout
-        See `WeakForm`.
+        Combination of laws, and layout of its constants, see `WeakForm`.
     """
 
     def __init__(self, grid: FilmGrid, laws: Laws, layout: tuple[int | None, ...]):
@@ -380,23 +398,23 @@ class FilmForms:
         self._columns = sparse.csc_matrix((np.zeros(rows.size), rows, starts), shape)
 
     def vector(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
-        """Residual tested with every node, shape (nodes,), of dimensionless nodal pressures."""
+        """Residual at every node, shape (nodes,), for dimensionless nodal pressures `nodal`."""
         form = self._forms["residual"]
         values = np.zeros(self._size)
         cpp.fem.assemble_vector(values, form, inputs.numbers, self._packed(form, inputs, nodal))
         return values
 
     def matrix(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
-        """Entries of the residual's derivative along the pressure, see `places`."""
+        """Entries of the derivative of the residual with respect to pressure, see `places`."""
         return self._entries("pressure", "nodes", inputs, nodal)
 
     def along_gap(
         self, inputs: Inputs, nodal: np.ndarray
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix | None]:
-        """Derivatives of the residual along thickness and sliding velocity, (nodes, points) each.
+        """Derivatives of the residual with respect to thickness and sliding velocity.
 
-        The thickness rate follows the thickness, see `Numbers`. The last derivative is None for
-        laws that do not depend on sliding.
+        Both have the shape (nodes, points). The thickness rate depends on the thickness by
+        `Numbers.rate_shift`. The last derivative is None if the flow does not depend on sliding.
         """
         thickness = self._entries("thickness", "points", inputs, nodal)
         if not self._weak.laws.sliding:
@@ -405,9 +423,9 @@ class FilmForms:
         return with_data(self._columns, thickness), with_data(self._columns, sliding)
 
     def places(self, pattern: Pattern, nodes: np.ndarray) -> np.ndarray:
-        """Indices of the entries of a pattern on some nodes among the entries of `matrix`.
+        """Indices, among the entries of `matrix`, of the entries of a sparsity pattern on `nodes`.
 
-        An entry that `matrix` does not have gets the index after the last one.
+        For an entry that `matrix` does not have, the index is that after the last entry.
         """
         matrix = self._matrices["nodes"]
         starts = np.array(matrix.indptr)
@@ -421,7 +439,7 @@ class FilmForms:
         return np.where(codes[entries] == wanted, entries, len(codes))
 
     def _make_forms(self) -> None:
-        """Every form on this mesh, and a matrix for nodes as rows and for Gauss points as rows."""
+        """Make the forms on this mesh, and matrices with a row for every node or Gauss point."""
         self._forms: dict[str, Any] = {}
         self._matrices: dict[str, Any] = {}
         named = {id(symbol): name for name, symbol in self._weak.coefficients.items()}
@@ -453,7 +471,7 @@ class FilmForms:
 
 
 def _flat_mesh(grid: FilmGrid) -> Any:
-    """The unwrapped bore, angles and heights over the radius."""
+    """Flat dolfinx mesh of the unwrapped bore: angles, and heights over the radius."""
     around, along = grid.cells
     heights = grid.heights / grid.radius
     x = np.column_stack([np.repeat(grid.angles, along + 1), np.tile(heights, around + 1)])

@@ -1,7 +1,7 @@
 """Variable-step backward differentiation of implicit second-order systems.
 
-Solves ``r(t, x, x', x'') = 0``; rates are those of `tabulated.blended`, for ``x`` and again
-for ``x'``.
+The system is ``r(t, x, x', x'') = 0``. The formula `tabulated.blended` gives the rate of ``x``, and
+applied again the rate of ``x'``.
 """
 
 from __future__ import annotations
@@ -25,26 +25,27 @@ from fenics_ehd.multibody.tabulated import (
     rows_missed,
 )
 
-#: Largest fraction of the distance to the boundary that an update may use.
+#: Largest share of a gap by which one update may reduce it.
 BOUNDARY_FRACTION = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class ImplicitStep:
-    """Equations of a time integration formula at the end of a step.
+    """Time integration formula at the end of one step.
 
     Attributes
     ----------
     time
-        End of the step [s].
+        Time at the end of the step [s].
     shift, past_x, past_rate
-        ``x' = shift x + past_x`` and ``x'' = shift x' + past_rate``.
+        Coefficients of ``x' = shift x + past_x`` and ``x'' = shift x' + past_rate``, shift in
+        [1/s], the others of shape (n,).
     start, predicted
-        Values at the beginning of the step and extrapolated to its end.
+        Values of x at the start of the step, and extrapolated to its end, shape (n,).
     observed
-        Quantities observed by the step control, at the start and as predicted.
+        Observed quantities (`Observed.observe`) at the start, and extrapolated to the end.
     tolerance
-        Tolerance on the last update of an iteration, in the problem's norm.
+        Tolerance of the last update of an iteration, in the norm of the problem.
     error_share
         Local error of the formula over the distance of the solution from the extrapolation.
     """
@@ -60,11 +61,11 @@ class ImplicitStep:
     error_share: float = 1.0
 
     def acceleration(self, rate: np.ndarray) -> np.ndarray:
-        """``x''`` for a rate at the end of the step."""
+        """Second derivative ``x''`` for a rate ``x'`` at the end of the step."""
         return self.shift * rate + self.past_rate
 
 
-#: Further results of a solution, and state that the solver keeps from step to step.
+#: Types of the further results of a solution, and of the state that a solver keeps between steps.
 Solution = TypeVar("Solution")
 Carried = TypeVar("Carried")
 
@@ -76,11 +77,11 @@ class Solved(Generic[Solution, Carried]):
     Attributes
     ----------
     x, rate
-        Solution x and its rate at the end of the step.
+        Solution x and its rate at the end of the step, shape (n,) each.
     observed
-        See `Observed`.
+        Observed quantities at x, see `Observed.observe`.
     solution
-        Further results, for callers.
+        Further results for the caller.
     solver
         State of the solver for the next step.
     """
@@ -94,40 +95,51 @@ class Solved(Generic[Solution, Carried]):
 
 @dataclass(frozen=True, eq=False)
 class Attempt(Generic[Solution, Carried]):
-    """Outcome of the solution of one step: its solution, or the cause of its failure."""
+    """Outcome of an attempt to solve one step.
+
+    Attributes
+    ----------
+    iterations
+        Number of Newton iterations.
+    solved
+        Solution of the step; None if the attempt failed.
+    cause
+        Error that made the attempt fail, or None.
+    """
 
     iterations: int
     solved: Solved[Solution, Carried] | None = None
     cause: Exception | None = None
 
 
-#: Solves a step of a problem, with the solver's state of the step before, None at first.
+#: Function that solves one step of a problem. Its last argument is the state of the solver after
+#: the previous step, None in the first one.
 StepSolver = Callable[[Any, ImplicitStep, Carried | None], Attempt[Solution, Carried]]
 
 
-#: Largest growth of the step by order. Variable-step formulas are zero-stable for ratios below
-#: 2.41 (k = 2) and 1.61 (k = 3) (Guglielmi and Zennaro, Numer. Math. 2001); for k = 4 the limit is
-#: 1.28, too small to start a film from steps of 1e-8 s.
+#: Largest ratio of a step to the one before, by order k. Variable-step formulas are zero-stable for
+#: ratios below 2.41 (k = 2) and 1.61 (k = 3) (Guglielmi and Zennaro, Numer. Math. 2001). For k = 4
+#: the limit is 1.28, too small to start a film from steps of 1e-8 s.
 GROWTH = {1: 2.0, 2: 2.0, 3: 1.5}
 
-#: Smallest factor by which a failed step shrinks.
+#: Smallest ratio of a step to a failed one.
 SHRINKAGE = 0.2
 
-#: Factor on the step that would just meet the tolerance.
+#: Safety factor on the step that would just meet the tolerance.
 SAFETY = 0.9
 
-#: Newton stops when its last update is below this fraction of the step tolerance.
+#: Tolerance of the last Newton update over that of a step.
 NEWTON_FRACTION = 1e-2
 
 
 class Observed(Protocol):
-    """Problem whose errors the step control judges, relative to its own sizes."""
+    """Problem that defines the quantities whose errors control the step, and their norm."""
 
     def observe(self, x: np.ndarray) -> np.ndarray:
-        """Quantities whose errors count, an affine function of x."""
+        """Observed quantities, whose errors control the step: an affine function of x."""
 
     def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
-        """Relative size of an error of the observed quantities: 1 if it is as large as they are."""
+        """Relative size of an error of the observed quantities, 1 for an error of 100 %."""
 
 
 @attrs.frozen(slots=False)
@@ -137,16 +149,17 @@ class IntegratorOptions:
     Attributes
     ----------
     tolerance
-        Largest estimated local error of a step, in the problem's norm: of a mechanism relative
-        change of every gap, and of coordinates as `Body.error_measure` has them.
+        Largest estimated local error of a step, in the norm of the problem: for a mechanism, the
+        relative change of every gap, and of coordinates scaled by `Body.error_measure`.
     order
         Number of past points k in the formula, 1 to 3.
     first, smallest
-        [s].
+        First and smallest step [s].
     largest
-        [s]; a mechanism's run takes it as a share of the time to simulate, or of a cycle.
+        Largest step [s]; for a run of a mechanism, over the time to simulate or the cycle [-].
     blend
-        Share b of order k + 1, for k > 1; 0 leaves plain backward differentiation.
+        Share b of the formula of order k + 1, for k > 1; with 0 the formula is plain backward
+        differentiation.
     """
 
     tolerance: float = number(1e-5, "relative", above=0)
@@ -159,11 +172,23 @@ class IntegratorOptions:
 
 @dataclass(frozen=True, eq=False)
 class Step(Generic[Solution]):
-    """One accepted step; `observed` is `Observed.observe` of x.
+    """Accepted step.
 
-    `rejected` counts the failed attempts since the last accepted step by reason;
-    `newton_iterations` includes the iterations of failed attempts. `solution` belongs to x; a
-    further update would change both by less than `ImplicitStep.tolerance`.
+    Attributes
+    ----------
+    time
+        Time at the end of the step [s].
+    x, rate, acceleration
+        Solution x and its first and second derivative at the end of the step, shape (n,) each.
+    observed
+        Observed quantities at x, see `Observed.observe`.
+    solution
+        Further results at x. A further Newton update would change x and these results by less than
+        `ImplicitStep.tolerance`.
+    newton_iterations
+        Number of Newton iterations since the last accepted step, failed attempts included.
+    rejected
+        Number of failed attempts since the last accepted step, by reason.
     """
 
     time: float
@@ -176,7 +201,7 @@ class Step(Generic[Solution]):
     rejected: dict[str, int] = field(default_factory=dict)
 
 
-#: Layout of a stored `IntegratorState`, its solver's apart.
+#: Layout of a stored `IntegratorState`, without the state of its solver.
 INTEGRATOR: Mapping[str, Value] = {
     "times": Value("float", ("PAST",)),
     "x": Value("float", ("PAST", "x")),
@@ -193,11 +218,12 @@ class IntegratorState(Generic[Carried]):
     Attributes
     ----------
     times, x, rate, observed
-        Past points, newest first, one row each.
+        Times [s], solutions, rates and observed quantities at past points, a row for each point,
+        newest first.
     step
         Length of the next step [s].
     solver
-        State of the step solver.
+        State of the step solver; None before the first step.
     """
 
     times: np.ndarray
@@ -216,7 +242,7 @@ class IntegratorState(Generic[Carried]):
         rate: np.ndarray,
         control: IntegratorOptions,
     ) -> IntegratorState[Carried]:
-        """State before the first step."""
+        """Make the state before the first step, from x and its rate at a time [s]."""
         step = min(control.first, control.largest)
         return cls(np.array([time]), x[None], rate[None], problem.observe(x)[None], step)
 
@@ -228,7 +254,7 @@ class IntegratorState(Generic[Carried]):
     def after(
         self, new: Step[Solution], step: float, solver: Carried, keep: int
     ) -> IntegratorState[Carried]:
-        """State with one more point."""
+        """Return the state after a `new` step: with its point, and at most `keep` points."""
 
         def rows(first: np.ndarray, others: np.ndarray) -> np.ndarray:
             return np.concatenate([first[None], others])[:keep]
@@ -243,11 +269,17 @@ class IntegratorState(Generic[Carried]):
         )
 
     def usable_order(self, order: int) -> int:
-        """Order with one more past point for the extrapolation; the first step has the rate."""
+        """Largest order up to `order` for which enough past points are known, at least 1.
+
+        The extrapolation needs one more point than the order; that of the first step uses the rate.
+        """
         return max(1, min(order, len(self.times) - 1))
 
     def predict(self, problem: Observed, time: float, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """Extrapolation of x and of the observed quantities; at first along the initial rate."""
+        """Extrapolate x and the observed quantities from past points to a time [s].
+
+        The first step extrapolates along the initial rate.
+        """
         if len(self.times) == 1:
             x = self.x[0] + (time - self.times[0]) * self.rate[0]
             return x, problem.observe(x)
@@ -257,11 +289,11 @@ class IntegratorState(Generic[Carried]):
     def misses(
         self, loads: Sequence[TabulatedLoad], time: float, x: np.ndarray, nearest: float
     ) -> bool:
-        """True if a step to this point misses a row, see `rows_missed`."""
+        """Whether a step to this time and solution misses a row of a table, see `rows_missed`."""
         return bool(loads) and rows_missed(loads, *self._ahead(time, x), nearest)[1]
 
     def _ahead(self, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and states of the next and of past points, for a comparison with tables."""
+        """Times [s] and solutions x of the next point and of past points, newest first."""
         times = np.concatenate([[time], self.times[:POINTS]])
         return times, np.vstack([x, self.x[:POINTS]])
 
@@ -273,7 +305,10 @@ class IntegratorState(Generic[Carried]):
         order: int,
         nearest: float,
     ) -> float:
-        """The time, or the time of the last row before it up to which a step misses no row [s]."""
+        """Time up to which a step may go without missing a row of a table [s].
+
+        It is `time`, or the time of the last row before it up to which no row is missed.
+        """
         if not loads:
             return time
 
@@ -289,7 +324,7 @@ class IntegratorState(Generic[Carried]):
     def implicit_step(
         self, problem: Observed, time: float, order: int, blend: float, tolerance: float
     ) -> ImplicitStep:
-        """Equations for the next point, by the formula of an order `blended` with the next."""
+        """Make the formula of a step to a time [s]: the one of an order `blended` with the next."""
         predicted, observed = self.predict(problem, time, order + 1)
         weights, lower = blended(time, self.times, order, blend)
         past = weights[1:]
@@ -316,7 +351,7 @@ def advance(
     solve: StepSolver[Carried, Solution],
     tables: Sequence[TabulatedLoad] = (),
 ) -> tuple[Step[Solution], IntegratorState[Carried]]:
-    """One accepted step, and the state after it.
+    """Take one accepted step, and return it with the state after it.
 
     The local error is estimated from the distance between the solution and the
     extrapolation of the last k + 1 points. No step misses a row of a table.
@@ -328,18 +363,18 @@ def advance(
     state
         State of the integration before the step.
     end
-        Time that the step may reach at most [s].
+        Latest time for the end of the step [s].
     control
         Tolerance and step sizes.
     solve
-        Solves the equations of one step.
+        Function that solves the equations of one step.
     tables
-        Loads whose rows no step may jump over.
+        Loads from tables, none of whose rows a step may miss.
 
     Raises
     ------
     StepSizeError
-        The step fell below the smallest allowed one.
+        If the step falls below the smallest allowed one.
     """
     step = state.step
     iterations = 0
@@ -367,7 +402,7 @@ def advance(
             observed = solved.observed
             distance = problem.error_norm(observed, observed - asked.observed[1])
             error = asked.error_share * distance
-            # An angle that differs from its prediction may have passed other rows.
+            # With an angle that differs from its prediction, the step may miss other rows.
             if error <= control.tolerance and state.misses(tables, time, solved.x, nearest):
                 error = np.inf
                 failure = "row of a table missed"
@@ -380,8 +415,8 @@ def advance(
             return new, state.after(new, step, solved.solver, keep)
         first = state.solver is None and np.isfinite(error)
         if solved is not None and first and step < nearest:
-            # A start that contradicts the equations leaps in a step of any length: a journal
-            # without mass presses at once on a bore without support. Integration begins after it.
+            # A start that contradicts the equations causes a jump in a step of any length, for
+            # example of a massless journal on an unsupported bore. Integration starts after it.
             step = state.step
             state = IntegratorState(
                 np.array([time]), solved.x[None], state.rate, observed[None], step, solved.solver
@@ -396,14 +431,20 @@ def advance(
 
 
 def _next_step(step: float, error: float, order: int, control: IntegratorOptions) -> float:
-    """Step that would have met the tolerance [s]; an infinite error shortens by `SHRINKAGE`."""
+    """Length of the next step [s], from the estimated error of the last one.
+
+    The change is limited by `GROWTH` and, for failed steps with an infinite error, by `SHRINKAGE`.
+    """
     ratio = control.tolerance / max(error, 1e-10 * control.tolerance)
     factor = SAFETY * ratio ** (1.0 / (order + 1))
     return min(step * min(max(factor, SHRINKAGE), GROWTH[order]), control.largest)
 
 
 def _target(time: float, end: float, step: float) -> tuple[float, float]:
-    """End of the next step and its length: two equal last steps, not a long and a tiny one."""
+    """Time at the end of the next step, and its length [s].
+
+    Before `end`, two equal steps replace a long and a tiny one.
+    """
     remaining = end - time
     if step >= remaining:
         return end, remaining

@@ -2,18 +2,19 @@
 
 Joints, drives and forces access a body through its markers. A marker is a point whose values
 ``u = (x, y, angle, psi_x, psi_y)`` in the frame at rest are functions of the body's coordinates.
-The tilt psi of the axis is zero for all bodies but shafts.
+The tilt psi of the axis is zero for all bodies except shafts.
 
-A material point has the position ``x + A(theta) p`` with ``p = B s``, ``s = (0, 0, 1, q)`` and B
-the fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. Its acceleration in the
-body's frame is
+A material point has the position ``x + A(theta) p`` with ``p = B s`` and ``s = (0, 0, 1, q)``. B
+contains the fields of `InertiaIntegrals` in the order of ``(x, y, theta, q)``. With the quarter
+turn S, the acceleration of the point in the body's frame is
 
-    p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p:
+    p'' + A^T x'' + 2 theta' S p' + theta'' S p + theta'^2 S S p,
 
-relative, Coriolis, Euler and centrifugal terms. They are complete, because p is affine in q.
+with relative, Coriolis, Euler and centrifugal terms. These terms are exact, because p is affine in
+q.
 
-Imports inside functions: `FlexibleBody.surface` needs film meshes, which settings that only name
-bodies do without.
+Imports inside functions: `FlexibleBody.surface` imports film meshes when it is called, so that
+settings that only name bodies load none.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from fenics_ehd.base.plane import rotation
 from fenics_ehd.multibody.surface import BORE, Side, Surface
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
-#: Indices of position, angle and the first of two tilts in a marker's values, and their number.
+#: Indices of position, angle and the first of two tilts in a marker's values, and number of values.
 POSITION = slice(0, 2)
 ANGLE = 2
 TILT = 3
@@ -44,18 +45,20 @@ WIDTH = 5
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """One marker at one instant, with its derivatives along n coordinates.
+    """One marker at one instant, with its derivatives with respect to n coordinates z.
 
     Attributes
     ----------
     values
-        ``u = (x, y, angle, psi_x, psi_y)``, shape (5,) [m], [rad].
+        Position, angle and tilt ``u = (x, y, angle, psi_x, psi_y)``, shape (5,) [m], [rad].
     jacobian
-        ``du/dz``, shape (5, n).
+        Derivative ``du/dz``, shape (5, n).
     force_derivative
-        For f of shape (5,), the derivative of ``jacobian^T f``, shape (n, n); None: zero.
+        Function of a force f, shape (5,): derivative of ``jacobian^T f`` with respect to z, shape
+        (n, n). None if the derivative is zero.
     rate_derivative
-        For rates of shape (n,), the derivative of ``jacobian @ rates``, shape (5, n); None: zero.
+        Function of rates z', shape (n,): derivative of ``jacobian @ z'`` with respect to z, shape
+        (5, n). None if the derivative is zero.
     """
 
     values: np.ndarray
@@ -66,7 +69,7 @@ class Marker:
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Derivatives of forces along coordinates, rates and accelerations, shape (n, n) each."""
+    """Derivatives of forces by coordinates, rates and accelerations, shape (n, n) each."""
 
     position: np.ndarray
     rate: np.ndarray
@@ -74,14 +77,14 @@ class Derivatives:
 
 
 class FrameInertia:
-    """Inertia forces on ``(x, y, theta, q)`` at one instant.
+    """Inertia forces of a planar body on its coordinates ``(x, y, theta, q)`` at one instant.
 
     Parameters
     ----------
     integrals
-        Integrals of the body, `in_order_of_coordinates`.
+        Inertia integrals of the body, `in_order_of_coordinates`.
     coordinates, rates, accelerations
-        ``(x, y, theta, q)`` and its time derivatives, shape (3 + n,).
+        Coordinates ``(x, y, theta, q)`` and their time derivatives, shape (3 + n,) each.
     minus_gravity
         Negative gravitational acceleration, which is added to that of x and y, shape (2,) [m/s^2].
     """
@@ -99,7 +102,7 @@ class FrameInertia:
         self._turn = rotation(coordinates[2])
         self._omega = rates[2]
         self._alpha = accelerations[2]
-        # s, s' and p'' + A^T x'' in the fields of the integrals.
+        # Coefficients of p, p' and p'' + A^T x'' in the fields of the integrals.
         s = coordinates.copy()
         s[:2] = 0.0
         s[2] = 1.0
@@ -114,7 +117,7 @@ class FrameInertia:
 
     @cached_property
     def _on_fields(self) -> np.ndarray:
-        """Forces on x and y in the body's frame, moment, forces on q, shape (3 + n,)."""
+        """Inertia forces on x and y in the body's frame, on theta and on q, shape (3 + n,)."""
         s, rate, acceleration = self._fields
         coriolis_and_euler = 2 * self._omega * rate + self._alpha * s
         forces = self._integrals.mass @ acceleration + self._integrals.spin @ coriolis_and_euler
@@ -125,13 +128,16 @@ class FrameInertia:
 
     @property
     def forces(self) -> np.ndarray:
-        """Generalised inertia forces, shape (3 + n,)."""
+        """Generalised inertia forces on ``(x, y, theta, q)``, shape (3 + n,)."""
         forces = self._on_fields.copy()
         forces[:2] = self._turn @ forces[:2]
         return forces
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of `forces`, shape (3 + n, 3 + n) each."""
+        """Derivatives of `forces` with respect to coordinates, rates and accelerations.
+
+        Each has the shape (3 + n, 3 + n).
+        """
         s, rate, acceleration = self._fields
         omega = self._omega
         alpha = self._alpha
@@ -142,7 +148,7 @@ class FrameInertia:
         c_s = self._centrifugal_s
         c_rate = c @ rate
         n = len(s)
-        # x and y in the body's frame.
+        # First with x and y in the body's frame.
         parts = np.zeros((3, n, n))
         position, by_rate, by_acceleration = parts
         by_acceleration[:] = m
@@ -160,14 +166,14 @@ class FrameInertia:
         position[0, 2] -= self._on_fields[1]
         position[1, 2] += self._on_fields[0]
         position[2, 2] = g_s[0] * acceleration[1] - g_s[1] * acceleration[0]
-        # x and y at rest.
+        # Then with x and y in the frame at rest.
         parts[:, :2] = self._turn @ parts[:, :2]
         by_acceleration[:, :2] = by_acceleration[:, :2] @ self._turn.T
         return Derivatives(position, by_rate, by_acceleration)
 
     @property
     def kinetic_energy(self) -> float:
-        """Kinetic energy [J]."""
+        """Kinetic energy of the body [J]."""
         s, rate, _ = self._fields
         velocity = rate.copy()
         velocity[:2] = self._frame_rates[:2] @ self._turn
@@ -179,7 +185,7 @@ class FrameInertia:
 
 
 def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
-    """Integrals with the fields in the order ``(x, y, theta, q)``.
+    """Inertia integrals with their fields in the order ``(x, y, theta, q)``.
 
     The position of a point, field 0 of the integrals, becomes the field of theta.
     """
@@ -189,7 +195,7 @@ def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
 
 
 def rigid_integrals(mass: float, inertia: float, centre: np.ndarray) -> InertiaIntegrals:
-    """Integrals of a body without elastic coordinates.
+    """Inertia integrals of a body without elastic coordinates.
 
     Parameters
     ----------
@@ -211,9 +217,10 @@ def with_total(
     inertia: float | None,
     centre: np.ndarray | None,
 ) -> InertiaIntegrals:
-    """Integrals with another total mass, inertia and centre of mass; None keeps the present value.
+    """Inertia integrals with another total mass, inertia and centre of mass.
 
-    Only the rigid part changes: a rigid body with the difference is fixed to the frame.
+    None keeps the value of the integrals. The elastic part does not change: the difference is the
+    inertia of a rigid body that is fixed to the frame.
     """
     present = rigid_integrals(
         integrals.total_mass, integrals.polar_inertia, integrals.centre_of_mass
@@ -228,15 +235,16 @@ def with_total(
     return InertiaIntegrals(*(part + np.pad(new - old, elastic) for part, new, old in matrices))
 
 
-#: Weight of multipliers on coordinates that the films see, next to 1 on frames: about the square
-#: of clearance over length. A weight of 1 turns the drift of the large motion into false squeeze
-#: velocities, 0 is singular where two films carry one body.
+#: Weight of velocity multipliers on elastic coordinates and others on which gaps depend, while it
+#: is 1 on frames: about the square of clearance over length. A weight of 1 would turn drift of the
+#: large motion into false squeeze velocities. With 0 the equations are singular if two films carry
+#: one body.
 FINE_WEIGHT = 1e-7
 
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies of one body at one instant [J], and the power that its damping dissipates [W]."""
+    """Kinetic and strain energy of one body at one instant [J], and power lost to damping [W]."""
 
     kinetic: float = 0.0
     strain: float = 0.0
@@ -245,14 +253,14 @@ class Energies:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """Forces of one body at one instant.
+    """Inertia, stiffness and damping forces of one body at one instant.
 
     Attributes
     ----------
     forces
-        Generalised forces, shape (n,).
+        Generalised forces on the n coordinates, shape (n,).
     derivatives
-        Function that computes the derivatives of the forces.
+        Function without arguments that computes the derivatives of the forces.
     """
 
     forces: np.ndarray
@@ -260,7 +268,7 @@ class Balance:
 
 
 class Body(ABC):
-    """A body with n coordinates."""
+    """Body of a mechanism, with n coordinates."""
 
     #: Whether the axis tilts at the body's points, as that of a bent shaft does.
     tilts = False
@@ -278,17 +286,17 @@ class Body(ABC):
     @property
     @abstractmethod
     def start(self) -> np.ndarray:
-        """Coordinates of the rough pose, shape (n,)."""
+        """Coordinates of the rough pose at the start, shape (n,)."""
 
     @property
     @abstractmethod
     def start_rates(self) -> np.ndarray:
-        """Rates of the coordinates in the rough pose, shape (n,)."""
+        """Rates of the coordinates in the rough pose at the start, shape (n,)."""
 
     @property
     @abstractmethod
     def angle_index(self) -> int | None:
-        """Index of the body's angle among its coordinates; None: the body cannot turn."""
+        """Index of the body's angle among its coordinates; None if the body cannot turn."""
 
     @property
     @abstractmethod
@@ -297,7 +305,7 @@ class Body(ABC):
 
     @property
     def axisymmetric(self) -> bool:
-        """True if the points and the centre of mass lie on the axis that the body turns about."""
+        """Whether all points and the centre of mass lie on the axis about which the body turns."""
         return False
 
     @property
@@ -307,24 +315,27 @@ class Body(ABC):
 
     @property
     def mobility(self) -> np.ndarray:
-        """Compliance of each coordinate in assembly, shape (n,)."""
+        """Compliance of each coordinate when the mechanism is assembled, shape (n,)."""
         return self.weights
 
     @property
     @abstractmethod
     def point_names(self) -> tuple[str, ...]:
-        """Names of the body's points without the origin."""
+        """Names of the body's points, except for the origin."""
+
+    #: Reduced part whose elastic motion the body has; None: it has none.
+    reduced: ReducedBody | None = None
 
     @abstractmethod
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
-        """Marker of a point, or of the origin for an empty name, at coordinates, shape (n,)."""
+        """Marker of a point at given coordinates, shape (n,); an empty name is the origin."""
 
     def surface(self, point: str, side: Side) -> Surface:
-        """Surface of the body at a point, on one side of a film; rigid by default."""
+        """Make the surface of the body at a point, on one side of a film; rigid by default."""
         return Surface(side)
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the undeformed surface at a point."""
+        """Name of the point at the centre of the undeformed surface that `point` names."""
         return point
 
     @abstractmethod
@@ -336,68 +347,75 @@ class Body(ABC):
         *,
         minus_gravity: np.ndarray,
     ) -> Balance:
-        """Inertia, stiffness and damping forces, which balance the forces on the body.
+        """Inertia, stiffness and damping forces, which balance the other forces on the body.
 
         Parameters
         ----------
         coordinates, rates, accelerations
-            shape (n,).
+            Coordinates and their time derivatives, shape (n,) each.
         minus_gravity
             Negative gravitational acceleration, shape (2,) [m/s^2].
         """
 
     @abstractmethod
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
-        """Energies at coordinates and rates, shape (n,) each."""
+        """Kinetic and strain energy and damping loss at coordinates and rates, shape (n,) each."""
 
     @abstractmethod
     def error_measure(self) -> np.ndarray:
-        """Matrix that makes coordinates dimensionless for the step control, shape (k, n)."""
+        """Matrix from changes of coordinates to dimensionless errors, shape (k, n).
+
+        The step control limits every one of the k errors.
+        """
 
 
-#: Scale of elastic displacements for the step control, over the body's size: about the largest
-#: elastic strain of metals.
+#: Elastic displacement that counts as an error of 1 in the step control, over the body's size:
+#: about the largest elastic strain of metals.
 ELASTIC_SHARE = 1e-3
 
 
 @attrs.frozen(eq=False, slots=False, kw_only=True)
 class Pose:
-    """Rough origin and angle of a body at the start; assembly closes the joints."""
+    """Rough position, angle and velocities of a body at the start; assembly closes the joints."""
 
     position: tuple[float, float] = place("origin at the start, roughly [m]")
     angle: float = number(0.0, "at the start, of the body's x axis from x, + from x to y [degrees]")
-    velocity: tuple[float, float] = pair("of the origin at the start, where nothing gives it [m/s]")
+    velocity: tuple[float, float] = pair("of the origin at the start, unless joints give it [m/s]")
     speed: float = quantities.speed(
-        0.0, "of the angle at the start, where no drive gives it [rad/s]"
+        0.0, "of the angle at the start, unless a drive gives it [rad/s]"
     )
 
 
 class PlanarBody(Pose, Body):
-    """A body with the coordinates ``(x, y, theta, q)``; a held body has q alone."""
+    """Body in a planar floating frame: coordinates ``(x, y, theta, q)``, or q alone if held."""
 
-    #: Whether the frame is at rest: the body is a part of the ground.
+    #: Whether the frame is at rest, because the body is a part of the ground.
     held: bool
 
-    #: Structural damping zeta of ``D_e = zeta K_e`` [s].
+    #: Coefficient zeta of the structural damping ``D_e = zeta K_e`` [s].
     damping_time: float
 
-    #: Centre of mass in the body's frame [m]; None: as `integrals` have it.
+    #: Centre of mass in the body's frame [m]; None for that of `integrals`.
     centre: tuple[float, float] | None
 
     @property
     @abstractmethod
     def integrals(self) -> InertiaIntegrals:
-        """Integrals of the body's inertia."""
+        """Inertia integrals of the body."""
 
     @property
     @abstractmethod
     def fields(self) -> Mapping[str, np.ndarray]:
-        """Fields of the points, shape (2, 3 + n): position, unit translations, elastic modes."""
+        """Fields of every point by name, shape (2, 3 + n) each.
+
+        Columns are the position of the point [m], two unit translations, and its displacement in
+        every elastic mode.
+        """
 
     @property
     @abstractmethod
     def stiffness(self) -> np.ndarray:
-        """Stiffness of the elastic coordinates, shape (n, n)."""
+        """Stiffness matrix of the elastic coordinates, shape (n, n)."""
 
     @cached_property
     def _free(self) -> slice:
@@ -416,7 +434,7 @@ class PlanarBody(Pose, Body):
 
     @cached_property
     def size(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates of the body."""
         return len(self.weights)
 
     @cached_property
@@ -425,12 +443,12 @@ class PlanarBody(Pose, Body):
 
     @cached_property
     def start(self) -> np.ndarray:
-        """Coordinates of the rough pose, undeformed."""
+        """Coordinates of the rough pose at the start, without deformation, shape (n,)."""
         return self._pose[self._free]
 
     @cached_property
     def start_rates(self) -> np.ndarray:
-        """Rates of the rough pose."""
+        """Rates of the coordinates in the rough pose at the start, shape (n,)."""
         return np.array([*self.velocity, self.speed, *np.zeros(self.modes)])[self._free]
 
     @property
@@ -440,40 +458,46 @@ class PlanarBody(Pose, Body):
 
     @cached_property
     def reach(self) -> float:
-        """Largest distance of a point from the origin [m]."""
+        """Largest distance of a point from the body's origin [m]."""
         return max((float(np.hypot(*f[:, 0])) for f in self.fields.values()), default=0.0)
 
     @property
     def axisymmetric(self) -> bool:
-        """True if all points and the centre of mass are at the origin."""
+        """Whether all points and the centre of mass are at the origin."""
         return not (self.reach or any(self.centre or ()))
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        """Names of the points without the origin."""
+        """Names of the body's points, except for the origin."""
         return tuple(self.fields)
 
     def _with_frame(self, values: np.ndarray, frame: np.ndarray | float = 0.0) -> np.ndarray:
-        """Values for ``(x, y, theta, q)``; those of the frame of a held body are `frame`."""
+        """Values for ``(x, y, theta, q)`` from those of the coordinates.
+
+        If the body is held, `frame` has the values for ``(x, y, theta)``.
+        """
         if not self.held:
             return values
         return np.concatenate([np.broadcast_to(frame, 3), values])
 
     @cached_property
     def _unit(self) -> np.ndarray:
-        """Jacobian of the origin."""
+        """Jacobian of the origin's marker, shape (5, 3 + n)."""
         unit = np.zeros((WIDTH, 3 + self.modes))
         unit[:3, :3] = np.eye(3)
         return unit
 
     @cached_property
     def _arms(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Position and elastic modes of points away from the origin or with elastic motion."""
+        """Position (2,) and elastic modes (2, n) of points, by name.
+
+        Points at the origin without elastic motion are omitted.
+        """
         arms = {name: (field[:, 0], field[:, 3:]) for name, field in self.fields.items()}
         return {name: arm for name, arm in arms.items() if any(part.any() for part in arm)}
 
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
-        """Marker of a point at given coordinates, see `Body`."""
+        """Marker of a point at given coordinates, see `Body.marker`."""
         z = self._with_frame(coordinates, self._pose[:3])
         values = np.zeros(WIDTH)
         values[:3] = z[:3]
@@ -518,7 +542,7 @@ class PlanarBody(Pose, Body):
         *,
         minus_gravity: np.ndarray,
     ) -> Balance:
-        """Inertia, stiffness and damping forces, see `Body`."""
+        """Inertia, stiffness and damping forces, see `Body.balance`."""
         z = self._with_frame(coordinates, self._pose[:3])
         v = self._with_frame(rates)
         acceleration = self._with_frame(accelerations)
@@ -535,7 +559,7 @@ class PlanarBody(Pose, Body):
         return Derivatives(*(part[free, free] for part in vars(derivatives).values()))
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
-        """Kinetic and strain energy, and the power that damping dissipates."""
+        """Kinetic and strain energy [J], and power lost to damping [W], see `Body.energies`."""
         z = self._with_frame(coordinates, self._pose[:3])
         v = self._with_frame(rates)
         inertia = FrameInertia(self._ordered, z, v, np.zeros_like(v), np.zeros(2))
@@ -544,7 +568,11 @@ class PlanarBody(Pose, Body):
         return Energies(inertia.kinetic_energy, float(strain), float(dissipated))
 
     def error_measure(self) -> np.ndarray:
-        """Angle in rad, positions over the size, elastic motion in the mass norm, see `Body`."""
+        """Matrix from changes of coordinates to dimensionless errors, see `Body.error_measure`.
+
+        Errors are the angle [rad], the position over the body's size, and elastic motion in the
+        mass norm over `ELASTIC_SHARE` of the size.
+        """
         size = self.reach or 1.0
         measure = np.diag([1.0 / size, 1.0 / size, 1.0])
         if self.modes:
@@ -557,7 +585,7 @@ class PlanarBody(Pose, Body):
 
 @attrs.frozen(slots=False)
 class MasslessBody(PlanarBody):
-    """A rigid body without mass, such as a journal under a prescribed load."""
+    """Rigid body without mass, such as a journal under a prescribed load."""
 
     points: dict = places("points in the body's frame [m]")
     held: bool = attrs.field(
@@ -573,12 +601,12 @@ class MasslessBody(PlanarBody):
 
     @cached_property
     def integrals(self) -> InertiaIntegrals:
-        """Inertia integrals of mass, inertia and centre."""
+        """Inertia integrals of the body, from mass, inertia and centre of mass."""
         return rigid_integrals(self.mass, self.inertia, np.array(self.centre))
 
     @cached_property
     def fields(self) -> dict[str, np.ndarray]:
-        """Fields of the points, see `PlanarBody`."""
+        """Fields of every point by name, see `PlanarBody.fields`."""
         return {
             name: np.column_stack([np.array(at, dtype=float), np.eye(2)])
             for name, at in self.points.items()
@@ -587,7 +615,7 @@ class MasslessBody(PlanarBody):
 
 @attrs.frozen(slots=False)
 class RigidBody(MasslessBody):
-    """A rigid body."""
+    """Rigid body with mass."""
 
     mass: float = quantities.mass(REQUIRED, "[kg]", 100)
     inertia: float = number(
@@ -602,28 +630,28 @@ class RigidBody(MasslessBody):
 
 
 def ground(points: dict[str, tuple[float, float]] | None = None) -> MasslessBody:
-    """The ground, with points [m] by name."""
+    """Make the ground, a held body with points [m] by name."""
     return MasslessBody({} if points is None else points, held=True)
 
 
 @attrs.frozen(eq=False, slots=False)
 class FlexibleBody(PlanarBody):
-    """A reduced part, free in a floating frame or held.
+    """Flexible body made of a reduced part, free in a floating frame or held.
 
-    The frame's origin is the centre of the undeformed first bore. Every bore is a point of the same
-    name. If the bore is a boundary point of the part as well, the point is the mean of the deformed
-    surface, otherwise the centre of the undeformed bore. A film's bore deforms about the centre of
-    the undeformed bore, see `at_rest`.
+    The frame's origin is the centre of the undeformed first bore. Every bore gives a point of the
+    same name. If the bore is also a boundary point of the part, the point is the mean position of
+    the deformed surface, otherwise the centre of the undeformed bore. The bore of a film deforms
+    about the centre of the undeformed bore, see `at_rest`.
 
     Attributes
     ----------
     reduced
         Reduced part.
     damping_time
-        zeta of ``D_e = zeta K_e`` [s].
+        Coefficient zeta of the structural damping ``D_e = zeta K_e`` [s].
     mass, inertia, centre
-        Mass [kg], moment of inertia about the centre of mass [kg m^2] and centre of mass [m] in
-        place of the part's values; None: those of the part.
+        Mass [kg], moment of inertia about the centre of mass [kg m^2] and centre of mass [m]; None
+        for those of the part.
     """
 
     reduced: ReducedBody
@@ -643,29 +671,29 @@ class FlexibleBody(PlanarBody):
 
     @cached_property
     def held(self) -> bool:  # type: ignore[override]
-        """True of a part that was clamped when it was reduced."""
+        """Whether the body is held: its part was clamped when it was reduced."""
         return self.reduced.frame == "clamped"
 
     @property
     def least_damping(self) -> float:
-        """Smallest damping ratio of the part's modes."""
+        """Smallest damping ratio of the part's modes; infinite without modes."""
         ratios = np.pi * self.reduced.frequencies * self.damping_time
         return float(ratios.min(initial=np.inf))
 
     @cached_property
     def integrals(self) -> InertiaIntegrals:
-        """Inertia integrals of the part with the body's mass, inertia and centre of mass."""
+        """Inertia integrals of the part, with the body's mass, inertia and centre of mass."""
         centre = None if self.centre is None else np.array(self.centre)
         return with_total(self.reduced.inertia, self.mass, self.inertia, centre)
 
     @cached_property
     def stiffness(self) -> np.ndarray:
-        """Stiffness of the elastic coordinates, shape (n, n) [N/m]."""
+        """Stiffness matrix of the elastic coordinates, shape (n, n) [N/m]."""
         return self.reduced.stiffness
 
     @cached_property
     def fields(self) -> dict[str, np.ndarray]:
-        """Fields of bores and boundary points, see `PlanarBody`."""
+        """Fields of bores and boundary points by name, see `PlanarBody.fields`."""
         elastic = np.zeros((2, self.reduced.modes))
         bores = {
             name: np.column_stack([bore.centre[:2], np.eye(2), elastic])
@@ -675,14 +703,14 @@ class FlexibleBody(PlanarBody):
         return points | {self.at_rest(name): field for name, field in bores.items()}
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the undeformed bore at a point."""
+        """Name of the point at the centre of the undeformed bore that `point` names."""
         moves = point in self.reduced.bores and point in self.reduced.points
         return f"{point}.at_rest" if moves else point
 
     def surface(self, point: str, side: Side) -> Surface:
-        """Elastic surface of a bore; a journal of a flexible body is rigid."""
+        """Make the surface at a point: elastic for a bore, rigid for a journal."""
         from fenics_ehd.multibody.elastic_bore import ElasticBore
 
         if side.sign == BORE and point in self.reduced.bores:
-            return ElasticBore(self.reduced.at_bore(point), side, self.damping_time)
+            return ElasticBore(self.reduced, point, side, self.damping_time)
         return Surface(side)

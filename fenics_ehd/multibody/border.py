@@ -1,12 +1,12 @@
-"""Newton systems of films and motion: factors of every film, bordered by coordinates.
+"""Linear systems of Newton's method for films and motion, by factors of every film's own matrix.
 
 With pressures P_f of film f at its full nodes, and all other unknowns x (coordinates, their
-multipliers, amplitudes of the retained residual patterns),
+multipliers, amplitudes of the retained residual patterns), the system is
 
-    A_f dP_f + B_f T_f dx = r_f,      S dx + sum_f O_f dP_f = g
+    A_f dP_f + B_f T_f dx = r_f,      S dx + sum_f O_f dP_f = g.
 
-leave ``(S - sum O_f A_f^-1 B_f T_f) dx = g - sum O_f A_f^-1 r_f``. B_f has few columns: one for
-every coordinate that the film sees, one for the speed of the shaft.
+Eliminating the pressures gives ``(S - sum O_f A_f^-1 B_f T_f) dx = g - sum O_f A_f^-1 r_f``. B_f
+has few columns, one for each coordinate on which the gap depends, and one for the shaft's speed.
 """
 
 from __future__ import annotations
@@ -29,19 +29,21 @@ class FilmBlock:
     Attributes
     ----------
     pattern, entries, weights
-        A by its entries, and W where the film has it.
+        Sparsity pattern and entries of A, shape (m, m), and entries of the mass matrix W for 8-node
+        cells, else None.
     inputs
-        B, shape (m, b).
+        Derivatives B of the film's equations with respect to its b inputs, shape (m, b).
     spread
-        T, shape (b, x).
+        Matrix T from unknowns x to inputs, shape (b, x).
     outputs
-        O's rows that are not zero, shape (o, m).
+        Rows of O that are not zero, shape (o, m).
     rows
         Indices of these rows in x, shape (o,).
     gap
         Gap change at the Gauss points for unit inputs, shape (g, b).
     along_gap
-        Derivative along the gap at the Gauss points, its rate following, of all nodes.
+        Derivative of the equations of all nodes with respect to the gap at the Gauss points, on
+        which its rate depends.
     """
 
     pattern: Pattern
@@ -55,7 +57,7 @@ class FilmBlock:
     along_gap: sparse.csc_matrix
 
     def block(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Some rows and columns of A, dense."""
+        """Dense block of A for some rows and columns, shape (rows, columns)."""
         pattern = self.pattern
         row, column = (np.full(pattern.size, -1) for _ in range(2))
         row[rows] = np.arange(len(rows))
@@ -68,7 +70,10 @@ class FilmBlock:
         return block
 
     def on(self, full: np.ndarray) -> FilmBlock:
-        """The block with outputs of full nodes only; without W the other pressures are zero."""
+        """Return the block with outputs of full nodes only; without W it is unchanged.
+
+        Without W the pressures of the other nodes are zero; with W they are defects.
+        """
         if self.weights is None:
             return self
         outputs = np.zeros_like(self.outputs)
@@ -82,7 +87,7 @@ class FilmBlock:
         gap: np.ndarray,
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> FilmBlock:
-        """The block with further inputs and, if given, outputs with their indices in x."""
+        """Return the block with further inputs, and with further outputs and their indices in x."""
         block = replace(
             self,
             inputs=np.hstack([self.inputs, inputs]),
@@ -100,18 +105,18 @@ class FilmBlock:
 
 
 class BorderedSystem:
-    """The bordered system of this module, factorised.
+    """Factorised linear system of films and motion.
 
     Parameters
     ----------
     blocks
-        Factors of every film, prepared by the caller.
+        Factors of the matrix A of every film, prepared by the caller.
     borders
-        Derivatives of every film.
+        Derivatives of every film's equations.
     core
-        S, shape (x, x).
+        Matrix S, shape (x, x).
     responses
-        ``A^-1 B`` of every film where it is known, shape (m, b).
+        Products ``A^-1 B`` for every film, shape (m, b); computed if None.
 
     Attributes
     ----------
@@ -121,7 +126,7 @@ class BorderedSystem:
     Raises
     ------
     SolverError
-        The Schur complement is singular.
+        If the Schur complement is singular.
     """
 
     def __init__(
@@ -141,7 +146,7 @@ class BorderedSystem:
         matrix = core.copy()
         for border, response in zip(borders, responses, strict=True):
             matrix[border.rows] -= (border.outputs @ response) @ border.spread
-        # Rows and columns have forces, lengths and rates: scaled so that pivots are comparable.
+        # Rows and columns have different units: they are scaled so that pivots are comparable.
         self._row_scale = 1.0 / np.abs(matrix).max(axis=1)
         matrix *= self._row_scale[:, None]
         self._column_scale = 1.0 / np.abs(matrix).max(axis=0)
@@ -156,7 +161,11 @@ class BorderedSystem:
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Pressures of every film, y where it is not full, and x; right-hand sides (m,), (x,)."""
+        """Solve for pressures of every film, shape (m,) each, and for x.
+
+        `films` are the right-hand sides r_f, shape (m,) each, and `rest` is g, shape (x,). For a
+        film with W the solution has defects at nodes that are not full.
+        """
         alone = [b.solution(r) for b, r in zip(self.blocks, films, strict=True)]
         reduced = rest.copy()
         for border, pressure in zip(self.borders, alone, strict=True):
@@ -171,10 +180,10 @@ class BorderedSystem:
 
 
 class ChangedSystem:
-    """A `BorderedSystem` for full nodes that differ a little from those factorised.
+    """System of films and motion for full nodes that differ a little from the factorised ones.
 
-    Pressures of nodes that filled are additional unknowns, and so are defects of nodes that
-    emptied:
+    It uses the factors of a `BorderedSystem`. Additional unknowns are the pressures P_a of nodes
+    that filled, and the defects y_r of nodes that emptied:
 
         [ A_II  A_Ia  E_r ] [P_I]
         [ A_aI  A_aa   0  ] [P_a]
@@ -234,7 +243,7 @@ class ChangedSystem:
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Solution as of `BorderedSystem`."""
+        """Solve for pressures of every film and for x, see `BorderedSystem.solve`."""
         right_side = np.zeros(self._total)
         right_side[: self.size] = rest
         for film, indices, (added, _) in zip(films, self._indices, self._changes, strict=True):

@@ -1,23 +1,26 @@
-"""Contact of rough surfaces in lubricated joints, within a step, with exact derivatives.
+"""Asperity contact in lubricated joints with rough surfaces: forces, and their exact derivatives.
 
-At the Gauss points of a film the asperities carry the pressure ``p_c(h)``, h the nominal gap, and
-the boundary friction ``mu p_c s(U)``, ``s = U / sqrt(U^2 + U_0^2)``. Grooves and supply holes are
-deep and have no contact. The power of pressure and friction on the coordinates behind h and U is
+At the Gauss points of a film the asperities carry the contact pressure ``p_c(h)`` at the nominal
+gap h, and the boundary friction ``mu p_c s(U)`` with ``s = U / sqrt(U^2 + U_0^2)``. Grooves and
+supply holes are deep and have no contact. The power of the generalised forces Q at the rates v of
+the coordinates, on which h and U depend, is
 
     Q . v = int p_c dh/dt - mu p_c s(U) U dA,
 
-so that contact is conservative, friction dissipates, and action equals reaction. If the contact
-depends on coordinates alone, the core contains the stiffness ``N^T p_c' N`` of its forces.
+so that contact is conservative, friction dissipates, and action equals reaction. If contact depends
+on coordinates alone, the core matrix S of `fenics_ehd.multibody.border` contains the stiffness
+``N^T p_c' N`` of its forces, where N is the derivative of the gap with respect to coordinates.
 
-Residual patterns (M4) deform the bore under the contact pressures, which depend on the gap:
-``p_c = p_c(h_0 + S p_c)``. Every evaluation solves this equation by Newton's method, which
-converges from below without overshoot, because p_c is convex. The contact pressures near zero
-separation are then additional unknowns in x, behind the others,
+Residual patterns (M4) deform the bore under contact pressures, which depend on the gap: ``p_c =
+p_c(h_0 + S p_c)``, where S is here the gap change due to unit contact pressures. Every evaluation
+solves this equation by Newton's method, which converges from below without overshoot, because p_c
+is convex. Contact pressures near zero separation are then additional unknowns, after the others in
+x. Their equations
 
-    dp_c - p_c' (N dxi + S dp_c + sum_f S_f dP_f) = 0,
+    dp_c - p_c' (N dxi + S dp_c + sum_f S_f dP_f) = 0
 
-and change the gaps of all films by S. The pressures themselves are known at every evaluation:
-the right-hand side is zero.
+contain the gap change S_f due to unit pressures of film f. The right-hand side is zero, because the
+contact pressures are known at every evaluation.
 """
 
 from __future__ import annotations
@@ -38,18 +41,18 @@ from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.static_correction import BoreResponses
 from fenics_ehd.multibody.surface import TurningRows
 
-#: Separation over sigma up to which derivatives contain the contact. At this separation the
-#: contact pressure is 4e-6 of that at zero separation.
+#: Largest separation over sigma at which derivatives contain contact. The contact pressure there is
+#: 4e-6 of that at zero separation.
 REACH = 4.0
 
 
 class JointContact:
-    """Contact in one joint.
+    """Asperity contact in one joint.
 
     Parameters
     ----------
     binding
-        Film with rough surfaces.
+        Binding of a film with rough surfaces.
 
     Attributes
     ----------
@@ -60,10 +63,10 @@ class JointContact:
     friction
         Whether boundary friction acts on the bodies.
     rows
-        Indices in z of all coordinates on which contact does work, shape (k,).
+        Indices in z of the k coordinates on which contact does work, shape (k,).
     normal, sliding
-        Change of the gap for unit coordinates, without a turning surface, and sliding
-        velocity for unit rates, shape (g, k).
+        Gap change for unit coordinates, without that of a turning surface, and sliding velocity
+        for unit rates, shape (g, k) each.
     """
 
     def __init__(self, binding: FilmBinding):
@@ -83,12 +86,12 @@ class JointContact:
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
 
     def at_gap(self, thickness: np.ndarray) -> AsperityContact:
-        """Contact at nominal gaps of the Gauss points [m], an array of g values."""
+        """Contact at the Gauss points for nominal gaps there [m], shape (g,) each."""
         contact = self.surfaces.contact(thickness.ravel())
         return AsperityContact(*(np.where(self.area > 0.0, values, 0.0) for values in contact))
 
     def friction_factor(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
-        """Friction over pressure ``mu s`` and its derivative along U, shape (g,) each."""
+        """Friction over contact pressure ``mu s(U)`` and its derivative by U, shape (g,) each."""
         return self.surfaces.boundary_friction_factor(gap.sliding_velocity.ravel())
 
     def friction_torque(self, contact: AsperityContact, gap: Gap) -> float:
@@ -102,11 +105,14 @@ class JointContact:
         return float(np.sum(friction * gap.sliding_velocity.ravel()))
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
-        """Mask of Gauss points whose contact is part of derivatives, shape (g,)."""
+        """Mask of the Gauss points at which derivatives contain contact, shape (g,)."""
         return (self.surfaces.separation(thickness.ravel()) < REACH) & (self.area > 0.0)
 
     def gap_rows(self, turning: TurningRows | None) -> np.ndarray:
-        """Change of the gap for unit values of all coordinates, shape (g, k)."""
+        """Gap change for unit changes of the coordinates `rows`, shape (g, k).
+
+        `turning` has the derivatives of the gap of a surface that turns through the film.
+        """
         if turning is None:
             return self.normal
         rows = self.normal.copy()
@@ -116,7 +122,7 @@ class JointContact:
     def forces(
         self, contact: AsperityContact, gap: Gap, turning: TurningRows | None = None
     ) -> np.ndarray:
-        """Generalised forces on `rows`, shape (k,)."""
+        """Generalised contact and friction forces on the coordinates `rows`, shape (k,)."""
         normal_force = self.area * contact.pressure
         forces = normal_force @ self.gap_rows(turning)
         if self.friction:
@@ -124,7 +130,10 @@ class JointContact:
         return forces
 
     def turning_stiffness(self, contact: AsperityContact, turning: TurningRows) -> np.ndarray:
-        """Derivative of the forces on `rows` as a surface turns at constant pressure, (k, k)."""
+        """Derivative of `forces` with respect to `rows` at constant contact pressure, (k, k).
+
+        It arises from a turning surface, whose derivatives of the gap change as it turns.
+        """
         stiffness = np.zeros((len(self.rows), len(self.rows)))
         first = self._first_turning
         along_angle = self.area @ (contact.pressure[:, None] * turning.second_derivative)
@@ -135,7 +144,7 @@ class JointContact:
     def forces_of_unit_pressures(
         self, gap: Gap, points: np.ndarray, turning: TurningRows | None = None
     ) -> np.ndarray:
-        """Forces on `rows` of unit contact pressures at Gauss points, shape (k, points)."""
+        """Forces on `rows` due to unit contact pressures at Gauss points, shape (k, points)."""
         forces = self.gap_rows(turning)[points]
         if self.friction:
             forces = forces - self.friction_factor(gap)[0][points, None] * self.sliding[points]
@@ -144,41 +153,41 @@ class JointContact:
     def friction_damping(
         self, contact: AsperityContact, gap: Gap, points: np.ndarray
     ) -> np.ndarray:
-        """Negative derivative of the forces on `rows` along the rates, shape (k, k)."""
+        """Negative derivative of `forces` with respect to the rates of `rows`, shape (k, k)."""
         factor = (self.area * contact.pressure * self.friction_factor(gap)[1])[points]
         return self.sliding[points].T @ (factor[:, None] * self.sliding[points])
 
 
-#: Most Newton iterations for the contact of a bore that deforms under it.
+#: Largest number of Newton iterations for contact pressures that deform a bore.
 MAX_ITERATIONS = 60
 
-#: Change of a gap over the roughness at which the iterations end: one more iteration would change
-#: the gap by round-off.
+#: Change of a gap over the roughness below which these iterations end: one more iteration would
+#: change the gap by round-off.
 SETTLED = 1e-9
 
 
 class Contacts:
-    """Contact in the joints of a mechanism.
+    """Asperity contact in all joints of a mechanism.
 
     Parameters
     ----------
     system, responses
-        Mechanism and responses of its bores.
+        Mechanism, and responses of its bores through residual patterns.
 
     Attributes
     ----------
     joints
-        Contact of every film; None: its surfaces are smooth.
+        Contact of every film; None for smooth surfaces.
     areas
-        Areas of the Gauss points of all films, 0 at points without contact or without residual
-        patterns [m2].
+        Areas of the Gauss points of all films, one film after the other [m2]; 0 at points without
+        contact or without residual patterns.
     coupled
-        Whether any area is above 0: contact deforms a bore through residual patterns.
+        Whether contact deforms a bore through residual patterns: an area is above 0.
 
     Raises
     ------
     SettingsError
-        The mortar transfers pressures to a rough bore with residual patterns.
+        If the mortar transfers pressures to a rough bore with residual patterns.
     """
 
     def __init__(self, system: System, responses: BoreResponses):
@@ -203,13 +212,16 @@ class Contacts:
         self.coupled = bool(self.areas.any())
 
     def start_step(self) -> None:
-        """Forget pressures and responses of former steps, so that a resumed run is the same."""
+        """Discard pressures and responses of earlier steps, so that a resumed run is identical."""
         self._last = np.zeros(len(self.areas))
         self._known_points = np.zeros(0, dtype=int)
         self._known_changes = np.zeros((len(self.areas), 0))
 
     def at_gaps(self, gaps: list[Gap]) -> list[AsperityContact | None]:
-        """Contact of all films; gaps of bores that the contact deforms are replaced in the list."""
+        """Contact of all films for their gaps; None for smooth surfaces.
+
+        Entries of the list `gaps` are replaced by the gaps with the deformation due to contact.
+        """
         if self.coupled:
             self._solve_coupled(gaps)
         return [
@@ -224,7 +236,7 @@ class Contacts:
             residual[joint.rows] -= joint.forces(film.contact, film.gap, film.turning)
 
     def _solve_coupled(self, gaps: list[Gap]) -> None:
-        """Solve for contact pressures and gaps of bores that deform under them."""
+        """Solve for contact pressures that deform bores; replace the gaps in the list."""
         responses = self._responses
         pressure = self._last
         undeformed = np.concatenate([gap.thickness.ravel() for gap in gaps])
@@ -243,7 +255,7 @@ class Contacts:
                 break
         else:
             raise SolverError(
-                "contact pressures of a bore that deforms under them did not converge within "
+                "contact pressures that deform a bore did not converge within "
                 f"{MAX_ITERATIONS} iterations: use shorter steps (time.largest_step)"
             )
         self._last = pressure
@@ -252,7 +264,7 @@ class Contacts:
             gaps[i] = gaps[i].changed(change[of_film], responses.shift * change[of_film])
 
     def _pressures(self, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Contact pressures [Pa] and their slopes [Pa/m] at the Gauss points of all films."""
+        """Contact pressures [Pa] and their slopes [Pa/m] at nominal gaps of all films [m]."""
         pressure = np.zeros(len(thickness))
         slope = np.zeros(len(thickness))
         for joint, points in zip(self.joints, self._responses.points, strict=True):
@@ -261,7 +273,7 @@ class Contacts:
         return pressure, slope
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
-        """Indices of Gauss points of coupled bores in `JointContact.near`, shape (a,)."""
+        """Indices of the Gauss points of coupled bores at which derivatives contain contact."""
         near = np.zeros(len(thickness), dtype=bool)
         for joint, points in zip(self.joints, self._responses.points, strict=True):
             if joint is not None:
@@ -269,7 +281,7 @@ class Contacts:
         return np.flatnonzero(near & (self.areas > 0.0))
 
     def gap_change_from_pressures(self, points: np.ndarray) -> np.ndarray:
-        """Gap change of all g points for unit contact pressures at a points, (g, a) [m/Pa]."""
+        """Gap change of all g points for unit contact pressures at a of them, (g, a) [m/Pa]."""
         new = np.setdiff1d(points, self._known_points, assume_unique=True)
         if len(new):
             change = self._responses.unit_force_response(new) * self.areas[new]
@@ -280,19 +292,22 @@ class Contacts:
         return self._known_changes[:, columns]
 
     def forces(self, thickness: Sequence[np.ndarray]) -> np.ndarray:
-        """Normal forces at the Gauss points of coupled bores [N], from the gaps of every film."""
+        """Normal forces of contact at the Gauss points of all films [N], from their gaps [m].
+
+        Forces are 0 at points of films whose bores contact does not deform.
+        """
         if not self.coupled:
             return self.areas
         return self.areas * self._pressures(np.concatenate(thickness))[0]
 
 
 class ContactColumns:
-    """Derivatives of contact at one point.
+    """Derivatives of contact at one iterate.
 
     Parameters
     ----------
     contacts, responses, films
-        Contact, responses of bores and evaluated films of the mechanism.
+        Contact, responses of bores, and films evaluated at the iterate.
     first
         Number of unknowns x without contact pressures.
 
@@ -326,14 +341,15 @@ class ContactColumns:
         self._unknowns = np.arange(first, self.size)
 
     def add_to_core(self, core: np.ndarray, speed: np.ndarray) -> None:
-        """Add the derivatives of contact that do not depend on film pressures.
+        """Add the derivatives of contact with respect to x to the core matrix.
 
         Parameters
         ----------
         core
-            Derivatives along x, with ones on the diagonal of the contact pressures; changed.
+            Matrix of derivatives with respect to x, with ones on the diagonal of the contact
+            pressures; changed in place.
         speed
-            Derivative of all rates along the unknowns of motion.
+            Derivatives of all rates with respect to the unknowns of motion.
         """
         for i, (film, joint) in enumerate(zip(self._films, self._contacts.joints, strict=True)):
             contact = film.contact
@@ -358,7 +374,7 @@ class ContactColumns:
             core[pressures] -= self._slopes[:, None] * self._gap_change[self._points]
 
     def _points_of_film(self, i: int, joint: JointContact) -> tuple[np.ndarray, np.ndarray | None]:
-        """Gauss points of film i in reach of contact, and the indices of their pressures in x.
+        """Gauss points of film i with contact, and the indices of their contact pressures in x.
 
         The indices are None if the contact depends on coordinates alone.
         """
@@ -369,11 +385,14 @@ class ContactColumns:
         return self._points[inside] - of_film.start, self._unknowns[inside]
 
     def extend(self, i: int, block: FilmBlock, model: FilmModel[Any]) -> FilmBlock:
-        """Derivatives of film i with those through the deformation of its bore by contact."""
+        """Return the derivatives of film i with inputs and outputs for contact pressures.
+
+        Contact pressures deform the bore of the film, and depend on its pressures.
+        """
         if not self._responses.bodies_of(i) or not len(self._points):
             return block
         gap_change = self._gap_change[self._responses.points[i]]
-        near = np.flatnonzero(gap_change.any(axis=0))  # the other points belong to other bodies
+        near = np.flatnonzero(gap_change.any(axis=0))  # other points belong to other bodies
         gap_change = gap_change[:, near]
         unknowns = self._unknowns[near]
         spread = np.zeros((len(near), block.spread.shape[1]))

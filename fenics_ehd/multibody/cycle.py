@@ -1,15 +1,15 @@
-"""The last complete cycle of a run, from which its figures, pictures and stresses are computed.
+"""Last complete cycle of a run, from which its results, plots and stresses are computed.
 
-A search for a periodic solution numbers its cycles, and its last complete cycle is the last one
-that reached its end. The first cycle, in which the films build up, counts if there is no other.
+A search for a periodic solution numbers its cycles. Its last complete cycle is the last one that
+reached its end. The first cycle, in which the films build up, is used only if there is no other.
 
-A run once through has no numbers. Its last complete cycle ends with the run, and begins where the
-reference angle was a cycle behind, or a period of the loads over time before, whichever is earlier
-(`Recurrence`). A shorter run has no complete cycle: its figures are of the complete run.
+Other runs do not number cycles. Their last complete cycle ends with the run, and begins one cycle
+of the reference angle before the end, or one period of the loads over time, whichever is earlier
+(`Recurrence`). A shorter run has no complete cycle: results are those of the complete run.
 
-The cycle is decided once, by the constructors `Cycle.of_search` and `Cycle.of_run`, and stored by
-its times with the history and in the summary. `Cycle.rows` finds its steps by these times, also in
-a history of a part of the run.
+The constructors `Cycle.of_search` and `Cycle.of_run` decide the cycle once. Its times are stored
+with the history and in the summary. `Cycle.rows` finds its steps by these times, also in a history
+of a part of the run.
 """
 
 from __future__ import annotations
@@ -22,23 +22,27 @@ import numpy as np
 
 from fenics_ehd.base.layout import Group, Value
 
-#: Share of a period by which the last step of a complete cycle may be early: rounding of times.
+#: Share of a period by which the last step of a complete cycle may end early, by rounding of times.
 END_ROUNDING = 1e-6
 
-#: Share of a cycle that may be missing at its start, whose first step has a length.
+#: Share of a cycle that may be missing at the start of a run, because of the length of its first
+#: step.
 FIRST_STEP = 1e-4
 
-#: Share of a cycle within which a step is at its start or end: rounding of stored times.
+#: Share of a cycle by which a step at its start or end may differ from it, by rounding of times.
 TIME_ROUNDING = 1e-9
 
-#: Labels of figures without a complete cycle.
+#: Labels for runs without a complete cycle.
 BUILDS_UP = "first cycle: films build up"
 TOO_SHORT = "whole run: no full cycle"
 UNKNOWN = "whole run"
 
 
 def first_of_last(numbers: Sequence[float] | np.ndarray) -> int:
-    """First step of the cycle under way, from the cycle's number at every step; of no steps 0."""
+    """Index of the first step of the last cycle, from the number of the cycle at every step.
+
+    It is 0 without steps.
+    """
     return int(np.searchsorted(numbers, numbers[-1])) if len(numbers) else 0
 
 
@@ -49,9 +53,9 @@ class Recurrence:
     Attributes
     ----------
     angle
-        Turn of the reference angle, 360 or 720 [degrees].
+        Change of the reference angle, 360 or 720 [degrees].
     time
-        Longest period of loads over time [s], 0 without any.
+        Longest period of loads over time [s]; 0 without such loads.
     """
 
     angle: float = 360.0
@@ -60,14 +64,14 @@ class Recurrence:
 
 @dataclass(frozen=True)
 class Cycle:
-    """The last complete cycle of a run, or all of a run that has none.
+    """Last complete cycle of a run, or the complete run if it has none.
 
     Attributes
     ----------
     start, end
-        Times since the start of the run [s].
+        Times of its start and end since the start of the run [s].
     label
-        Which cycle of the run it is, for people: ``"last of 3"``.
+        Description of the cycle for the user, ``"last of 3"``.
     complete
         Whether the run has a complete cycle; the first cycle of a search counts as incomplete.
     periodic
@@ -99,7 +103,7 @@ class Cycle:
 
     @classmethod
     def of_search(cls, times: np.ndarray, numbers: np.ndarray, clock: np.ndarray) -> Self:
-        """Decide the cycle of a search for a periodic solution.
+        """Last complete cycle of a search for a periodic solution.
 
         Parameters
         ----------
@@ -118,7 +122,9 @@ class Cycle:
 
     @classmethod
     def of_run(cls, times: np.ndarray, angles: np.ndarray, recurrence: Recurrence) -> Self:
-        """Decide the cycle of a run once through, which began at time 0.
+        """Last complete cycle of a run that is no search for a periodic solution.
+
+        The run began at time 0.
 
         Parameters
         ----------
@@ -129,14 +135,14 @@ class Cycle:
         """
         end = float(times[-1])
         turned = np.abs(angles[-1] - angles)
-        counts: list[float] = []  # numbers of cycles by time and by angle
+        counts: list[float] = []  # numbers of cycles, by time and by angle
         starts: list[float] = []
         if recurrence.time:
             counts.append(end / recurrence.time)
             starts.append(end - recurrence.time)
         if turned[0] > 0.0:
             counts.append(float(turned[0]) / recurrence.angle)
-            # A crank may swing back: the last time that it was a cycle behind.
+            # A crank may swing back: the cycle starts when the angle was last a cycle behind.
             before = int(np.flatnonzero(turned >= min(recurrence.angle, turned[0]))[-1])
             pair = slice(before, before + 2)
             starts.append(float(np.interp(-recurrence.angle, -turned[pair], times[pair])))
@@ -150,12 +156,13 @@ class Cycle:
 
     @classmethod
     def of_columns(cls, columns: Mapping[str, np.ndarray], recurrence: Recurrence) -> Self:
-        """Decide the cycle of any run.
+        """Last complete cycle of any run, from its recorded columns.
 
         Parameters
         ----------
         columns
-            Columns by path with unit, shape (steps,) each; of a search its last two cycles or more.
+            Columns by path with unit, shape (steps,) each; for a search, those of its last two
+            cycles at least.
         recurrence
             Angle and time after which the loads recur.
         """
@@ -168,14 +175,14 @@ class Cycle:
     def of_stored_columns(
         cls, times: np.ndarray, numbers: np.ndarray | None, clock: np.ndarray | None
     ) -> Self:
-        """Decide the cycle of a history that was stored without one.
+        """Last complete cycle of a history that was stored without it.
 
-        Of a run once through the loads are unknown: all of it counts.
+        If the run was no search, the period of its loads is unknown, and the complete run is used.
 
         Parameters
         ----------
         times, numbers, clock
-            As of `of_search`; None of a run once through.
+            Arguments of `of_search`; numbers and clock are None if the run was no search.
         """
         if numbers is not None and clock is not None and len(times):
             return cls.of_search(times, numbers, clock)
@@ -184,7 +191,7 @@ class Cycle:
 
     @classmethod
     def of_summary(cls, summary: Mapping[str, Any]) -> Self | None:
-        """The cycle that a summary of any version names, None without one."""
+        """Last complete cycle from the entries of a summary of any version; None without them."""
         names = ("cycle_start_s", "cycle_end_s", "cycle_used")
         if not summary.keys() >= set(names):
             return None
@@ -194,11 +201,11 @@ class Cycle:
         return cls(float(start), float(end), label, complete, periodic)
 
     def entries(self) -> dict[str, Any]:
-        """Entries of the summary."""
+        """Entries of ``summary.json`` about the cycle."""
         return {"cycle_used": self.label, "cycle_start_s": self.start, "cycle_end_s": self.end}
 
     def rows(self, times: np.ndarray) -> slice:
-        """Steps after the start of the cycle and up to its end.
+        """Indices of the steps after the start of the cycle and up to its end.
 
         Parameters
         ----------
@@ -211,15 +218,15 @@ class Cycle:
         return slice(min(first, max(stop - 1, 0)), stop)
 
     def rows_from_start(self, times: np.ndarray, numbers: np.ndarray | None = None) -> slice:
-        """Steps of the cycle, and the step at its start if a history has one of this cycle.
+        """Indices of the steps of the cycle, with the step at its start if the history has it.
 
         Parameters
         ----------
         times
-            As of `rows`.
+            Times of the steps since the start of the run, ascending, shape (steps,) [s].
         numbers
-            Number of the cycle at every step of a search, shape (steps,): the end of the cycle
-            before is no step of this one.
+            Number of the cycle at every step of a search, shape (steps,). With it, the last step of
+            the previous cycle is not used as the step at the start.
         """
         rows = self.rows(times)
         before = rows.start - 1

@@ -20,17 +20,29 @@ from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.base.fields import TRANSFERS
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, film_grid, film_layout, match, uniform_grid
-from fenics_ehd.film.transfer import Mortar, outward_displacement, solid_share
+from fenics_ehd.film.transfer import (
+    Mortar,
+    interpolation_matrix,
+    outward_displacement,
+    solid_share,
+)
 from fenics_ehd.film.transfer import Surface as SurfaceMesh
 from fenics_ehd.multibody.surface import (
     Compliance,
+    MissingFlexibility,
     Side,
     Surface,
     SurfaceRows,
     observed_positions,
 )
-from fenics_ehd.reduction.body import TRANSLATIONS, ReducedBody
+from fenics_ehd.reduction.body import (
+    TRANSLATIONS,
+    ReducedBody,
+    ResidualFlexibility,
+    bore_fields,
+)
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
+from fenics_ehd.reduction.mesh_error import smooth_part
 
 #: Largest difference of the film's load from the body's load, over the largest load, of a cosine
 #: pressure. The body integrates over quadratic cells, whose areas differ from those of the cylinder
@@ -194,8 +206,8 @@ class ElasticBore(Surface):
 
     Parameters
     ----------
-    part
-        Reduced body at this bore.
+    body, point
+        Reduced body, and name of its bore.
     side
         Side of the film.
     damping_time
@@ -203,19 +215,26 @@ class ElasticBore(Surface):
 
     Attributes
     ----------
-    part, damping_time
+    body, point, damping_time
         As given.
+    centre
+        Centre of the undeformed bore in the frame of the part, shape (3,) [m].
+    part
+        Reduced body with this bore alone.
     maps
         Linear maps between film and body.
     """
 
     elastic = True
 
-    def __init__(self, part: ReducedBody, side: Side, damping_time: float = 0.0):
-        super().__init__(side, part.modes)
-        self.part = part
+    def __init__(self, body: ReducedBody, point: str, side: Side, damping_time: float = 0.0):
+        super().__init__(side, body.modes)
+        self.body = body
+        self.point = point
+        self.part = body.at_bore(point)
+        self.centre = self.part.bore.centre
         self.damping_time = damping_time
-        self.maps = BoreFilm(part, side.film, side.transfer)
+        self.maps = BoreFilm(self.part, side.film, side.transfer)
 
     @property
     def mortar(self) -> bool:  # type: ignore[override]
@@ -264,3 +283,84 @@ class ElasticBore(Surface):
             residual.stiffness,
             self.damping_time,
         )
+
+    def missing_flexibility(self, component: str) -> MissingFlexibility:
+        """Flexibility that the basis or the mesh of the part lacks, see `Surface`."""
+        return self._missing_in_basis if component == "basis" else self._missing_in_mesh
+
+    @property
+    def _missing_in_basis(self) -> MissingFlexibility:
+        """Error of the basis, with M4 also that of the neglected inertia of its patterns."""
+        missing = self.body.missing_flexibility_at(self.point)
+        # Outward displacements of the bore's nodes.
+        radial = self.part.bore_nodes * [1.0, 1.0, 0.0]
+        radial /= np.linalg.norm(radial, axis=1)[:, None]
+        nodes = np.repeat(np.arange(len(radial)), 3)
+        outward = sparse.csr_matrix((radial.ravel(), (np.arange(radial.size), nodes)))
+        to_observed = self.maps.observed_normal @ outward
+        residual = self.part.residual
+        if residual is None or not residual.mass.size:
+            return MissingFlexibility(missing, to_observed, self.damping_time)
+        inertia = neglected_inertia(self.part, residual)
+        slowest = slowest_pattern(residual)
+        return MissingFlexibility(missing, to_observed, self.damping_time, inertia, slowest)
+
+    @property
+    def _missing_in_mesh(self) -> MissingFlexibility:
+        """Error of the part's mesh under pressures on its bores and forces on its points."""
+        missing = self.body.mesh_flexibility
+        if not missing.size:
+            return MissingFlexibility(missing, sparse.csr_matrix((0, 0)), self.damping_time)
+        bores = self.body.bores
+        error = np.vsplit(missing, len(bores))[[*bores].index(self.point)]
+        smooth = smooth_part(bores)
+        pressed, forced = np.split(error, [len(smooth)], axis=1)
+        error = np.hstack([pressed @ smooth, forced])
+        grid = sampling_grid(bores[self.point])
+        surface = bore_surface(grid.nodes, grid.cell_nodes, grid.family)
+        to_observed = interpolation_matrix(surface, *observed_positions(self.side.film))
+        return MissingFlexibility(error, to_observed, self.damping_time)
+
+    def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
+        """Displacement of the bore by elastic coordinates and amplitudes, see `Surface`."""
+        bore = self.part.bore
+        surface = bore_surface(bore.coordinates, bore.cells, bore.family)
+        fields = bore_fields(self.part)
+        moved = interpolation_matrix(surface, angle, height) @ fields.reshape(len(fields), -1)
+        return moved.reshape(len(angle), 3, -1)
+
+    def nodal_forces(
+        self, pressure: np.ndarray, contact: np.ndarray | float, angles: np.ndarray
+    ) -> np.ndarray:
+        """Forces on the nodes of the bore by the film's integrals, see `Surface`."""
+        forces = self.side.film.pressure_areas @ pressure
+        if self.maps.solid is not None:
+            forces *= self.maps.solid.reshape(-1, 1)
+        forces += contact
+        return (self.maps.normal.T @ forces).T.reshape(len(angles), -1, 3)
+
+    def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray:
+        """Pressures at the pressure nodes of all bores of the part, see `Surface`."""
+        loads = np.zeros(self.body.load_projection.shape[1])
+        loads[self.body.rows_of(self.point).pressures] = self.maps.structure_pressure(pressure)
+        return loads
+
+
+def neglected_inertia(body: ReducedBody, residual: ResidualFlexibility) -> np.ndarray:
+    """Gap error per acceleration of the residual amplitudes.
+
+    It is the static response of the residual patterns to their inertia force ``-M_rr y''``.
+
+    Returns
+    -------
+    numpy.ndarray
+        Outward bore displacement, shape (m, r).
+    """
+    shape = body.outward(residual.displacement)
+    return (shape / residual.stiffness) @ residual.mass
+
+
+def slowest_pattern(residual: ResidualFlexibility) -> float:
+    """``1 / omega`` of the slowest residual pattern on its own stiffness and mass [s]."""
+    root = 1.0 / np.sqrt(residual.stiffness)
+    return float(np.sqrt(np.linalg.norm(root[:, None] * residual.mass * root, 2)))

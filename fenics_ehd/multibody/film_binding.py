@@ -36,6 +36,8 @@ class BoundSurface:
         Index of the body's angle in z; None: the body cannot turn.
     mounted
         Angle of a body that cannot turn, else 0 [rad].
+    key
+        Name of the surface in files: that of the joint, of a journal with ``.journal`` behind.
     """
 
     surface: Surface
@@ -45,6 +47,7 @@ class BoundSurface:
     modes: np.ndarray
     angle: int | None
     mounted: float
+    key: str
 
     def angle_of(self, values: np.ndarray) -> float:
         """Angle [rad] from z, or angular speed [rad/s] from rates; 0 if the body cannot turn."""
@@ -84,6 +87,10 @@ class FilmBinding:
     def relative_speed(self, rates: np.ndarray) -> float:
         """Angular speed of the journal less that of the bore [rad/s]."""
         return float(self.signs @ rates[self.turning])
+
+    def own_angles(self, z: np.ndarray) -> tuple[float, float]:
+        """Angles of bore and journal relative to the bore [rad]: 0 and `relative_angle`."""
+        return 0.0, self.relative_angle(z)
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
         """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""

@@ -1,22 +1,24 @@
-"""Values that a film stores in the state of the time integration: none, or its oil content.
+"""Values of a film in the state of the time integration: none, or its oil content.
 
 The state x of the integration consists of the coordinates z, the amplitudes y of the residual
 patterns, and the values that every film stores (`FilmContent`). The integrator differentiates them
-like coordinates: a film returns values and rates at the end of a step and receives the past values
+like coordinates: a film returns values and rates at the end of a step, and receives the past values
 at the start of the next one.
 
-**Oil content.** With mass-conserving cavitation (JFO) the stored values follow from the contents
-``M = int rho h N (1 - s)`` of all nodes, s the void fraction. Stored is the difference between the
-full content of the part of the gap that is affine in z and y, and M:
+**Oil content.** With mass-conserving cavitation (JFO) the stored values follow from the oil
+contents ``M = int rho h N (1 - s)`` of all nodes, with the void fraction s. A stored value is the
+full content of that part of the gap which is affine in z and y, less M. It is the sum of
 
-- the void volumes ``int rho h N s``;
-- plus the volume by which a turning surface reduces the gap;
-- minus ``int rho (h_T - h) N`` between rough surfaces, whose average gap is ``h_T``.
+- the void volume ``int rho h N s``;
+- the volume by which a turning surface reduces the gap;
+- between rough surfaces, minus the volume ``int rho (h_T - h) N`` that the average gap ``h_T`` has
+  in addition.
 
-A round film that is full everywhere therefore stores zeros, and its step is that of the Reynolds
-condition to the last Newton iteration. Rates are differences of contents, so that the oil of a
-closed film stays constant to round-off with every formula of the integrator. Oil that pressure
-compresses takes less than the gap's volume: its stored void volumes are negative.
+A round film that is full everywhere therefore stores zeros, and its step agrees with that of the
+Reynolds condition up to the last Newton iteration. Rates are differences of contents, so that the
+oil of a closed film is constant to round-off with every formula of the integrator. Oil that is
+compressed by pressure fills less than the volume of the gap at ambient density: its stored void
+volumes are negative.
 """
 
 from __future__ import annotations
@@ -28,20 +30,20 @@ from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_point import FilmPoint, OilPoint
 
-#: Largest relative excess of the density over that at ambient pressure which a stored state may
-#: have: the limit of Dowson and Higginson's law for infinite pressure.
+#: Largest relative increase of density by pressure in a stored state: the limit of Dowson and
+#: Higginson's law for infinite pressure.
 LARGEST_COMPRESSION = 0.6 / 1.7
 
 
 class FilmContent:
-    """Values that one film stores in the state of the integration; this class stores none.
+    """Values of one film in the state of the time integration; this class stores none.
 
-    A film with further unknowns that have a memory, a temperature for instance, derives from it.
+    A film with unknowns that have a memory, a temperature for instance, needs a derived class.
 
     Parameters
     ----------
     first
-        Index of the first value in the state.
+        Index of the film's first value in the state.
     size
         Number of values.
 
@@ -50,7 +52,7 @@ class FilmContent:
     size
         Number of values.
     indices
-        Indices of the values in the state.
+        Slice of the values in the state.
     """
 
     def __init__(self, first: int, size: int = 0):
@@ -58,49 +60,55 @@ class FilmContent:
         self.indices = slice(first, first + size)
 
     def initial(self, z: np.ndarray) -> np.ndarray:
-        """Values at the start, for coordinates z, shape (size,)."""
+        """Values at the start of a run, for coordinates z, shape (size,)."""
         return np.zeros(self.size)
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a step, whose past values belong to the former ones."""
+        """Start a step, whose formula has the past values of the state."""
 
     def at_end(self, point: FilmPoint, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values and their rates at the end of a step, shape (size,) each."""
+        """Values and their rates at the end of a step, shape (size,) each.
+
+        `point` is the film evaluated at the solution, z are the coordinates there.
+        """
         return np.zeros(0), np.zeros(0)
 
     def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
-        """Correct the values of extrapolated states so that the first one is admissible.
+        """Correct the values in extrapolated states so that those of the first state are possible.
 
         Parameters
         ----------
         states
-            States, shape (k, n), changed in place; all by the same amount.
+            States, shape (k, n); the same correction is added to all, in place.
         observed
-            Gap of the first state where gaps are observed, shape (w,) [m].
+            Gap of the first state at the w points where gaps are observed, shape (w,) [m].
         """
 
     def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray | None:
-        """Void fractions of all nodes in a state with an observed gap; None if not stored."""
+        """Void fractions of all nodes in a state, shape (nodes,); None if not stored.
+
+        `observed` is the gap at the points where gaps are observed [m], as in other methods.
+        """
         return None
 
     def of_void_fractions(
         self, fractions: np.ndarray | None, z: np.ndarray, observed: np.ndarray
     ) -> np.ndarray:
-        """Values for void fractions of all nodes (None: full) in an observed gap."""
+        """Values for void fractions of all nodes, shape (size,); None for a full film."""
         return np.zeros(self.size)
 
     def oil(self, state: np.ndarray, observed: np.ndarray) -> float:
-        """Volume of oil in a state with an observed gap [m^3]; 0 if not stored."""
+        """Volume of oil in a state with the gap `observed` [m^3]; 0 if not stored."""
         return 0.0
 
 
 class OilContent(FilmContent):
-    """Oil content of a film with mass-conserving cavitation.
+    """Oil content of a film with mass-conserving cavitation, stored as volumes of all nodes.
 
     Parameters
     ----------
     binding
-        The joint in its mechanism.
+        Binding of the film to the mechanism.
     balance
         Oil balance of its film.
     first
@@ -115,7 +123,7 @@ class OilContent(FilmContent):
         self._nodes = balance.unknown
 
     def full(self, thickness: np.ndarray) -> np.ndarray:
-        """Content ``int rho h N`` of a full gap at all nodes, over the volume scale.
+        """Content ``int rho h N`` of a full gap at all nodes over ``c R^2``, shape (nodes,).
 
         `thickness` is the gap at the Gauss points [m].
         """
@@ -124,10 +132,10 @@ class OilContent(FilmContent):
         return self._film.assembly.source(self._film.equation.factors[1] * thickness)
 
     def _beyond_affine(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-        """Full content of the affine part of the gap less that of the gap, over the volume scale.
+        """Full content of the affine part of the gap, less that of the gap, over ``c R^2``.
 
-        A turning surface changes the gap; between rough surfaces the average gap exceeds
-        the `nominal` one (at the Gauss points).
+        The gap differs from its affine part by the shape of a turning surface, and between rough
+        surfaces by the excess of the average gap over the `nominal` gap at the Gauss points [m].
         """
         surface = self._binding.film.turning
         surfaces = self._film.parameters.surfaces
@@ -140,22 +148,22 @@ class OilContent(FilmContent):
         return self.full(reduction)
 
     def initial(self, z: np.ndarray) -> np.ndarray:
-        """Values of the initial filling, shape (nodes,) [m^3]."""
+        """Stored volumes for the initial filling of the joint, shape (nodes,) [m^3]."""
         gap = self._binding.gap(z, np.zeros_like(z), 0.0)
         void = np.full(self.size, 1.0 - self._binding.joint.initial_filling)
         return self.of_void_fractions(void, z, gap.thickness.ravel())
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a step with its shift and past volumes."""
+        """Start a step: store the shift of its formula, and the past volumes."""
         self._shift = step.shift
-        #: Past of the stored volumes in ``x' = shift x + past`` [m^3/s].
+        #: Constant of the stored volumes in the formula ``x' = shift x + past`` [m^3/s].
         self.past = step.past_x[self.indices]
 
     def at_end(self, point: FilmPoint, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Stored volumes [m^3] and rates at the end of a step.
+        """Stored volumes [m^3] and their rates [m^3/s] at the end of a step, (nodes,) each.
 
-        They follow from the flows: the residual that Newton's method leaves in the balance is
-        carried to the next step, no oil is lost.
+        They are computed from the flows, so that no oil is lost: the residual of the oil balance
+        after the last Newton iteration is added to the volumes.
         """
         volumes = self.void_volumes(point)  # type: ignore[arg-type]
         beyond = self._beyond_affine(z, point.gap.thickness)
@@ -163,7 +171,7 @@ class OilContent(FilmContent):
         return volumes, self._shift * volumes + self.past
 
     def void_volumes(self, point: OilPoint) -> np.ndarray:
-        """Void volumes of all nodes less the volume gained by compression [m^3], shape (nodes,)."""
+        """Void volumes of all nodes, less the volume gained by compression, (nodes,) [m^3]."""
         volumes = point.step.full * point.transport.void
         volumes[self._nodes] += point.balance
         if not self._film.parameters.lubricant.density_law.constant:
@@ -174,9 +182,9 @@ class OilContent(FilmContent):
         return self._balance.volume_scale * point.step.length * volumes
 
     def _gap_and_full(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gap at the Gauss points and full content of the gap, over the volume scale.
+        """Gap at the Gauss points [m], and full content of the gap at all nodes over ``c R^2``.
 
-        Gauss points come first among the points where gaps are observed.
+        The Gauss points are the first of the points where gaps are observed.
         """
         surfaces = self._film.parameters.surfaces
         gap = observed[: self._film.assembly.area.size]
@@ -185,16 +193,16 @@ class OilContent(FilmContent):
     def _full_and_void(
         self, state: np.ndarray, observed: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Full content of all nodes over the volume scale; void volumes of the unknowns [m^3]."""
+        """Full content of all nodes over ``c R^2``, and void volumes of unknown nodes [m^3]."""
         gap, full = self._gap_and_full(observed)
         beyond = self._beyond_affine(state, gap)
         void = state[self.indices] - self._balance.volume_scale * beyond
         return full, void[self._nodes]
 
     def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
-        """Clip the void volumes of the first state to between zero and the gap's volume.
+        """Clip the void volumes of the first state to the range from zero to the gap's volume.
 
-        Compressed oil may exceed the gap's volume by `LARGEST_COMPRESSION`.
+        Compressed oil may exceed the volume of the gap by `LARGEST_COMPRESSION`.
         """
         full, void = self._full_and_void(states[0], observed)
         full = self._balance.volume_scale * full[self._nodes]
@@ -205,12 +213,12 @@ class OilContent(FilmContent):
         states[:, self.indices] += change
 
     def oil(self, state: np.ndarray, observed: np.ndarray) -> float:
-        """Volume of oil in a state with an observed gap [m^3]."""
+        """Volume of oil in a state with the gap `observed` [m^3]."""
         full, void = self._full_and_void(state, observed)
         return float(self._balance.volume_scale * full.sum() - void.sum())
 
     def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
-        """Void fractions of all nodes in a state with an observed gap."""
+        """Void fractions of all nodes in a state with the gap `observed`, shape (nodes,)."""
         full, void = self._full_and_void(state, observed)
         fractions = np.zeros(self.size)
         full = self._balance.volume_scale * full[self._nodes]
@@ -220,7 +228,7 @@ class OilContent(FilmContent):
     def of_void_fractions(
         self, fractions: np.ndarray | None, z: np.ndarray, observed: np.ndarray
     ) -> np.ndarray:
-        """Stored volumes for void fractions of all nodes in an observed gap [m^3]."""
+        """Stored volumes for void fractions of all nodes in the gap `observed`, (nodes,) [m^3]."""
         gap, full = self._gap_and_full(observed)
         void = np.zeros(self.size)
         if fractions is not None:

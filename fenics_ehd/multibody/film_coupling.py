@@ -1,9 +1,10 @@
 """Coupling of one film's equations with all other unknowns of a step.
 
-The gap of a film and its two surface velocities are linear in its coordinates xi, their rates, the
-relative speed of the journal, and the retained residual patterns of its surfaces: the *inputs*. The
-film's pressures act on the coordinates and patterns: the *outputs*. `FilmCoupling` makes of the
-derivatives of any `FilmModel` along its gap those along the unknowns of the step (`FilmBlock`).
+The *inputs* of a film are its coordinates xi, their rates, the relative speed of the journal, and
+the amplitudes of the retained residual patterns of its surfaces. Its gap and the velocities of both
+surfaces are linear in them. The *outputs* are the forces of the film's pressures on coordinates and
+patterns. `FilmCoupling` converts the derivatives of any `FilmModel` with respect to its gap to
+derivatives with respect to the unknowns of the step (`FilmBlock`).
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.surface import TurningRows
 
-#: Part of the rates of a joint's coordinates that does not follow from xi' = shift xi (drift of
-#: constraints), over the shift, above which derivatives contain it: 1e-8 in motion; mechanisms at
-#: rest whose bore turns have nothing else.
+#: Drift is the derivative of the rates of a joint's coordinates without that of ``xi' = shift xi``.
+#: Derivatives contain drift only if it is above this share of the shift. It is 1e-8 in motion; in
+#: mechanisms at rest whose bore turns, the rates consist of drift alone.
 LEAST_DRIFT = 1e-4
 
 
 class FilmCoupling:
-    """Coupling of one film.
+    """Coupling of one film's equations with the other unknowns x of a step.
 
     Parameters
     ----------
     model
-        The film's equations.
+        Equations of the film.
 
     Attributes
     ----------
     model
-        As given.
+        Equations of the film.
     retained_patterns
         Columns of the retained residual patterns among the inputs.
     """
@@ -51,14 +52,14 @@ class FilmCoupling:
         self._forces = -model.columns(joint.load)
 
     def retain_patterns(self, gap: np.ndarray, patterns: np.ndarray) -> None:
-        """Retain residual patterns in the derivatives.
+        """Set the residual patterns that the derivatives retain.
 
         Parameters
         ----------
         gap
-            Gap change at the Gauss points for unit amplitudes, shape (g, k).
+            Gap change at the Gauss points for unit amplitudes of k patterns, shape (g, k).
         patterns
-            Amplitudes at rest for unit nodal pressures, shape (k, nodes).
+            Static amplitudes of these patterns for unit nodal pressures, shape (k, nodes).
         """
         first = self._coordinates.shape[1]
         self._gap = np.hstack([self._coordinates, gap])
@@ -74,21 +75,19 @@ class FilmCoupling:
         share: float,
         size: int,
     ) -> FilmBlock:
-        """Derivatives at a point.
-
-        Without drift (`LEAST_DRIFT`) the rates of xi follow xi alone.
+        """Derivatives of the film's equations with respect to its own and all other unknowns.
 
         Parameters
         ----------
         point
-            Of the film.
+            Film evaluated at the current iterate.
         shift
-            Of the step.
+            Shift of the step's formula ``x' = shift x + ...`` [1/s].
         speed
-            Derivative of all rates along all unknowns x but the patterns.
+            Derivatives of all rates with respect to all unknowns x except for the patterns.
         patterns, share
-            Indices of the retained patterns in x, and their response within the step over that at
-            rest.
+            Indices of the retained patterns in x, and their response within the step over the
+            static one.
         size
             Number of unknowns x.
         """
@@ -102,7 +101,7 @@ class FilmCoupling:
             velocity += along_u @ self._sliding
         inputs[:, :n] += shift * velocity[:, :n]
         inputs[:, n] += velocity[:, n]
-        #: Derivatives of the journal's relative angle and speed along x.
+        # Derivatives of the journal's relative angle and speed with respect to x.
         rotation = np.zeros((2, size))
         rotation[0, binding.turning] = binding.signs
         rotation[1, : speed.shape[1]] = binding.signs @ speed[binding.turning]
@@ -143,11 +142,12 @@ class FilmCoupling:
         shift: float,
         speed: np.ndarray,
     ) -> FilmBlock:
-        """Derivatives with those along the coordinates of a turning surface and their rates."""
+        """Return the block with inputs for the coordinates of a turning surface and their rates."""
         binding = self.model.binding
         dofs = binding.turning_dofs
         selection = binding.turning_map
-        # Along the coordinates, the rate of the gap is not the shift times the gap.
+        # The derivative of the gap's rate by the coordinates is not the shift times that of the
+        # gap.
         along_rate = self._along_rate(point, shift, block.along_gap)
         along = block.along_gap @ rows.gap + along_rate @ (rows.gap_rate - shift * rows.gap)
         inputs = self.model.rows(np.hstack([along, along_rate @ rows.gap]))
@@ -162,16 +162,19 @@ class FilmCoupling:
     def _along_rate(
         self, point: FilmPoint, shift: float, along_gap: sparse.csc_matrix
     ) -> sparse.csc_matrix:
-        """Derivative along the rate of the gap, from those along the gap at two shifts."""
+        """Derivative with respect to the gap's rate, from derivatives by the gap at two shifts."""
         rate = self.model.film.parameters.rate
         return (self.model.along_gap(point, shift + rate)[0] - along_gap) / rate
 
     def with_matrix(self, former: FilmBlock, point: FilmPoint) -> FilmBlock:
-        """Former derivatives with the film's own matrices at a point."""
+        """Return earlier derivatives with the film's own matrices computed again at a point."""
         return replace(former, entries=self.model.along_unknowns(point), weights=point.weights)
 
     def add_turning_stiffness(self, point: FilmPoint, core: np.ndarray) -> None:
-        """Add to the core the derivative of the pressures' forces on a turning surface."""
+        """Add to the core the derivative of the pressures' forces on a turning surface.
+
+        These forces change with the coordinates of the surface at constant pressure.
+        """
         if point.turning is None:
             return
         binding = self.model.binding

@@ -1,37 +1,38 @@
-"""Films in the equations of a step: Reynolds condition and mass-conserving cavitation (JFO).
+"""Film equations in a step, with the Reynolds condition or mass-conserving cavitation (JFO).
 
-All films are one problem of their nodal unknowns w at a gap,
+Every film is a complementarity problem of its nodal unknowns w for a gap,
 
     r(w; gap) = W(gap) y,    0 <= w complementary to y >= 0,
 
-with W the identity, the mass matrix of 8-node elements, or the transport of void fractions. A film
-model (`FilmModel`) has the unknowns, the residual, the derivatives along unknowns and gap, the test
-of convergence and the film's state at the end of a step. What it stores in the state of the
-integration is its `FilmContent`; its coupling to motion and bores is `FilmCoupling`, the same for
-all models. No other module asks which model a film has.
+where W is the identity, the mass matrix of 8-node elements, or the transport of void fractions. A
+film model (`FilmModel`) defines the unknowns, the residual, its derivatives with respect to
+unknowns and gap, the test of convergence, and the state of the film at the end of a step. Its
+`FilmContent` has the values in the state of the time integration. `FilmCoupling` couples it to
+motion and bores, in the same way for all models. No other module depends on the model of a film.
 
-The first unknowns are the dimensionless pressures of m nodes, bounded below by zero. Behind them a
-model may have further, free unknowns of any number, with equations of its own: void fractions, a
-temperature. Its linear system (`pattern`) contains them, or `update` computes them by itself.
+The first unknowns are the dimensionless pressures of m nodes, bounded below by zero. A model may
+have any number of further unknowns without bounds, with their own equations: void fractions, a
+temperature. Either its linear system (`pattern`) contains them, or `update` computes them.
 
 **Reynolds condition** (`fenics_ehd.film.cavitation`). The equations are ``W^-1 r(p)``, divided by
 the norm of their source.
 
-**Mass-conserving cavitation.** The equation is that of `fenics_ehd.film.oil_balance`, the time
-derivative by the formula of the integrator. With the content ``M = int rho h N (1 - s)`` of every
-node,
+**Mass-conserving cavitation.** The equation is that of `fenics_ehd.film.oil_balance`; the formula
+of the integrator gives the time derivative. With the oil content ``M = int rho h N (1 - s)`` of
+every node,
 
     M' + outflow = 0,    M' = shift M + past,    0 <= p complementary to s >= 0.
 
 Between rough surfaces contents are those of the average gap ``h_T(h)``. The integrator
-differentiates contents, so that nothing is linearised in time; full films agree with those of the
-Reynolds condition, whose squeeze term is ``(dh_T / dh) h'``, to the order of the formula.
+differentiates the contents themselves, without linearisation in time. Full films therefore agree
+with those of the Reynolds condition, whose squeeze term is ``(dh_T / dh) h'``, to the order of the
+formula.
 
-The void fractions are free unknowns of the balance d = 0; the equation of the pressures is
-``s + gamma d`` (`fenics_ehd.film.oil_balance`). A Newton step computes the pressures of full nodes
-and the void fractions of the other nodes with one sparse matrix. One-step formulas keep all fluid
-fractions positive. With formulas of several steps the fluid fraction of a node that runs dry within
-few steps undershoots; steps with more than `UNDERSHOOT` are refused.
+The void fractions are unknowns without bounds, whose equation is the balance d = 0. The equation of
+the pressures is ``s + gamma d`` (`fenics_ehd.film.oil_balance`). One sparse matrix gives the Newton
+updates of the pressures of full nodes and of the void fractions of the other nodes. With one-step
+formulas all fluid fractions remain positive. With multistep formulas the fluid fraction of a node
+that runs dry within a few steps becomes negative; steps with more than `UNDERSHOOT` are refused.
 """
 
 from __future__ import annotations
@@ -63,21 +64,21 @@ from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_content import FilmContent, OilContent
 from fenics_ehd.multibody.film_point import FilmPoint, OilPoint
 
-#: Round-off of a film's balances over the largest flow that squeezes empty nodes, 4e-13 in a film
-#: of 697 nodes: oil as thin as air flows 1e8 times as fast as the source of the equation.
+#: Round-off of a film's equations over their largest defect at cavitated nodes. It was 4e-13 in a
+#: film of 697 nodes with oil as thin as air, whose flows are 1e8 times the source of the equation.
 FLOW_ROUND_OFF = 1e-11
 
-#: Dimensionless pressure that SNES-VI takes for zero.
+#: Dimensionless pressure up to which SNES-VI treats a pressure as zero.
 ZERO_PRESSURE = 1e-14
 
-#: Largest excess of a void fraction over 1.
+#: Largest excess of a void fraction over 1 in an accepted step.
 UNDERSHOOT = 0.02
 
-#: Round-off of the contents over a step, which the defects of the shortest steps consist of.
+#: Relative round-off of oil contents, of which the defects of the shortest steps consist.
 ROUND_OFF = 1e-13
 
-#: Derivatives of a film's equations along the gap with its rate, along the mean velocity and along
-#: the sliding velocity, see `ReynoldsEquation.gap_derivatives`.
+#: Derivatives of a film's equations with respect to the gap (on which its rate depends), the mean
+#: velocity and the sliding velocity, see `ReynoldsEquation.gap_derivatives`.
 AlongGap = tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]
 
 
@@ -90,38 +91,38 @@ class FilmModel(ABC, Generic[PointT]):
     Parameters
     ----------
     binding
-        The joint in its mechanism.
+        Binding of the film to the mechanism.
     nodes
-        Nodes with unknowns, shape (m,).
+        Indices of the nodes with unknowns, shape (m,).
     inside
-        Mask of these nodes that have a pressure, shape (m,).
+        Mask of those of these nodes whose unknown is a pressure, shape (m,).
     pattern
-        Pattern of the linear system, of the m nodes first.
+        Sparsity pattern of the linear system, with the m nodes first.
     content
-        Values in the state of the integration.
+        Values of the film in the state of the time integration.
 
     Attributes
     ----------
     binding, nodes, inside, pattern, content
-        As given.
+        Arguments of the constructor.
     film
         Film of the joint.
     lower
         Lower bounds of all unknowns: zero for the m pressures, which come first.
     scale
-        Divisor of the equations, from the first evaluation of a step on.
+        Divisor of the equations, set by the first evaluation in a step.
     """
 
-    #: Whether a matrix W comes with the derivatives.
+    #: Whether the linear system has a matrix W.
     weighted = True
 
-    #: Whether the matrix along the unknowns is symmetric positive definite.
+    #: Whether the derivative with respect to the unknowns is symmetric positive definite.
     symmetric = False
 
-    #: Whether the equations are nearly linear on one active set, so that factors are kept.
+    #: Whether the equations are nearly linear on one active set, so that factors are reused.
     nearly_linear = False
 
-    #: Whether the content is oil.
+    #: Whether the film conserves oil: `content` is its oil content.
     conserves_oil = False
 
     def __init__(
@@ -144,25 +145,28 @@ class FilmModel(ABC, Generic[PointT]):
     # Unknowns
 
     def unknowns(self, pressure: np.ndarray, void: np.ndarray | None = None) -> np.ndarray:
-        """Unknowns for pressures [Pa] and void fractions of all nodes (None: full)."""
+        """Vector of unknowns from pressures [Pa] and void fractions of all nodes.
+
+        Without void fractions every node is full of oil.
+        """
         return pressure[self.nodes] / self.film.parameters.pressure_scale
 
     def admissible(self, unknowns: np.ndarray) -> np.ndarray:
-        """Extrapolated unknowns, brought back to their bounds."""
+        """Extrapolated unknowns, clipped to their bounds."""
         return np.maximum(unknowns, self.lower)
 
     def nodal(self, unknowns: np.ndarray) -> np.ndarray:
-        """Dimensionless pressures of all nodes."""
+        """Dimensionless pressures of all nodes, shape (nodes,), from the vector of unknowns."""
         nodal = self.film.equation.given.copy()
         nodal[self.nodes] = unknowns[: len(self.nodes)] * self.inside
         return nodal
 
     def pressure(self, unknowns: np.ndarray) -> np.ndarray:
-        """Pressures of all nodes [Pa]."""
+        """Pressures of all nodes, shape (nodes,) [Pa], from the vector of unknowns."""
         return self.film.parameters.pressure_scale * self.nodal(unknowns)
 
     def full_nodes(self, free: np.ndarray) -> np.ndarray:
-        """Rows of the linear system that are full nodes, from the unknowns off their bounds."""
+        """Full nodes in the linear system, from the unknowns `free` off their bounds (indices)."""
         return free[free < len(self.nodes)]
 
     # Residual
@@ -170,24 +174,24 @@ class FilmModel(ABC, Generic[PointT]):
     def begin(self, step: ImplicitStep, past_gap: np.ndarray) -> None:
         """Start a step.
 
-        `past_gap` is the part of the gap's rate from past amplitudes of residual patterns, at the
-        Gauss points, shape (g,) [m/s].
+        `past_gap`, shape (g,) [m/s], is the part of the gap's rate at the Gauss points that comes
+        from past amplitudes of residual patterns.
         """
         self.content.begin(step)
         self.scale = 0.0
 
     @abstractmethod
     def evaluate(self, gap: Gap, unknowns: np.ndarray) -> PointT:
-        """Equations at unknowns."""
+        """Evaluate the equations for a gap and a vector of unknowns."""
 
     @abstractmethod
     def settled(self, point: PointT, tolerance: float) -> bool:
-        """True if equations and complementarity hold, in the maximum norm."""
+        """Whether equations and complementarity hold to a tolerance, in the maximum norm."""
 
     # Derivatives, and the linear system of a Newton step
 
     def linear_system(self, options_prefix: str) -> ActiveSetSystem:
-        """Solver for the film's matrix on full nodes, and for W on the others."""
+        """Make the solver of the linear system: film matrix on full nodes, W on the others."""
         return ActiveSetSystem(
             self.pattern,
             weighted=self.weighted,
@@ -196,42 +200,45 @@ class FilmModel(ABC, Generic[PointT]):
         )
 
     def along_unknowns(self, point: PointT) -> np.ndarray:
-        """Entries of the derivative along the unknowns of the linear system."""
+        """Entries of the derivative of the equations with respect to the unknowns."""
         return point.problem.entries(point.pressures) / self.scale
 
     @abstractmethod
     def along_gap(self, point: PointT, shift: float) -> AlongGap:
-        """Derivatives along the gap of the equations of all nodes, not scaled."""
+        """Derivatives of the equations of all nodes with respect to the gap, not scaled.
+
+        `shift` is the derivative of the thickness rate by the thickness [1/s].
+        """
 
     @abstractmethod
     def along_turn(self, point: PointT) -> np.ndarray:
-        """Derivative along the angle of a journal that carries supplies, of all nodes, not scaled.
+        """Derivative of the equations of all nodes by the journal's angle, not scaled, (nodes,).
 
-        Shape (nodes,).
+        It is not zero if the journal has supplies.
         """
 
     def rows(self, nodal: np.ndarray) -> np.ndarray:
-        """Rows of the linear system from equations of all nodes that are not scaled."""
+        """Rows of the linear system, scaled, from values for all nodes that are not scaled."""
         return nodal[self.nodes] / self.scale
 
     def columns(self, per_pressure: np.ndarray) -> np.ndarray:
-        """Columns of the linear system from effects of unit nodal pressures [1/Pa].
+        """Columns for the unknowns of the linear system, from effects of unit nodal pressures.
 
-        Shape (..., nodes).
+        The effects per pressure [1/Pa] have the shape (..., nodes).
         """
         scale = self.film.parameters.pressure_scale
         return scale * per_pressure[..., self.nodes] * self.inside
 
     @abstractmethod
     def right_side(self, point: PointT, full: np.ndarray) -> np.ndarray:
-        """Right-hand side of the linear system for an active set."""
+        """Right-hand side of the linear system for an active set with the given full nodes."""
 
     def update(self, point: PointT, full: np.ndarray, solution: np.ndarray) -> np.ndarray:
-        """Newton update of all unknowns from the solution of the linear system."""
+        """Newton update of all unknowns, from the solution of the linear system."""
         return solution
 
     def pressure_update(self, solution: np.ndarray, full: np.ndarray) -> np.ndarray:
-        """Newton update of the pressures of all nodes [Pa], from that of the full ones."""
+        """Newton update of the pressures of all nodes [Pa], zero except for full nodes."""
         nodal = np.zeros(self.film.assembly.size)
         pressed = full[self.inside[full]]
         nodal[self.nodes[pressed]] = self.film.parameters.pressure_scale * solution[pressed]
@@ -240,7 +247,7 @@ class FilmModel(ABC, Generic[PointT]):
     # State
 
     def state(self, point: PointT) -> FilmState:
-        """State of the film at a point, not verified."""
+        """State of the film at a point, without verification."""
         free = point.nodal[self.film.free]
         result = CavitationResult(free, self.scale * point.defect, np.flatnonzero(free > 0.0), 0)
         pressure = self.film.parameters.pressure_scale * point.nodal
@@ -248,24 +255,24 @@ class FilmModel(ABC, Generic[PointT]):
 
     @abstractmethod
     def end(self, point: PointT, tolerance: float) -> FilmState:
-        """State of the film at the end of a step, verified.
+        """State of the film at the end of a step, with verification.
 
         Raises
         ------
         CavitationError
-            It violates complementarity, or a condition of the model.
+            If the state violates complementarity, or a condition of the model.
         """
 
 
 class ReynoldsFilm(FilmModel[FilmPoint]):
-    """A film under the Reynolds condition.
+    """Film with the Reynolds condition (8) of cavitation.
 
     Parameters
     ----------
     binding
-        The joint in its mechanism.
+        Binding of the film to the mechanism.
     first
-        Index of its content, which is empty, in the state of the integration.
+        Index in the state of the integration at which its content, which is empty, begins.
     """
 
     nearly_linear = True
@@ -278,42 +285,42 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
         self.symmetric = film.parameters.lubricant.linear
 
     def evaluate(self, gap: Gap, unknowns: np.ndarray) -> FilmPoint:
-        """Reynolds equation, divided by the source of the step's first evaluation."""
+        """Evaluate the Reynolds equation, divided by the source at the step's first evaluation."""
         problem = self.film.equation.problem(gap)
         self.scale = self.scale or problem.scale
         defect = self.film.cavitation.defect(problem, unknowns) / self.scale
         return FilmPoint(unknowns, self.nodal(unknowns), gap, problem, defect)
 
     def along_gap(self, point: FilmPoint, shift: float) -> AlongGap:
-        """Derivatives of `ReynoldsEquation.gap_derivatives`."""
+        """Derivatives with respect to the gap, see `ReynoldsEquation.gap_derivatives`."""
         return self.film.equation.gap_derivatives(point.gap, point.nodal, shift)
 
     def along_turn(self, point: FilmPoint) -> np.ndarray:
-        """Derivative of `ReynoldsEquation.along_turn`."""
+        """Derivative with respect to the journal's angle, see `ReynoldsEquation.along_turn`."""
         return self.film.equation.along_turn(point.gap, point.nodal)
 
     def _open_defect(self, point: FilmPoint) -> np.ndarray:
-        """Defects that must vanish: at the other nodes the pressure is zero, the flux positive."""
+        """Defects that must vanish; 0 at nodes with zero pressure and a positive defect."""
         is_open = (point.pressures > ZERO_PRESSURE) | (point.defect < 0.0)
         return np.where(is_open, point.defect, 0.0)
 
     def right_side(self, point: FilmPoint, full: np.ndarray) -> np.ndarray:
-        """Defects that must vanish, multiplied by W."""
+        """Right-hand side of the linear system: W times the defects that must vanish."""
         defect = self._open_defect(point)
         weights = point.weights
         return defect if weights is None else self.pattern.multiply(weights, defect)
 
     def settled(self, point: FilmPoint, tolerance: float) -> bool:
-        """True if open defects are below the tolerance, relative to the source, or round-off."""
+        """Whether defects that must vanish are below the tolerance, or round-off."""
         largest: float = np.abs(self._open_defect(point)).max(initial=0.0)
         return largest <= self._limit(point, tolerance)
 
     def _limit(self, point: FilmPoint, tolerance: float) -> float:
-        """Defect that counts as zero."""
+        """Largest defect that counts as zero."""
         return max(tolerance, FLOW_ROUND_OFF * np.abs(point.defect).max(initial=0.0))
 
     def end(self, point: FilmPoint, tolerance: float) -> FilmState:
-        """State at the end of a step, its complementarity verified."""
+        """State at the end of a step, whose complementarity is verified."""
         state = self.state(point)
         limit = 10 * self._limit(point, tolerance)
         result = state.cavitation
@@ -322,14 +329,14 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
 
 
 class MassConservingFilm(FilmModel[OilPoint]):
-    """A film with mass-conserving cavitation (JFO).
+    """Film with mass-conserving cavitation (JFO).
 
     Parameters
     ----------
     binding
-        The joint in its mechanism.
+        Binding of the film to the mechanism.
     first
-        Index of its oil content in the state of the integration.
+        Index in the state of the integration at which its oil content begins.
 
     Attributes
     ----------
@@ -345,22 +352,22 @@ class MassConservingFilm(FilmModel[OilPoint]):
     def __init__(self, binding: FilmBinding, first: int):
         joint = binding.joint
         require_monotone(joint.film.parameters.grid.family)
-        # The binding's film has the temperature of the heat balance, the joint's own has not.
+        # The binding's film has the temperature of the heat balance, unlike the joint's film.
         balance = OilBalance(binding.film.film, oil_outside=joint.ambient == "oil")
         content = OilContent(binding, balance, first)
         super().__init__(binding, balance.unknown, ~balance.dry, balance.pattern, content)
         self.balance = balance
         self._areas = balance.assembly.source(np.ones_like(balance.assembly.area))[self.nodes]
-        # Void fractions are free.
+        # Void fractions have no bounds.
         self.lower = np.concatenate([self.lower, np.full(len(self.nodes), -np.inf)])
 
     def unknowns(self, pressure: np.ndarray, void: np.ndarray | None = None) -> np.ndarray:
-        """Unknowns for pressures [Pa] and void fractions of all nodes (None: full)."""
+        """Vector of unknowns from pressures [Pa] and void fractions, see `FilmModel.unknowns`."""
         nodal = np.zeros(self.balance.assembly.size) if void is None else void
         return np.concatenate([super().unknowns(pressure), nodal[self.nodes]])
 
     def admissible(self, unknowns: np.ndarray) -> np.ndarray:
-        """Extrapolated unknowns, neither pressures nor void fractions below zero."""
+        """Extrapolated unknowns with pressures and void fractions clipped to at least zero."""
         return np.maximum(unknowns, 0.0)
 
     def begin(self, step: ImplicitStep, past_gap: np.ndarray) -> None:
@@ -368,7 +375,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         self.content.begin(step)
         joint = self.binding.film
         rate = self.film.parameters.rate
-        # The rate of the gap that is affine in the state is ``shift h + past``.
+        # The rate of the affine part of the gap is ``shift h + past``.
         constant = joint.clearance + joint.deviation[: len(joint.thickness)]
         past = joint.thickness @ step.past_x[self.binding.xi] + past_gap
         past = past - step.shift * constant
@@ -378,7 +385,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         self._rows = np.zeros(0)
 
     def evaluate(self, gap: Gap, unknowns: np.ndarray) -> OilPoint:
-        """Equations of the pressures, then the oil balance."""
+        """Evaluate the equations of the pressures, and after them the oil balance."""
         pressures, void = np.split(unknowns, 2)
         step = self.balance.ending(gap, self._length, self._former)
         problem = self.balance.problem(step)
@@ -394,35 +401,39 @@ class MassConservingFilm(FilmModel[OilPoint]):
         return OilPoint(pressures, nodal, gap, problem, defects, void, step, transport)
 
     def along_gap(self, point: OilPoint, shift: float) -> AlongGap:
-        """Derivatives of `OilBalance.gap_derivatives`."""
+        """Derivatives with respect to the gap, see `OilBalance.gap_derivatives`."""
         return self.balance.gap_derivatives(point.step, point.nodal, point.transport)
 
     def along_turn(self, point: OilPoint) -> np.ndarray:
-        """Derivative of `OilBalance.along_turn`."""
+        """Derivative with respect to the journal's angle, see `OilBalance.along_turn`."""
         return self.balance.along_turn(point.step, point.nodal)
 
     def _void_update_of_full(self, point: OilPoint, full: np.ndarray) -> np.ndarray:
-        """Newton update of the void fractions of full nodes, zero at the others, shape (m,)."""
+        """Newton update of void fractions at full nodes, zero at other nodes, shape (m,)."""
         void = np.zeros(len(point.void))
         void[full] = point.defect[full] - DEFECT_WEIGHT * point.balance[full] / self._rows[full]
         return void
 
     def right_side(self, point: OilPoint, full: np.ndarray) -> np.ndarray:
-        """Defect of the balance, less the transport of the updated void fractions."""
+        """Right-hand side of the linear system: defect of the balance at updated void fractions.
+
+        The update is that of the void fractions of full nodes, which is known.
+        """
         void = self._void_update_of_full(point, full)
         return point.balance + self.pattern.multiply(point.weights, void)
 
     def update(self, point: OilPoint, full: np.ndarray, solution: np.ndarray) -> np.ndarray:
         """Newton update of pressures and void fractions.
 
-        The solution has pressures at full nodes and void fractions at the others.
+        The solution of the linear system has updates of pressures at full nodes, and of void
+        fractions at the other nodes.
         """
         void = solution.copy()
         void[full] = self._void_update_of_full(point, full)[full]
         return np.concatenate([solution, void])
 
     def settled(self, point: OilPoint, tolerance: float) -> bool:
-        """True if balance and complementarity hold, in the maximum norm."""
+        """Whether oil balance and complementarity hold to a tolerance, in the maximum norm."""
         limit = tolerance * self._source + ROUND_OFF * self._rows.max()
         overlap = np.minimum(point.pressures, point.void)
         return bool(
@@ -436,14 +447,14 @@ class MassConservingFilm(FilmModel[OilPoint]):
         Raises
         ------
         CavitationError
-            It violates complementarity, or a void fraction is above 1.
+            If the state violates complementarity, or a void fraction is above 1.
         """
         balance = self.balance
         step = point.step
         verify_complementarity(point.pressures, point.void, 1.0, 10 * tolerance)
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:
-            raise CavitationError(f"fluid fraction below 0: by {excess:.2g}, at most {UNDERSHOOT}")
+            raise CavitationError(f"fluid fraction below 0 by {excess:.2g}, at most {UNDERSHOOT}")
         outflow = balance.outflow(step, point.nodal, point.pressures, point.transport)
         content = balance.volume_scale * step.length * step.full - self.content.void_volumes(point)
         return replace(
@@ -453,7 +464,8 @@ class MassConservingFilm(FilmModel[OilPoint]):
         )
 
 
-#: Film model of every cavitation condition, made of a binding and the first index of its content.
+#: Film model for every cavitation condition; arguments are a binding, and the index at which the
+#: content begins in the state of the integration.
 MODELS: Mapping[str, Callable[[FilmBinding, int], FilmModel[Any]]] = {
     "reynolds": ReynoldsFilm,
     "mass-conserving": MassConservingFilm,
@@ -461,7 +473,7 @@ MODELS: Mapping[str, Callable[[FilmBinding, int], FilmModel[Any]]] = {
 
 
 def film_models(bindings: Sequence[FilmBinding], first: int) -> list[FilmModel[Any]]:
-    """Models of all films; their contents begin at index `first` of the integration's state."""
+    """Make the models of all films, with contents from index `first` of the integration's state."""
     models = []
     for binding in bindings:
         model = MODELS[binding.joint.cavitation](binding, first)

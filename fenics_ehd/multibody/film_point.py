@@ -1,7 +1,7 @@
-"""Evaluations of film equations: one point of Newton's method.
+"""Points: the equations of a film evaluated at one iterate of Newton's method.
 
 A film model (`fenics_ehd.multibody.film_models`) evaluates its equations at unknowns and returns a
-point; derivatives, convergence, contents and the state of the film are computed from it.
+point. Derivatives, convergence, oil contents and the state of the film are computed from it.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from fenics_ehd.multibody.surface import TurningRows
 
 @dataclass(frozen=True, eq=False)
 class FilmPoint:
-    """One evaluation of a film's equations.
+    """Equations of a film evaluated at one iterate.
 
     Attributes
     ----------
     pressures
-        Dimensionless pressures of the m nodes with unknowns, of dry sides their outflows.
+        Dimensionless pressures of the m nodes with unknowns; at dry sides dimensionless outflows.
     nodal
         Dimensionless pressures of all nodes.
     gap
-        The gap.
+        Gap at the Gauss points.
     problem
         Complementarity problem of the equations at this gap.
     defect
-        Residual of all unknowns of the film, of order one.
+        Residual of all equations of the film, scaled to order one.
     contact
-        Asperity contact at the Gauss points; None: smooth surfaces.
+        Asperity contact at the Gauss points; None for smooth surfaces.
     turning
-        Rows of the turning surface; None: no surface turns.
+        Derivatives of the gap by the coordinates of a turning surface; None if no surface turns.
     """
 
     pressures: np.ndarray
@@ -49,25 +49,25 @@ class FilmPoint:
 
     @property
     def fluid_fraction(self) -> np.ndarray | None:
-        """Fraction of the gap that oil fills at all nodes; None if the model has none."""
+        """Fraction of the gap that oil fills, shape (nodes,); None if it is not defined."""
         return None
 
     @property
     def weights(self) -> np.ndarray | None:
-        """Entries of W in the model's pattern; None: identity."""
+        """Entries of W in the model's sparsity pattern; None if W is the identity."""
         return self.problem.weights
 
 
 @dataclass(frozen=True, eq=False)
 class OilPoint(FilmPoint):
-    """One evaluation of a film with mass-conserving cavitation.
+    """Equations of a film with mass-conserving cavitation, evaluated at one iterate.
 
     Attributes
     ----------
     void
-        Void fractions of the m nodes with unknowns.
+        Void fractions of the m nodes with unknowns, shape (m,).
     step
-        The time step of the oil balance.
+        Data of the oil balance for the time step.
     transport
         Transport of the void fractions.
     """
@@ -78,15 +78,15 @@ class OilPoint(FilmPoint):
 
     @property
     def fluid_fraction(self) -> np.ndarray:
-        """Fraction of the gap that oil fills at all nodes."""
+        """Fraction of the gap that oil fills, shape (nodes,)."""
         return 1.0 - self.transport.void
 
     @property
     def weights(self) -> np.ndarray:
-        """Entries of W: derivative of the transport along the void fractions."""
+        """Entries of W, the derivative of the transport with respect to void fractions."""
         return self.transport.entries
 
     @property
     def balance(self) -> np.ndarray:
-        """Defect of the oil balance at the m nodes."""
+        """Defect of the oil balance at the nodes with unknowns, shape (m,)."""
         return self.defect[len(self.void) :]

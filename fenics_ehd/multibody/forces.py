@@ -1,4 +1,4 @@
-"""Forces and torques on markers, each with exact derivatives."""
+"""Forces and torques on markers of bodies, with exact derivatives."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from fenics_ehd.multibody.body import ANGLE
 from fenics_ehd.multibody.joints import SECOND
 from fenics_ehd.multibody.tabulated import Variation, variations_of
 
-#: Variables that a torque's table may be over.
+#: Variables over which a torque may have a table.
 BASES = ("angle", "time")
 
-#: Function of the time or of an angle that returns a value and its derivative. A table with rows,
-#: which no step may cross, is a `Curve`.
+#: Function of time [s] or of an angle [rad] that returns a value and its derivative. A table whose
+#: rows no step may miss is a `Curve`.
 Table = Callable[[float], tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Generalised force on the values u of a force's markers with its derivatives.
+    """Generalised force on the k values u of a force's markers, with its derivatives.
 
     Attributes
     ----------
     value
         Forces and torques, shape (k,) [N], [N m].
     position, rate
-        Derivatives along u and along u', shape (k, k); None: zero.
+        Derivatives with respect to u and to the rates u', shape (k, k); None if zero.
     """
 
     value: np.ndarray
@@ -48,42 +48,43 @@ class Force(ABC):
     @property
     @abstractmethod
     def markers(self) -> tuple[str, ...]:
-        """Markers that the force acts on or whose values and rates it depends on."""
+        """Markers on which the force acts, or on whose values and rates it depends."""
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variations over the time or over an angle: periods, and tables no step may cross."""
+        """Variations over time or an angle: periods, and tables whose rows no step may miss."""
         return ()
 
     @property
     def turned_body(self) -> str:
-        """Body that the force turns by a torque; empty: none."""
+        """Name of the body on which the force acts as a torque; empty if there is none."""
         return ""
 
     @property
     def left_out_of_equilibrium(self) -> str:
-        """Description of a force that an equilibrium is computed without; empty: with it."""
+        """Description of the force if equilibria are computed without it; empty if with it."""
         return ""
 
     @abstractmethod
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
-        """Generalised force on the values u of its markers, at u and its rates."""
+        """Generalised force at a time [s], for values u of its markers and their rates."""
 
 
 @dataclass(frozen=True)
 class PointForce(Force):
-    """Force of constant direction whose size is a table.
+    """Force of constant direction on a point, with a size over time or over an angle.
 
     Attributes
     ----------
     point
-        Marker that the force acts on.
+        Marker on which the force acts.
     direction
         Direction in the frame at rest, shape (2,), of any length.
     size
-        Force [N] over the time [s], or over the angle of `angle_of` [rad].
+        Function that returns the force [N], and its derivative, over time [s] or over the angle of
+        `angle_of` [rad].
     angle_of
-        Body whose angle the table is over; empty: the table is over the time.
+        Name of the body over whose angle the size is given; empty for a size over time.
     """
 
     point: str
@@ -99,16 +100,16 @@ class PointForce(Force):
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Markers of the point and of the body whose angle the table is over."""
+        """Marker of the point and, for a size over an angle, that of its body."""
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variation of the size, see `Force`."""
+        """Variation of the size over time or angle, see `Force.variations`."""
         return variations_of(self.size, angle_of=self.angle_of.partition(".")[0])
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
-        """Force on the point, see `Force`."""
+        """Generalised force on the point, see `Force.load`."""
         along = np.array(self.direction) / np.hypot(*self.direction)
         value = np.zeros(len(u))
         if not self.angle_of:
@@ -124,47 +125,49 @@ class PointForce(Force):
 
 @attrs.frozen
 class Torque(Force):
-    """A torque on a body; the body begins at its angle and speed at the start.
+    """Torque on a body, whose angle and speed at the start are those of the body's pose.
 
     Attributes
     ----------
     body
-        Body that the torque acts on.
+        Name of the body on which the torque acts.
     curve
-        Additional torque [N m] over the body's angle [rad] or over the time [s]; a scene reads it
-        from `table`.
+        Function that returns an additional torque [N m], and its derivative, over the body's angle
+        [rad] or over time [s]; a scene reads it from `table`.
     """
 
     body: str = ""
     curve: Table | None = attrs.field(default=None, kw_only=True)
     torque: float = number(0.0, "constant part, + in the sense of the angle [N m]")
-    table: str = text(NONE, "more torque: CSV file angle_deg,torque_Nm or time_s,torque_Nm")
+    table: str = text(NONE, "additional torque: CSV file angle_deg,torque_Nm or time_s,torque_Nm")
     over: str = only_with(
-        choice("angle", BASES, "what the table is over, the body's own angle or time"), "table"
+        choice("angle", BASES, "variable of the table, the body's angle or time"), "table"
     )
-    damping: float = number(0.0, "more torque per speed below the given one [N m s/rad]", least=0)
-    speed: float = only_with(quantities.speed(0.0, "the given one [rad/s]"), "damping")
+    damping: float = number(0.0, "torque per speed difference to `speed` [N m s/rad]", least=0)
+    speed: float = only_with(
+        quantities.speed(0.0, "without torque from damping [rad/s]"), "damping"
+    )
 
     def __attrs_post_init__(self) -> None:
         require_callable("curve", self.curve, optional=True)
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Marker of the body."""
+        """Marker of the body on which the torque acts."""
         return (self.body,)
 
     @property
     def turned_body(self) -> str:
-        """Body that the torque acts on."""
+        """Name of the body on which the torque acts."""
         return self.body.partition(".")[0]
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variation of the curve, see `Force`."""
+        """Variation of the curve over time or angle, see `Force.variations`."""
         return variations_of(self.curve, angle_of=self.turned_body if self.over == "angle" else "")
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
-        """Torque on the body, see `Force`."""
+        """Generalised force on the body, see `Force.load`."""
         value = np.zeros(len(u))
         position = np.zeros((len(u), len(u)))
         rate = np.zeros((len(u), len(u)))
@@ -180,9 +183,9 @@ class Torque(Force):
 
 @attrs.frozen
 class RotatingForce(Force):
-    """A force that turns at constant speed and points along x at time zero.
+    """Force that rotates at constant speed, and points along x at time zero.
 
-    During the ramp the force grows as ``(1 - cos(pi t / ramp)) / 2``.
+    During the ramp the amplitude grows as ``(1 - cos(pi t / ramp)) / 2``.
     """
 
     point: str = text(REQUIRED, "where it acts, shaft.disk")
@@ -190,26 +193,26 @@ class RotatingForce(Force):
         REQUIRED, "[N]", above=0, usual=(1e-3, 1e8), example="3600 for 3.6 kN"
     )
     speed: float = quantities.speed(REQUIRED, "[rad/s]")
-    ramp: float = number(0.0, "time over which it grows [s], 0: there from the start", least=0)
+    ramp: float = number(0.0, "time over which it grows [s], 0: constant from the start", least=0)
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Marker of the point."""
+        """Marker of the point on which the force acts."""
         return (self.point,)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """A turn of the force, and the time over which it grows; see `Force`."""
+        """Period of one turn, and the ramp, as variations over time, see `Force.variations`."""
         period = 2 * np.pi / abs(self.speed) if self.speed else 0.0
         return Variation(period=period), Variation(settled=self.ramp, setting="ramp")
 
     @property
     def left_out_of_equilibrium(self) -> str:
-        """Description of the force, unless it is constant; see `Force`."""
+        """Description of the force unless it is constant, see `Force.left_out_of_equilibrium`."""
         return f"of {self.amplitude:g} N" if self.speed or self.ramp else ""
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
-        """Force at a time, see `Force`."""
+        """Generalised force on the point at a time, see `Force.load`."""
         share = 1.0
         if time < self.ramp:
             share = 0.5 * (1 - np.cos(np.pi * time / self.ramp))
@@ -221,7 +224,7 @@ class RotatingForce(Force):
 
 @attrs.frozen
 class SpringDamper(Force):
-    """A spring and a damper between two points, the same in all directions of the plane."""
+    """Spring and damper between two points, with equal coefficients in all directions."""
 
     between: tuple[str, ...] = names("the points", REQUIRED, count=2)
     stiffness: float = number(0.0, "[N/m]", least=0, below=1e18)
@@ -233,7 +236,7 @@ class SpringDamper(Force):
         return self.between
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
-        """Forces of spring and damper, see `Force`."""
+        """Generalised forces of spring and damper on both points, see `Force.load`."""
         difference = np.zeros((2, len(u)))
         for axis in range(2):
             difference[axis, axis] = 1.0

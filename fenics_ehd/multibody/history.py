@@ -1,12 +1,13 @@
-"""The history of a run: arrays over its accepted steps, the same in memory and on disk.
+"""History of a run: arrays over its accepted steps, with the same paths in memory and on disk.
 
-Every recorded quantity is an array over the steps, by path: ``time``, ``run/QUANTITY``,
+Every recorded quantity is an array over the steps and has a path: ``time``, ``run/QUANTITY``,
 ``bodies/NAME/QUANTITY``, ``joints/NAME/QUANTITY``, ``joints/NAME/film/FIELD`` and ``state/FIELD``.
 Meshes of films, ``joints/NAME/film/angle``, ``height`` and ``cells``, do not change. A column of
-``history.csv`` is a quantity of a joint, a body or the run with one number a step; its name ends
+``history.csv`` is a quantity of a joint, a body or the run with one number per step; its name ends
 with its unit.
 
-A periodic cycle has a row at its start, too: the state at its end, less a period and whole turns.
+`History.with_start` adds a row at the start of a periodic cycle: the state at the end of the cycle,
+less a period and whole turns.
 """
 
 from __future__ import annotations
@@ -59,30 +60,30 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-#: Share of a turn by which angles may differ and be equal: rounding.
+#: Difference in turns up to which two angles count as equal, because of rounding.
 TURN_ROUNDING = 1e-6
 
 
-#: Names and version of the files, and of the layout of ``history.h5``.
+#: Names of the files, and name and version of the layout of ``history.h5``.
 FIELDS_NAME = "history.h5"
 CSV_NAME = "history.csv"
 FORMAT = "fenics_ehd history"
 FORMAT_VERSION = 4
 
-#: Former versions of the layout that are read: 3, of 0.3, has no group `CYCLE`.
+#: Earlier versions of the layout that can be read: version 3, of release 0.3, has no group `CYCLE`.
 READ_VERSIONS = (3,)
 
-#: Group of the file with the state for a restart, which is not in the rows.
+#: Group of the file with the state for a restart that is not recorded in the rows.
 RESUME = "resume"
 
 #: Group of the file with the last complete cycle.
 CYCLE = "cycle"
 
-#: Entry instead of a unit if every column has its own unit: units of coordinates and rates are in
-#: the attribute ``units`` of the file; multipliers are forces [N] and torques [N m].
+#: Unit of arrays whose columns have different units. The file has the units of coordinates and
+#: rates in the attribute ``units``; multipliers are forces [N] and torques [N m].
 MIXED = "mixed"
 
-#: Units of fields by the last part of their path; the state has one for each coordinate.
+#: Units of fields and of arrays of the state, by the last part of their path.
 FIELD_UNITS = {
     "pressure": "Pa",
     "gap": "m",
@@ -98,7 +99,7 @@ FIELD_UNITS = {
     "cells": DIMENSIONLESS,
 }
 
-#: First parts of the paths of quantities with one number a step, nodal fields excepted.
+#: Start of the paths of quantities with one number per step, except for nodal fields.
 COLUMNS = ("time", "run/", "bodies/", "joints/")
 
 #: Arrays of the state whose attribute ``units`` has one unit for every column.
@@ -150,37 +151,39 @@ LAYOUT = Group(
     }
 )
 
-#: Data of a film that do not change.
+#: Names of a film's arrays that are the same at all steps.
 MESH = ("angle", "height", "cells", "radius", "clearance")
 
-#: Compression of large datasets after the last row.
+#: Options of h5py that compress fields once the run has ended.
 PACKED: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def of_film(path: str) -> bool:
-    """True of the path of a film's nodal field, ``joints/NAME/film/pressure``."""
+    """Whether a path is that of a film's array, such as ``joints/NAME/film/pressure``."""
     return path.count("/") == 3
 
 
 def column_name(path: str) -> str:
-    """Name in ``history.csv`` of a column by its path in a history, with or without a unit.
+    """Name of a column in ``history.csv`` from its path in a history, with or without a unit.
 
     Parameters
     ----------
     path
-        ``joints/big_end/force_x_N``, ``run/step_s``, ``time_s``.
+        Path of the column: ``joints/big_end/force_x_N``, ``run/step_s``, ``time_s``.
 
     Returns
     -------
     str
-        ``big_end.force_x_N``, ``step_s``, ``time_s``.
+        Name of the column: ``big_end.force_x_N``, ``step_s``, ``time_s``.
     """
     group, _, name = path.partition("/")
     return (name or group).replace("/", ".", 1)
 
 
 class Columns(dict[str, np.ndarray]):
-    """Columns of ``history.csv`` by name; a bare name is accepted if one joint has the column.
+    """Columns of ``history.csv`` by name.
+
+    A name without its joint is accepted if only one joint has the column.
 
     Attributes
     ----------
@@ -201,7 +204,7 @@ class Columns(dict[str, np.ndarray]):
         return self[f"{joint}.{name}"]
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The column of that name, bare ones as above, or else `default`."""
+        """Column of a name, which may lack its joint; `default` if there is none."""
         try:
             return self[name]
         except KeyError:
@@ -209,7 +212,10 @@ class Columns(dict[str, np.ndarray]):
 
 
 class Summary(dict[str, Any]):
-    """Entries of ``summary.json``; those of a joint are accepted without it if one has them."""
+    """Entries of ``summary.json`` by name.
+
+    The entry of a joint is accepted without the joint if only one joint has it.
+    """
 
     def __missing__(self, name: str) -> Any:
         joints = super().get("joints", {})
@@ -222,7 +228,7 @@ class Summary(dict[str, Any]):
         return joints[joint][name]
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The entry of that name, those of a joint as above, or else `default`."""
+        """Entry of a name, which may be that of a joint; `default` if there is none."""
         try:
             return self[name]
         except KeyError:
@@ -230,12 +236,12 @@ class Summary(dict[str, Any]):
 
 
 def fixed(path: str) -> bool:
-    """True of the path of a film's mesh, which does not change from step to step."""
+    """Whether a path is that of a film's mesh, which is the same at all steps."""
     return of_film(path) and path.rpartition("/")[2] in MESH
 
 
 def is_column(path: str) -> bool:
-    """True of the path of a column, one number a step, with its unit or without."""
+    """Whether a path, with or without a unit, is that of a column with one number per step."""
     return path.startswith(COLUMNS) and not of_film(path)
 
 
@@ -248,18 +254,18 @@ class History:
     Attributes
     ----------
     values
-        Arrays by path, their first axis the step.
+        Arrays by path; except for meshes of films, their first axis is the step.
     coordinate_names, coordinate_units
-        Names and units of the mechanism's coordinates: ``bodies/rod/x``, ``bodies/rod/mode_1``.
+        Names and units of the mechanism's n coordinates: ``bodies/rod/x``, ``bodies/rod/mode_1``.
     entries
-        Entries of ``summary.json``; empty of a run that is in progress or was killed.
+        Entries of ``summary.json``; empty if the run is in progress or was killed.
     scene
-        Tables of the scene file as the run read it; empty of a mechanism made in Python.
+        Tables of the scene file as the run read it; empty for a mechanism made in Python.
     stored_cycle
-        The last complete cycle as the run decided it, None if nothing was stored, see `cycle`.
+        Last complete cycle that was stored with the run; None if there is none, see `cycle`.
     solved
-        Recorder of the run from `simulate`, for `replay`, `error_budget`, `multiplier` and
-        `sensitivity`; None of a run that was read.
+        Recorder of a run from `simulate`, for `replay`, `error_budget`, `multiplier` and
+        `sensitivity`; None for a run that was read from a folder.
     """
 
     values: Mapping[str, Quantity]
@@ -276,27 +282,27 @@ class History:
 
     @cached_property
     def _paths(self) -> dict[str, str]:
-        """Paths of the columns by name: ``big_end.max_pressure``."""
+        """Paths of the columns by name without unit, such as ``big_end.max_pressure``."""
         return {column_name(path): path for path in self.values if is_column(path)}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns without units: ``big_end.max_pressure``, ``rod.angle``."""
+        """Names of all columns without units: ``big_end.max_pressure``, ``rod.angle``."""
         return tuple(self._paths)
 
     def __getitem__(self, name: str) -> Quantity:
-        """One of `names` over the steps, shape (steps,)."""
+        """Column over the steps, shape (steps,), by its name without unit (`names`)."""
         return self.values[self._paths[name]]
 
     def __contains__(self, name: object) -> bool:
         return name in self._paths
 
     def units(self, name: str) -> str:
-        """Unit of one of `names`."""
+        """Unit of a column, by its name without unit (`names`)."""
         return self[name].units
 
     def _group(self, path: str) -> dict[str, Quantity]:
-        """Quantities directly in a group, by name."""
+        """Quantities whose path is `path` followed by their name, by name."""
         quantities = {}
         for full_path, quantity in self.values.items():
             group, _, name = full_path.rpartition("/")
@@ -306,18 +312,18 @@ class History:
 
     @staticmethod
     def _owners(kind: str, paths: Iterable[str]) -> list[str]:
-        """Names of joints or bodies."""
+        """Names of the joints or bodies, depending on `kind`, that occur in paths."""
         parts = [path.split("/") for path in paths]
         return list(dict.fromkeys(path[1] for path in parts if path[0] == kind))
 
     @cached_property
     def run(self) -> Quantities:
-        """Quantities of no body or joint: energies, works, step sizes."""
+        """Quantities of the complete run: energies, works, step sizes."""
         return Quantities({"time": self.values["time"]} | self._group("run"))
 
     @cached_property
     def joints(self) -> dict[str, JointResult]:
-        """Lubricated joints by name."""
+        """Results of every lubricated joint, by its name."""
         return {
             name: JointResult(self._group(f"joints/{name}"), self._film(name))
             for name in self._owners("joints", self.values)
@@ -332,7 +338,7 @@ class History:
 
     @cached_property
     def bodies(self) -> dict[str, BodyResult]:
-        """Bodies that can move, by name."""
+        """Results of every body that can move, by its name."""
         owners = np.array([name.rpartition("/")[0] for name in self.coordinate_names])
         bodies = {}
         for name in self._owners("bodies", [*self.values, *self.coordinate_names]):
@@ -344,39 +350,46 @@ class History:
 
     @property
     def time(self) -> Quantity:
-        """Times of the accepted steps, shape (steps,) [s]; within a cycle since its start."""
+        """Times of the accepted steps, shape (steps,) [s].
+
+        They are counted from the start of the run, or from that of the cycle if the history has
+        only one cycle of a search.
+        """
         numbers = self.values.get("run/cycle")
         one = numbers is not None and len(numbers) and numbers[0] == numbers[-1]
         return self.values["run/cycle_time" if one else "time"]
 
     @property
     def coordinates(self) -> np.ndarray:
-        """Coordinates of the mechanism, shape (steps, n)."""
+        """Coordinates of the mechanism at every step, shape (steps, n)."""
         return np.asarray(self.values["state/coordinates"])
 
     @property
     def rates(self) -> np.ndarray:
-        """Rates of the coordinates, shape (steps, n)."""
+        """Rates of the coordinates at every step, shape (steps, n)."""
         return np.asarray(self.values["state/rates"])
 
     @property
     def quasi_static(self) -> np.ndarray:
-        """Amplitudes of the residual patterns of M4, shape (steps, r) [Pa]; r = 0 without."""
+        """Amplitudes of the r residual patterns of M4, shape (steps, r) [Pa]; r may be 0."""
         return np.asarray(self.values.get("state/quasi_static", np.zeros((len(self), 0))))
 
     @property
     def pressures(self) -> dict[str, np.ndarray]:
-        """Nodal pressures of every film that was read, by joint, shape (steps, nodes) [Pa]."""
+        """Nodal pressures of every film by joint, shape (steps, nodes) [Pa].
+
+        The result is empty if the history was read without films.
+        """
         parts = [(path.split("/"), v) for path, v in self.values.items()]
         return {path[1]: np.asarray(v) for path, v in parts if path[2:] == ["film", "pressure"]}
 
     def summary(self) -> Mapping[str, Any]:
-        """Content of ``summary.json``; empty of a run that is in progress or was killed."""
+        """Entries of ``summary.json``; empty if the run is in progress or was killed."""
         return Summary(self.entries)
 
     @property
     def status(self) -> str:
-        """``"complete"``, the reason for rejecting the result, or that no summary exists."""
+        """Status: ``"complete"``, why results are rejected, or that no summary exists."""
         return str(
             self.entries.get(
                 "status", "no summary found: the run is in progress or was interrupted"
@@ -385,17 +398,17 @@ class History:
 
     @property
     def figures(self) -> Mapping[str, Mapping[str, Any]]:
-        """Extremes and means of every lubricated joint, by its name, as in the summary."""
+        """Entries of the summary, extremes and means, of every lubricated joint by its name."""
         return self.entries.get("joints", {})
 
     @property
     def cycles(self) -> int:
-        """Number of cycles of a periodic run, else 0."""
+        """Number of cycles of a search for a periodic solution; 0 for other runs."""
         return int(self.entries.get("cycles", 0))
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """Columns of ``history.csv`` by name with unit, ``big_end.max_pressure_Pa``."""
+        """Columns of ``history.csv`` by name with unit, such as ``big_end.max_pressure_Pa``."""
         columns = Columns(
             (with_unit(column_name(path), quantity.units), np.asarray(quantity))
             for path, quantity in self.values.items()
@@ -405,24 +418,24 @@ class History:
         return columns
 
     def to_dataframe(self) -> DataFrame:
-        """`columns` as a table of pandas over the time, its index ``time_s``.
+        """Return `columns` as a pandas table with the index ``time_s``.
 
         Raises
         ------
         InputError
-            Pandas is not installed.
+            If pandas is not installed.
         """
         pandas = _wanted("pandas", "to_dataframe")
         columns = {name: v for name, v in self.columns.items() if name != "time_s"}
         return pandas.DataFrame(columns, index=pandas.Index(np.asarray(self.time), name="time_s"))
 
     def to_xarray(self) -> Dataset:
-        """All of `names` as a dataset of xarray over the time, their units as attributes.
+        """Return all columns as an xarray dataset over the time, with their units as attributes.
 
         Raises
         ------
         InputError
-            Xarray is not installed.
+            If xarray is not installed.
         """
         xarray = _wanted("xarray", "to_xarray")
         columns = {name: self[name] for name in self.names} | {"time": self.time}
@@ -431,17 +444,17 @@ class History:
         )
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
-        """A history with every array over the steps changed, for example to fewer steps."""
+        """Return a history with `change` applied to every array over the steps."""
         return self.changed({path: change(v) for path, v in self.values.items() if not fixed(path)})
 
     def changed(self, arrays: Mapping[str, np.ndarray]) -> Self:
-        """A history with other arrays by path, in the units of the arrays that they replace."""
+        """Return a history with other arrays by path, in the units of the arrays they replace."""
         changed = {path: Quantity(array, self.values[path].units) for path, array in arrays.items()}
         return replace(self, values={**self.values, **changed})
 
     @property
     def cycle(self) -> Cycle:
-        """The last complete cycle: stored with the run, or in its summary, or from its columns."""
+        """Last complete cycle: as stored with the run, else from its summary or its columns."""
         if self.stored_cycle is not None:
             return self.stored_cycle
         columns = (self.values.get(f"run/{name}") for name in ("cycle", "cycle_time"))
@@ -450,19 +463,20 @@ class History:
         return Cycle.of_summary(self.entries) or Cycle.of_stored_columns(times, numbers, clock)
 
     def last_cycle(self) -> History:
-        """The last complete cycle, which figures ``cycle_...`` of the summary are of, see `cycle`.
+        """Return a history of the last complete cycle (`cycle`), or all steps if there is none.
 
-        It has the step at its start if there is one; all of a run that has no complete cycle.
+        Entries ``cycle_...`` of the summary are those of this cycle. The step at its start belongs
+        to it if the history has this step.
         """
         numbers = self.values.get("run/cycle")
         rows = self.cycle.rows_from_start(np.asarray(self.values["time"]), numbers)
         return self.each(lambda values: values[rows])
 
     def angle_of(self, body: str) -> np.ndarray | None:
-        """Angle of a body at the steps [degrees], continuous; None of a body without one.
+        """Angle of a body at every step, continuous, shape (steps,) [degrees].
 
         It is the run's reference angle, `run.crank_angle`, if the body turns with it; the angle of
-        any other body begins in 0 to 360 degrees.
+        any other body begins between 0 and 360 degrees. None for a body without an angle.
         """
         radians = self.values.get(f"bodies/{body}/angle")
         if radians is None:
@@ -476,7 +490,7 @@ class History:
         return angle - 360.0 * np.floor(angle[:1] / 360.0 + TURN_ROUNDING)
 
     def with_start(self) -> History:
-        """A periodic cycle with a row at its start, computed from the row at its end."""
+        """Return this periodic cycle with a row at its start, computed from the row at its end."""
         turning = np.array([name.endswith("/angle") for name in self.coordinate_names], bool)
         turns = {path: 2 * np.pi for path in self.values if re.fullmatch("bodies/.*/angle", path)}
         turns |= {"run/crank_angle": 360.0, "state/coordinates": 2 * np.pi}
@@ -502,12 +516,12 @@ class History:
         Parameters
         ----------
         folder
-            Made when missing.
+            Folder of the files, which is made if it does not exist.
 
         Raises
         ------
         OutputError
-            A file cannot be written.
+            If a file cannot be written.
         """
         folder = Path(folder)
         with naming(folder):
@@ -526,19 +540,19 @@ class History:
         packing: Mapping[str, Any] | None = None,
         state: Mapping[str, Any] | None = None,
     ) -> None:
-        """Write all but the summary as ``history.h5``, with fields compressed or not.
+        """Write everything except the summary to a file ``history.h5``.
 
         Parameters
         ----------
         path, packing
-            The file, and how h5py packs a dataset.
+            Path of the file, and options of h5py that compress fields; None: no compression.
         state
-            State of a run that can be resumed, see `put_tree`.
+            State from which the run can be resumed, a tree for `put_tree`; None for none.
 
         Raises
         ------
         OutputError
-            The file cannot be written; a former file stays.
+            If the file cannot be written; an existing file is then unchanged.
         """
         with sealed_hdf5(path, FORMAT, FORMAT_VERSION) as file:
             if state is not None:
@@ -559,40 +573,43 @@ class History:
 
 
 def _wanted(package: str, method: str) -> Any:
-    """Import a package that only one method needs.
+    """Import an optional package that one method needs.
 
     Raises
     ------
     InputError
-        The package is not installed.
+        If the package is not installed; the message names the method.
     """
     try:
         return import_module(package)
     except ImportError:
         raise InputError(
             f"{method} needs {package}, which is not installed (python3-{package} on Debian): "
-            "install it, or take columns, a dictionary of arrays"
+            "install it, or use columns, a dictionary of arrays"
         ) from None
 
 
 def _text(value: str | list[str]) -> np.ndarray:
-    """Text of fixed length: HDF5 has no checksums for other text, and crashes if it is damaged."""
+    """Text of fixed length, because HDF5 has no checksums for other text.
+
+    HDF5 would crash when it reads damaged text of variable length.
+    """
     return np.char.encode(np.array(value, dtype=str), "utf-8")
 
 
 def missing(path: Path, lacks: str) -> str:
-    """Explanation of a missing file of a run."""
+    """Reason for a missing file of a run: `lacks` followed by its name, or a missing folder."""
     return f"{lacks} {path.name}" if path.parent.is_dir() else "no such folder"
 
 
 @contextmanager
 def opened_history(path: Path, refused: str) -> Iterator[h5py.File]:
-    """``history.h5`` of a run, open after its seal is checked.
+    """Open ``history.h5`` of a run for reading, after its seal is checked.
 
     Raises
     ------
     InputError
-        The file is no history, or reading it fails; the message has `refused` and the reason.
+        If the file is no history, or reading it fails; the message has `refused` and the reason.
     """
     remedy = f"run the scene anew, or read {CSV_NAME} in its folder"
     with (
@@ -603,41 +620,41 @@ def opened_history(path: Path, refused: str) -> Iterator[h5py.File]:
 
 
 def require_present_format(file: h5py.File) -> None:
-    """Refuse a history of a former version, which is read but not continued.
+    """Refuse to continue a history of an earlier version, which can only be read.
 
     Raises
     ------
     ValueError
-        The message contains the version that made the file.
+        If the version differs; the message has the version that made the file.
     """
     if file.attrs["format_version"] != FORMAT_VERSION:
         version = attribute(file, "fenics_ehd", Value("text"))
         raise ValueError(
             f"it was made by version {version}, which {__version__} does not continue: run the "
-            "scene anew"
+            "scene again"
         )
 
 
 def load_history(directory: str | Path, *, films: bool = True) -> History:
-    """History of a run: complete, interrupted, failed, killed or in progress.
+    """Read the history of a run that is complete, interrupted, failed, killed or in progress.
 
     Parameters
     ----------
     directory
         Folder of the run.
     films
-        Whether to read pressures and gaps at all nodes, most of the file.
+        Whether to read pressures and gaps at all nodes, which are most of the file.
 
     Returns
     -------
     History
-        Steps up to the last checkpoint; of a periodic run that is complete its last cycle, of
-        another the last two.
+        Steps up to the last checkpoint. A search for a periodic solution has only its last cycle
+        if it is complete, else its last two cycles.
 
     Raises
     ------
     InputError
-        The folder holds no run of at least one step, or files that are damaged or of another
+        If the folder has no run with at least one step, or files are damaged or of an unknown
         version.
     """
     require_class("directory", directory, str, Path)
@@ -656,12 +673,12 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         return History(arrays, names, units, summary, scene, cycle)
 
 
-#: Former name of the function, of version 0.2.
+#: Name of the function in version 0.2.
 load_results = load_history
 
 
 def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
-    """Every array of a history by path, columns in their order."""
+    """Read all arrays of a history by path, columns in the order of ``history.csv``."""
     columns = attribute(file, "columns", Value("text", ("columns",)))
     LAYOUT.check(file, "", {})
     every: list[str] = []
@@ -675,7 +692,7 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
         if path.startswith((f"{RESUME}/", f"{CYCLE}/")) or not (films or not of_film(path)):
             continue
         data = file[path]
-        # The state has one unit for every column.
+        # Coordinates and rates have one unit for every column.
         mixed = path in STATE_IN_UNITS
         units = MIXED if mixed else attribute(data, "units", Value("text"))
         array = np.asarray(values(data))
@@ -686,17 +703,17 @@ def _read(file: h5py.File, films: bool) -> dict[str, Quantity]:
 
 
 def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
-    """Refuse cells of films of an unknown family, and films with nodes without a cell."""
+    """Refuse films whose cells have an unknown number of nodes or do not cover all nodes."""
     for path, cells in arrays.items():
         if not path.endswith("/film/cells"):
             continue
         nodes = len(arrays[path.replace("/cells", "/angle")])
         used = np.unique(cells)
         if cells.shape[1] not in FAMILIES or not np.array_equal(used, np.arange(nodes)):
-            raise ValueError(f"/{path} of shape {cells.shape} are no cells of {nodes} nodes")
+            raise ValueError(f"/{path}: shape {cells.shape} or indices do not fit {nodes} nodes")
 
 
-#: Types of the entries that are read from a summary.
+#: Allowed types of the entries that are read from a summary.
 SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
     "status": (str,),
     "cycles": (int,),
@@ -708,7 +725,7 @@ SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 def _summary(folder: Path) -> dict[str, Any]:
-    """Summary of the folder, empty if there is none yet."""
+    """Read the summary in a folder; it is empty if the file does not exist yet."""
     path = folder / SUMMARY
     if not path.exists():
         return {}
@@ -723,9 +740,10 @@ def _summary(folder: Path) -> dict[str, Any]:
 
 
 def _with_joints(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """A summary whose entries of a joint are under ``joints``.
+    """Return a summary with the entries of every joint under ``joints``.
 
-    A run of 0.3 with one lubricated joint has them from ``joint``, its name, to ``cycle_used``.
+    Summaries of version 0.3 with one lubricated joint have its name as ``joint``, followed by its
+    entries up to ``cycle_used``.
     """
     names = list(summary)
     if "joint" not in summary or "cycle_used" not in summary:
@@ -739,7 +757,7 @@ def _with_joints(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_nan(value: Any) -> Any:
-    """JSON has null for numbers that are not finite."""
+    """Replace None by NaN in a value from JSON, where null is a number that is not finite."""
     if isinstance(value, dict):
         return {name: _with_nan(entry) for name, entry in value.items()}
     return float("nan") if value is None else value

@@ -1,9 +1,9 @@
-"""Ideal joints and drives: constraints between markers, carried to coordinates by the chain rule.
+"""Ideal joints and drives: constraints between markers, and their derivatives by the chain rule.
 
 A joint names one marker or two, ``"body.point"`` or ``"body"`` for the body's origin. Its
-constraints are functions of u: the values of the markers, `WIDTH` each, and behind them the
+constraints are functions of u: the values of the markers, `WIDTH` each, followed by the
 joint's additional coordinates. With the values u of all joints and forces of a mechanism in one
-vector, ``U = du/dz``, and constraints ``phi(u) = h(t)``,
+vector, ``U = du/dz``, and constraints ``phi(u) = h(t)``, the derivatives by the coordinates z are
 
     G = phi_u U,      d(G^T l)/dz = U^T (l . phi_uu) U + sum force_derivative(l . phi_u),
     d(G v)/dz = (phi_uu U v) U + phi_u rate_derivative(v).
@@ -29,12 +29,12 @@ from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.multibody.body import ANGLE, WIDTH
 from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of
 
-#: Attributes of joints and forces, and keys of scenes, that name points or bodies.
+#: Attributes of joints and forces, and keys in scenes, whose values are names of points or bodies.
 POINT_ATTRIBUTES = ("between", "line", "point", "journal", "bore", "body", "angle_of")
 
 
 def named_points(source: object) -> list[tuple[str, str]]:
-    """Attribute and marker of every point that a joint or force names."""
+    """Pairs of attribute and marker for every point or body that a joint or force names."""
     names: list[tuple[str, str]] = []
     for attribute in POINT_ATTRIBUTES:
         value = getattr(source, attribute, ())
@@ -43,7 +43,7 @@ def named_points(source: object) -> list[tuple[str, str]]:
     return names
 
 
-#: Names of every body's points; None: unknown until the body's file is read.
+#: Names of the points of every body; None if they are unknown until the body's file is read.
 PointNames = Mapping[str, Collection[str] | None]
 
 
@@ -53,7 +53,7 @@ def require_body(key: str, name: str, points: PointNames) -> None:
     Raises
     ------
     SettingsError
-        Naming the key and all bodies.
+        If there is no such body; the message names the key and all bodies.
     """
     if name not in points:
         known = ", ".join(sorted(points))
@@ -61,12 +61,12 @@ def require_body(key: str, name: str, points: PointNames) -> None:
 
 
 def require_point(key: str, marker: str, points: PointNames) -> None:
-    """Refuse a marker of a body or point that does not exist.
+    """Refuse a marker whose body or point does not exist.
 
     Raises
     ------
     SettingsError
-        Naming the key, and all bodies or all points of the body.
+        If there is none; the message names the key, and all bodies or all points of the body.
     """
     name, dot, point = marker.partition(".")
     require_body(key, name, points)
@@ -77,12 +77,12 @@ def require_point(key: str, marker: str, points: PointNames) -> None:
 
 
 def require_two_bodies(key: str, markers: Sequence[str]) -> None:
-    """Refuse two different points of one body.
+    """Refuse markers of which two are different points of one body.
 
     Raises
     ------
     SettingsError
-        Naming the key and both points.
+        If two are; the message names the key and both points.
     """
     first: dict[str, str] = {}
     for marker in markers:
@@ -92,17 +92,17 @@ def require_two_bodies(key: str, markers: Sequence[str]) -> None:
 
 
 def require_single_bores(bores: Mapping[str, str]) -> None:
-    """Refuse a bore of two joints.
+    """Refuse a bore that belongs to two joints.
 
     Parameters
     ----------
     bores
-        Marker of the bore of every lubricated joint.
+        Marker of the bore of every lubricated joint, by name of the joint.
 
     Raises
     ------
     SettingsError
-        Naming both joints.
+        If two joints have the same bore; the message names both.
     """
     first: dict[str, str] = {}
     for name, bore in bores.items():
@@ -120,7 +120,7 @@ def require_turning(key: str, name: str, *, turns: bool) -> None:
     Raises
     ------
     SettingsError
-        Naming the key and the body.
+        If `turns` is false; the message names the key and the body.
     """
     if not turns:
         raise SettingsError(f"{key}: body {name} cannot turn")
@@ -135,16 +135,16 @@ ADDITIONAL = 2 * WIDTH
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Constraint function ``phi(u)`` of k values, m rows, with its derivatives.
+    """Constraint function ``phi(u)`` of k values u, with m rows, and its derivatives.
 
     Attributes
     ----------
     value
-        phi, shape (m,) [m], [rad].
+        Value of phi, shape (m,) [m], [rad].
     jacobian
-        Derivative of phi along u, shape (m, k).
+        Derivative of phi with respect to u, shape (m, k).
     curvature
-        Function that computes the second derivatives, shape (m, k, k); None: phi is linear.
+        Function that computes the second derivatives, shape (m, k, k); None if phi is linear.
     """
 
     value: np.ndarray
@@ -154,7 +154,7 @@ class Geometry:
 
 @renamed_attributes(own="additional")
 class Joint(ABC):
-    """Constraint of a mechanism.
+    """Joint or drive of a mechanism, with m constraints between its markers.
 
     Attributes
     ----------
@@ -170,26 +170,26 @@ class Joint(ABC):
     @property
     @abstractmethod
     def markers(self) -> tuple[str, ...]:
-        """Markers of the bodies that it constrains."""
+        """Markers whose values the joint constrains."""
 
     @abstractmethod
     def geometry(self, u: np.ndarray) -> Geometry:
         """Constraint function at values u of markers and additional coordinates, shape (k,)."""
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Imposed values ``h(t)`` and rates ``h'(t)``, shape (m,) each; None: zero."""
+        """Imposed values ``h(t)`` and their rates ``h'(t)``, shape (m,) each; None if zero."""
         return None
 
 
 @cache
 def _difference(rows: int) -> np.ndarray:
-    """Matrix of the first values of marker one less those of marker two, shape (rows, k)."""
+    """Matrix (rows, k) from u to the first values of marker 1 less those of marker 2."""
     return np.eye(rows, 2 * WIDTH) - np.eye(rows, 2 * WIDTH, SECOND)
 
 
 @attrs.frozen
 class Revolute(Joint):
-    """Two points that stay together and turn freely."""
+    """Revolute joint: two points coincide, and their bodies turn freely."""
 
     between: tuple[str, ...] = names(
         "the points, ground.hook or crank (its origin)", REQUIRED, count=2
@@ -202,27 +202,27 @@ class Revolute(Joint):
         return self.between
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Distance of the points, a linear function, see `Joint`."""
+        """Constraint function: difference of the positions [m], see `Joint.geometry`."""
         jacobian = _difference(self.rows)
         return Geometry(jacobian @ u, jacobian)
 
 
 @attrs.frozen
 class Fixed(Revolute):
-    """Two points that stay together and do not turn."""
+    """Fixed joint: two points coincide, and their bodies keep their relative angle."""
 
     angle: float = number(0.0, "of the second body relative to the first [degrees]")
     rows = 3
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Distance of the points and their relative angle, see `Joint`."""
+        """Constraint function: difference of positions and angles, see `Joint.geometry`."""
         jacobian = _difference(self.rows)
         return Geometry(jacobian @ u + np.array([0.0, 0.0, np.radians(self.angle)]), jacobian)
 
 
 @attrs.frozen
 class Slider(Joint):
-    """A point on a line of another body."""
+    """Slider: a point stays on a line that is fixed to another body."""
 
     line: str = text(REQUIRED, "point through which the line goes, fixed to its body")
     point: str = text(REQUIRED, "point that stays on the line")
@@ -234,7 +234,7 @@ class Slider(Joint):
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Markers of line and point."""
+        """Marker on the line, and marker of the point."""
         return self.line, self.point
 
     @property
@@ -243,7 +243,10 @@ class Slider(Joint):
         return 2 if self.hold_rotation else 1
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Distance of the point from the line, see `Joint`."""
+        """Constraint function: distance of the point from the line, see `Joint.geometry`.
+
+        The second row, if the rotation is held, is the change of the relative angle.
+        """
         point = slice(SECOND, SECOND + 2)
         along = np.array(self.direction) / np.hypot(*self.direction)
         normal = rotation(u[ANGLE]) @ np.array([-along[1], along[0]])
@@ -270,20 +273,20 @@ class Slider(Joint):
         return Geometry(value, jacobian, curvature)
 
 
-#: Angle and angular speed at a time [rad], [rad/s].
+#: Function of time [s] that returns an angle [rad] and an angular speed [rad/s].
 AngleOverTime = Callable[[float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class AngleDrive(Joint):
-    """A body's angle as a function of the time.
+    """Drive that imposes the angle of a body as a function of time.
 
     Attributes
     ----------
     body
         Name of the body.
     motion
-        Angle and angular speed at a time.
+        Function of time [s] that returns the angle [rad] and the angular speed [rad/s].
     """
 
     body: str
@@ -292,34 +295,34 @@ class AngleDrive(Joint):
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Marker of the body."""
+        """Marker of the body that the drive turns."""
         return (self.body,)
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Angle of the body, see `Joint`."""
+        """Constraint function: angle of the body [rad], see `Joint.geometry`."""
         return Geometry(u[ANGLE : ANGLE + 1], np.eye(1, WIDTH, ANGLE))
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Angle and angular speed at a time, shape (1,) each [rad], [rad/s]."""
+        """Imposed angle [rad] and angular speed [rad/s] at a time [s], shape (1,) each."""
         angle, speed = self.motion(time)
         return np.array([angle]), np.array([speed])
 
 
 @attrs.frozen
 class Speed:
-    """A body's angle turns at a given speed, from the body's angle at the start on.
+    """Drive at a given speed, from the angle of the body at the start.
 
     Attributes
     ----------
     start
         Angle at time zero [rad].
     curve
-        Speed over the time in place of the constant speed [rad/s]; a scene reads it from `table`.
+        Speed over time [rad/s] in place of the constant speed; a scene reads it from `table`.
     """
 
     speed: float = quantities.speed(0.0, "constant [rad/s]")
     start: float = 0.0
-    table: str = text(NONE, "in its place: CSV file time_s,speed_rad_per_s, or none")
+    table: str = text(NONE, "in place of speed: CSV file time_s,speed_rad_per_s, or none")
     curve: Curve | None = None
 
     def __attrs_post_init__(self) -> None:
@@ -328,11 +331,11 @@ class Speed:
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variation of the speed, see `fenics_ehd.multibody.tabulated.Variation`."""
+        """Variation of the speed over time, see `fenics_ehd.multibody.tabulated.Variation`."""
         return variations_of(self.curve, setting="table")
 
     def __call__(self, time: float) -> tuple[float, float]:
-        """Angle and angular speed at a time [rad], [rad/s]."""
+        """Angle [rad] and angular speed [rad/s] at a time [s]."""
         if self.curve is None:
             return self.start + self.speed * time, self.speed
         return self.start + self.curve.integral(time), self.curve(time)[0]

@@ -257,6 +257,8 @@ class JointFilm:
         The surface that turns through the film; None: none.
     plain
         Whether both surfaces are round.
+    elastic
+        Whether a surface deforms.
     shaft_radius
         Radius of the journal [m].
     friction, shear_rule
@@ -294,6 +296,7 @@ class JointFilm:
         )
         self.turning = next((surface for surface in self.surfaces if surface.turning), None)
         round_sides = all(surface.side.shape is None for surface in self.surfaces)
+        self.elastic = any(surface.elastic for surface in self.surfaces)
         self.plain = round_sides and self.turning is None
         self.deviation = self.surfaces[0].deviation + self.surfaces[1].deviation
         inside = film.points.angle.size

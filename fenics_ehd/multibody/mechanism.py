@@ -50,7 +50,7 @@ from fenics_ehd.multibody.joints import (
     require_two_bodies,
 )
 from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
-from fenics_ehd.multibody.surface import Surface
+from fenics_ehd.multibody.surface import BORE, Surface
 from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_of
 
 
@@ -249,7 +249,7 @@ class System:
         bore, journal = (partial(body.surface, point) for _, body, point in markers)
         film = JointFilm(joint, bore, journal, tilting=markers[1][1].tilts)
         surfaces = [
-            self._bound(surface, marker)
+            self._bound(name, surface, marker)
             for surface, marker in zip(film.surfaces, joint.markers, strict=True)
         ]
         first = np.arange(self.n, self.n + film.journal_coordinates)
@@ -263,8 +263,8 @@ class System:
             (surfaces[0], surfaces[1]),
         )
 
-    def _bound(self, surface: Surface, marker: str) -> BoundSurface:
-        """Surface at a marker, bound to the coordinates of its body."""
+    def _bound(self, joint: str, surface: Surface, marker: str) -> BoundSurface:
+        """Surface of a joint at a marker, bound to the coordinates of its body."""
         name, body, point = self._named(marker)
         last = self.bodies[name].stop
         at_rest = f"{name}.{body.at_rest(point)}" if surface.elastic and point else marker
@@ -276,6 +276,7 @@ class System:
             np.arange(last - surface.modes, last),
             self.angles.get(name),
             self._mounted.get(name, 0.0),
+            joint if surface.side.sign == BORE else f"{joint}.journal",
         )
 
     def _check_names(self) -> None:

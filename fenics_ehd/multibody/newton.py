@@ -1,28 +1,28 @@
 """Newton's method for one implicit step of films and motion, by SNES-VI.
 
-Pressures of all films are bounded below by zero, coordinates are free: complementarity and motion
-converge in one iteration, quadratically on the active set that SNES-VI settles on. The iteration
-ends when three conditions hold in the maximum norm: the next Newton update changes the gaps by less
-than the tolerance of the step, relative; it changes the coordinates by less than the tolerance in
-the norm of the step control; every film's complementarity holds to the tolerance, relative to its
-source, or to round-off of its flow.
+Pressures of all films are bounded below by zero, and coordinates are not bounded: one iteration
+solves complementarity and motion together. It converges quadratically once the active set does not
+change. The iteration ends when three conditions hold in the maximum norm. The next Newton update
+changes the gaps, relatively, by less than the tolerance of the step. It changes the coordinates by
+less than the tolerance in the norm of the step control. Every film's complementarity holds to the
+tolerance relative to its source, or to round-off of its flow.
 
-Factors are kept as long as the active set stays, the updates shrink fast, and the oil balances of
-mass-conserving films hold, whose transport is not linear. Near the solution only the films' own
-matrices are computed anew, not the derivatives along the gaps. A film whose active set changes by
-few nodes is bordered (`ChangedSystem`). Residual patterns that the derivatives do not retain are
-treated by repeated substitution.
+Factors are reused as long as the active set does not change, the updates shrink fast, and the oil
+balances of mass-conserving films hold, whose transport is not linear. Near the solution only the
+films' own matrices are computed again, not the derivatives with respect to the gaps. If the active
+set of a film changes by few nodes, its factors are bordered (`ChangedSystem`). Residual patterns
+that the derivatives do not retain are treated by repeated substitution.
 
-Full updates may lead from one active set to another and back: few residual patterns, hardly
-damped, resist a short step far more than the oil does. A step that failed is tried again with
-half of every update as long as the active set changes.
+Full updates may cycle between two active sets: a few residual patterns with little damping resist a
+short step far more than the oil does. A failed step is repeated with half of every update as long
+as the active set changes.
 
-Oil whose viscosity grows with the pressure without bound has its own error. Between rigid surfaces
-a film of Barus' oil bears a finite load only, however fast the gap closes: with ``dq = dp / r(p)``,
-r the ratio of viscosities, Reynolds' equation is that of constant viscosity for q, which stays
-below ``int_0^inf dp / r(p)``, 1 / alpha. Close to this limit pressures grow without bound within a
-short time, no step is short enough, and the errors of the solver differ from step to step. A coarse
-mesh does not resolve the peak and continues with wrong pressures.
+Oil whose viscosity grows with pressure without bound has its own error. Between rigid surfaces a
+film of Barus' oil carries only a finite load, however fast the gap closes: with the ratio r of
+viscosities and ``dq = dp / r(p)``, Reynolds' equation for q is that of a constant viscosity, and q
+remains below ``int_0^inf dp / r(p) = 1 / alpha``. Close to this limit pressures grow without bound
+within a short time, no step is short enough, and errors of the solver vary from step to step. A
+coarse mesh does not resolve the peak, and the run continues with wrong pressures.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ from fenics_ehd.multibody.tabulated import extrapolation_weights
 
 @dataclass(frozen=True, eq=False)
 class CoupledState:
-    """Films and motion at the end of a step.
+    """Films and motion of a mechanism at the end of a step.
 
     Attributes
     ----------
     joints
         State of every lubricated joint, in the order of `System.films`.
     motion
-        Coordinates, rates and accelerations, see `Motion`.
+        Coordinates, rates, accelerations and multipliers.
     """
 
     joints: list[JointStep]
@@ -74,24 +74,24 @@ class CoupledState:
 
     @property
     def films(self) -> list[FilmState]:
-        """Solution of every film."""
+        """Solution of every film, in the order of `System.films`."""
         return [joint.state for joint in self.joints]
 
 
-#: An accepted step of a mechanism.
+#: Type of an accepted step of a mechanism.
 MechanismStep = Step[CoupledState]
 
 
 @dataclass(frozen=True, eq=False)
 class SolverState:
-    """Start values of a step from the former ones.
+    """State of the solver between steps, from which it extrapolates the start of the next one.
 
     Attributes
     ----------
     times, values
-        Unknowns u (`StepEquations`) at the last one or two steps, newest first.
+        Times [s] and unknowns u (`StepEquations`) at the last one or two steps, newest first.
     patterns
-        Number of residual patterns to retain in the derivatives.
+        Number of residual patterns to retain in the derivatives of the next step.
     """
 
     times: np.ndarray
@@ -111,29 +111,30 @@ class SolverState:
     def after(
         cls, former: SolverState | None, time: float, values: np.ndarray, patterns: int
     ) -> SolverState:
-        """Start values after one more step."""
+        """Make the state after a step, from the former state, and the step's end and unknowns."""
         if former is None:
             return cls(np.array([time]), values[None], patterns)
         times = np.array([time, former.times[0]])
         return cls(times, np.stack([values, former.values[0]]), patterns)
 
 
-#: Layout of a stored state of a mechanism's integration.
+#: Layout of the stored state of a mechanism's time integration.
 INTEGRATOR_STATE = Group({**INTEGRATOR, "solver": SolverState.layout}, scoped=True)
 
 
-#: Largest number of nodes that fill and empty, over that of full ones, which are bordered instead
-#: of factorising anew.
+#: Largest number of nodes that fill or empty, over the number of full nodes, for which factors are
+#: bordered instead of computed again.
 LARGEST_BORDER = 0.25
 
-#: Largest number of nodes of a film that is bordered: beyond, borders cost a tenth more iterations.
+#: Largest number of nodes of a film whose factors are bordered: for more nodes, borders would cost
+#: a tenth more iterations.
 MOST_NODES = 700
 
-#: Residual patterns retained in the factorised derivatives of a sparse film, at first and at least.
-#: The contribution of the others to an update is computed by repeated substitution, until it
-#: changes by less than `REFINED`, relative. If one substitution reduces the change by less than the
-#: factor `SLOW`, the patterns are doubled; if by more than `FAST`, they are halved in the next
-#: step.
+#: Smallest number of residual patterns that the factorised derivatives retain, with which a run
+#: starts. The contribution of the others to an update is computed by repeated substitution, at most
+#: `MAX_REFINEMENTS` times, until it changes by less than `REFINED` of the update. If a substitution
+#: reduces the change to more than `SLOW` of the one before, the number of retained patterns is
+#: doubled; if to less than `FAST`, it is halved in the next step.
 FEWEST_PATTERNS = 30
 REFINED = 0.02
 MAX_REFINEMENTS = 8
@@ -147,13 +148,14 @@ class Update(NamedTuple):
     Attributes
     ----------
     films
-        Solution of every film's linear system: pressures where the film is full.
+        Solution of every film's linear system: updates of pressures at full nodes.
     rest
-        Update of ``(z, l, m)``.
+        Update of coordinates and multipliers ``(z, l, m)``.
     gap_reduction
         Largest relative reduction of a gap.
     size
-        Largest relative change of a gap, or change of a coordinate in the norm of the steps.
+        Largest relative change of a gap or, if larger, of a coordinate in the norm of the step
+        control.
     """
 
     films: list[np.ndarray]
@@ -163,14 +165,14 @@ class Update(NamedTuple):
 
 
 class StepFactors:
-    """Factors of the equations of the steps.
+    """Factorised derivatives of the equations of a step, reused from iteration to iteration.
 
     Parameters
     ----------
     equations
-        Equations of the mechanism.
+        Equations of a step of the mechanism.
     options_prefix
-        Prefix of the factorisations' PETSc options.
+        Prefix of the PETSc options of the factorisations.
 
     Attributes
     ----------
@@ -184,14 +186,14 @@ class StepFactors:
         self.retain_patterns(FEWEST_PATTERNS)
 
     def retain_patterns(self, patterns: int) -> None:
-        """Retain this number of residual patterns in the derivatives."""
+        """Set the number of residual patterns that the derivatives retain."""
         self.patterns = max(patterns, FEWEST_PATTERNS)
         self._reduction = 0.0
         self._equations.retain_patterns(self.patterns)
 
     @property
     def patterns_wanted(self) -> int:
-        """Residual patterns for the next step: half of them if fewer would have sufficed."""
+        """Number of residual patterns to retain in the next step: half of them if these suffice."""
         patterns = self.patterns // 2 if self._reduction < FAST else self.patterns
         return max(patterns, FEWEST_PATTERNS)
 
@@ -212,11 +214,14 @@ class StepFactors:
 
     @property
     def known(self) -> bool:
-        """True if there are factors."""
+        """Whether factors exist."""
         return self._factored is not None
 
     def change(self, full: Sequence[np.ndarray]) -> bool:
-        """Change the full nodes with the derivatives kept; False: a factorisation is cheaper."""
+        """Change the full nodes of every film, with the same derivatives and bordered factors.
+
+        False if this is impossible or a new factorisation is cheaper.
+        """
         derivative = self._derivative
         changes = []
         border = 0
@@ -235,9 +240,9 @@ class StepFactors:
         return True
 
     def factorise(self, point: Point, full: Sequence[np.ndarray], *, near: bool = False) -> None:
-        """Compute and factorise the derivatives at a point for the full nodes of every film.
+        """Compute and factorise the derivatives at a point, for the full nodes of every film.
 
-        `near` the solution only the films' own matrices are computed anew.
+        If `near`, at a point near the solution, only the films' own matrices are computed again.
         """
         derivative = self._derivative = self._equations.linearise(
             point, self._derivative if near else None
@@ -255,7 +260,7 @@ class StepFactors:
         films: Sequence[np.ndarray],
         rest: np.ndarray,
     ) -> Update:
-        """Solve as `solve`, with more patterns retained if substitution is slow."""
+        """Compute the update like `solve`, with more retained patterns if substitution is slow."""
         update = self.solve(point, films, rest)
         while self._reduction > SLOW and self.patterns < self._equations.most_patterns:
             self.retain_patterns(2 * self.patterns)
@@ -264,7 +269,10 @@ class StepFactors:
         return update
 
     def solve(self, point: Point, films: Sequence[np.ndarray], rest: np.ndarray) -> Update:
-        """Solve for right-hand sides of the films and of the rest."""
+        """Compute the update for right-hand sides of all films, and of coordinates and multipliers.
+
+        The contribution of residual patterns that are not retained is found by substitution.
+        """
         factored = self._factored
         assert factored is not None
         right_side = np.zeros(factored.size)
@@ -293,7 +301,10 @@ class StepFactors:
     def _gap_change(
         self, factored: BorderedSystem | ChangedSystem, pressures: list[np.ndarray], x: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray] | None]:
-        """Changes as of `StepEquations.gap_change`; only pressures of full nodes deform bores."""
+        """Gap changes and residuals due to an update, see `StepEquations.gap_change`.
+
+        Only pressures of full nodes deform bores.
+        """
         each = zip(self._equations.films, pressures, self._full, strict=True)
         nodal = [film.pressure_update(values, full) for film, values, full in each]
         return self._equations.gap_change(factored.borders, nodal, x)
@@ -301,7 +312,7 @@ class StepFactors:
     def _measure(
         self, point: Point, changes: list[np.ndarray], x: np.ndarray
     ) -> tuple[float, float]:
-        """Largest relative reduction of a gap, and largest change in the norm of the steps.
+        """Largest relative reduction of a gap, and `Update.size`.
 
         SNES subtracts changes: a positive change reduces the gap.
         """
@@ -316,26 +327,30 @@ class StepFactors:
         return gap_reduction, size
 
 
-#: Ratio of viscosities at the last accepted step above which a failed step is attributed to the
-#: oil. Films of successful runs reach 1e3 and more, but rarely fail a step there.
+#: Ratio of viscosities, at the last accepted step, above which the failure of a step is attributed
+#: to the oil. Films of successful runs reach 1e3 and more, but steps rarely fail there.
 THICKENED = 1e2
 
 
 def unresolved(binding: FilmBinding, steepest: float) -> str:
-    """Message about a viscosity that changes too much within a cell; empty if it does not."""
+    """Message about a viscosity that varies too much within a cell; empty if it does not.
+
+    `steepest` is the largest ratio of viscosities within a cell.
+    """
     if steepest <= MOST_WITHIN_A_CELL:
         return ""
     return (
-        f"untrustworthy: the oil in {binding.name} thickens {steepest:.2g} times within a cell, "
-        f"above {MOST_WITHIN_A_CELL:g}: use more joints.{binding.name}.cells; where that does not "
-        "help the viscosity runs away, lower the load or the pressure coefficient (barus, roelands)"
+        f"untrustworthy: the viscosity in {binding.name} varies by a factor of {steepest:.2g} "
+        f"within a cell, above {MOST_WITHIN_A_CELL:g}: use more joints.{binding.name}.cells; if "
+        "the factor remains, the viscosity runs away: lower the load or the pressure coefficient "
+        "(barus, roelands)"
     )
 
 
 def classify_failure(
     error: SolverError, equations: StepEquations, former: SolverState | None
 ) -> SolverError:
-    """The error itself, or that of a viscosity which is too high at the former step."""
+    """Return the error, or a `ViscosityError` if the viscosity was too high at the last step."""
     if former is None or isinstance(error, ViscosityError):
         return error
     for film, indices in zip(equations.films, equations.film_indices, strict=True):
@@ -351,51 +366,54 @@ def classify_failure(
 
 
 def _ratio(law: PressureLaw, pressure: float) -> float:
-    """Ratio of viscosities at a pressure [Pa]; infinite beyond the limit of the law."""
+    """Ratio of the viscosity at a pressure [Pa] to that at ambient pressure, or infinity.
+
+    It is infinite above the limit of the law.
+    """
     try:
         return 1.0 if law.constant else float(law(np.array([pressure]))[0])
     except ViscosityError:
         return np.inf
 
 
-#: Largest number of iterations of a step. Steps that converge need one to five.
+#: Largest number of iterations of a step; most steps need one to five.
 MAX_ITERATIONS = 25
 
-#: Factors are kept for another iteration if the last update is smaller than the one before it by
-#: this factor.
+#: Largest ratio of the last update to the one before for which factors are reused.
 CONTRACTION = 0.1
 
-#: Derivatives are kept for another active set if the last update changed the gaps by no more than
-#: `NEAR`, relative, and is smaller than the one before it by the factor `SHRINKING`.
+#: Derivatives are reused for another active set if the size of the last update is at most `NEAR`,
+#: and at most `SHRINKING` times that of the one before.
 NEAR = 0.05
 SHRINKING = 0.3
 
-#: Derivatives along the gaps of films that are not nearly linear are kept if the square of the last
-#: update is below this part of the tolerance: the square is the order of the error that follows.
+#: Derivatives with respect to the gaps of films that are not nearly linear are reused if the square
+#: of the last update is below this share of the tolerance. The error of the next iterate is of the
+#: order of this square.
 SQUARED = 0.3
 
 #: Largest number of iterations of the second attempt at a step.
 PATIENT_ITERATIONS = 100
 
-#: Part of an update that the second attempt takes as long as the active set changes.
+#: Share of an update that the second attempt uses as long as the active set changes.
 DAMPING = 0.5
 
-#: Iterations after which the sheared fraction of the films is frozen, unless it is before.
+#: Number of iterations after which the sheared fraction of the films is frozen at the latest.
 FREE_SHEAR = 4
 
-#: Smallest tolerance: below it round-off dominates.
+#: Smallest tolerance of a step's iteration, below which round-off dominates.
 FINEST = 1e-11
 
 
 class CoupledSteps:
-    """Solver of the steps of one mechanism: a `StepSolver`.
+    """Solver of the steps of one mechanism; calling it solves one step (`StepSolver`).
 
     Parameters
     ----------
     system
         The mechanism.
     weights
-        Weights of the coordinates, see `StepEquations`.
+        Weights of velocity multipliers on coordinates, see `StepEquations`.
     options_prefix
         Prefix of the PETSc options of SNES-VI.
     """
@@ -440,9 +458,9 @@ class CoupledSteps:
         problem
             Norm of errors.
         step
-            Formula of the step.
+            Time integration formula of the step.
         former
-            Start values; None: a film without pressure.
+            State of the solver after the last step; None to start from films without pressure.
         gap_changes
             Changes imposed on all gaps, see `StepEquations.begin`.
         """
@@ -469,14 +487,14 @@ class CoupledSteps:
     def response_to_forces(
         self, x: np.ndarray, rate: np.ndarray, shift: float, forces: np.ndarray
     ) -> np.ndarray:
-        """Changes of z due to small generalised forces on the last solution, shape (n, k).
+        """Changes of z due to k small generalised forces at the last solution, shape (n, k).
 
         Parameters
         ----------
         x, rate
-            State of the solution.
+            State x and its rate at the solution.
         shift
-            Shift of the changes: ``x' = shift x + ...``.
+            Rate of a change over the change, in ``x' = shift x + ...`` [1/s].
         forces
             Generalised forces, shape (n, k).
         """
@@ -495,7 +513,7 @@ class CoupledSteps:
         return np.stack(responses, axis=-1)
 
     def _solve(self, start: np.ndarray) -> int:
-        """Solve by full updates, then by damped ones if these fail; returns the iterations."""
+        """Solve by full updates, or damped ones if they fail; return the number of iterations."""
         self._begin(damping=1.0)
         try:
             self._solution, _, iterations = self._snes.solve(start)
@@ -516,7 +534,7 @@ class CoupledSteps:
         self._settled = False
 
     def _start(self, step: ImplicitStep, former: SolverState | None) -> np.ndarray:
-        """First iterate: extrapolated, as far as the gaps stay open."""
+        """First iterate, extrapolated from the last steps as far as no gap closes."""
         before, predicted = (self._problem.gaps(observed) for observed in step.observed)
         gap_reduction = self._problem.gap_reduction(before, predicted)
         fraction = min(1.0, BOUNDARY_FRACTION / gap_reduction) if gap_reduction > 0.0 else 1.0
@@ -527,7 +545,7 @@ class CoupledSteps:
             gaps = self._problem.film_gaps(step.observed[0])
             start = self.equations.unknowns_at(step.start, gaps)
         else:
-            # On the line through the last two steps.
+            # Linear extrapolation from the last two steps.
             start = extrapolation_weights(former.times, step.time) @ former.values
             for film, indices in zip(
                 self.equations.films, self.equations.film_indices, strict=True
@@ -536,19 +554,22 @@ class CoupledSteps:
         start[rest][:n] = x[:n]
         return start
 
-    # --- Called by SNES-VI during a solve.
+    # --- SNES-VI calls the following methods during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:
         """Residual of all equations, see `VariationalInequality`."""
-        # PETSc writes to its array again; a point lasts.
+        # PETSc overwrites its array, but the point keeps the values: they are copied.
         self._point: Point = self.equations.evaluate(x.copy())
         return self._point.residual
 
     def linearise(self, x: np.ndarray) -> None:
-        """Do nothing: derivatives are computed when the active set is known."""
+        """Do nothing, because `factorise` computes the derivatives when the active set is known."""
 
     def factorise(self, nodes: np.ndarray) -> None:
-        """Derivatives for an active set, see `VariationalInequality`."""
+        """Factorise derivatives for an active set, or reuse factors, see `VariationalInequality`.
+
+        `nodes` are the indices of all unknowns that are not at their bounds.
+        """
         self._nodes = nodes
         full = []
         each = zip(self.equations.films, self.equations.film_indices, strict=True)
@@ -573,16 +594,16 @@ class CoupledSteps:
 
     @property
     def _films(self) -> list[tuple[FilmModel[Any], Any, np.ndarray]]:
-        """Model, point and full nodes of every film."""
+        """Model, data at the last iterate, and full nodes of every film."""
         return list(zip(self.equations.films, self._point.films, self._full, strict=True))
 
     def _right_sides(self) -> list[np.ndarray]:
-        """Right-hand sides of all films' linear systems."""
+        """Right-hand side of every film's linear system at the last iterate."""
         return [film.right_side(point, full) for film, point, full in self._films]
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
-        """Newton update, see `VariationalInequality`; shortened where it would close a gap."""
-        del rhs  # the residual of the last point
+        """Newton update, shortened if it would close a gap, see `VariationalInequality`."""
+        del rhs  # the residual of the last iterate, which is known
         self._iterations += 1
         former = self._size
         rest = self._point.rest
@@ -599,7 +620,7 @@ class CoupledSteps:
         return self._fraction * np.concatenate([*films, update.rest])[self._nodes]
 
     def converged(self, iteration: int) -> bool:
-        """True if the next update, with the last derivatives, is small."""
+        """Whether the next update, computed with the last derivatives, is below the tolerance."""
         if not iteration or self._fraction < 1.0:
             return False
         if not all(film.settled(point, self._tolerance) for film, point, _ in self._films):

@@ -1,15 +1,16 @@
-"""Notices of values that are probably mistakes, one line each.
+"""Notices about values that are probably mistakes, one line each.
 
-Of a mechanism:
+Notices about a mechanism:
 
-- A centre of mass or an inertia far from the body's own, whose unit may be another: that of a part
-  is compared with its radius of gyration, that of a rigid body with the extent of its points.
-- A measured shape with a step.
+- a centre of mass or a moment of inertia that does not fit its body, perhaps in a wrong unit. For a
+  part it is compared with the part's radius of gyration, for a rigid body with the extent of its
+  points.
+- a measured shape with a step.
 
-Of the pressures of a run:
+Notices about the pressures of a run:
 
-- A peak above the strength of any lining, and a pressure that is rounding.
-- A peak of a single step, and a start that rings.
+- a peak above the strength of any lining, or a pressure that is only round-off;
+- a peak in a single step, or the first swing of a start that rings (oscillates).
 """
 
 from __future__ import annotations
@@ -23,20 +24,21 @@ from fenics_ehd.multibody.body import Body, FlexibleBody, RigidBody
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import System
 
-#: Distance of a centre of mass from the part's own beyond which it is outside the part, in radii of
-#: gyration: half a uniform bar is 1.73 of them long.
+#: Largest distance of a given centre of mass from that of the part, over the part's radius of
+#: gyration. Beyond it the centre lies outside the part: for the end of a uniform bar it is 1.73.
 OUTSIDE = 2.0
 
-#: Ratio of two radii of gyration of one part: counterweights and bolts change it by less.
+#: Largest ratio of the given and the computed radius of gyration of a part: counterweights and
+#: bolts change it by less.
 LIKE = 3.0
 
-#: Radius of gyration, or distance of the centre of mass, of a rigid body over the reach of its
-#: points: a flywheel on a crank has 5.
+#: Largest radius of gyration of a rigid body, or distance of its centre of mass from the origin,
+#: over the largest distance of its points: a flywheel on a crank has 5.
 REACHES = 10.0
 
 
 def unusual_totals(bodies: Mapping[str, Body]) -> list[str]:
-    """One line for every centre of mass or inertia that is far from the rest of its body."""
+    """Make a line for every centre of mass or moment of inertia that does not fit its body."""
     lines = []
     for name, body in bodies.items():
         if isinstance(body, FlexibleBody) and not body.held:
@@ -55,15 +57,15 @@ def _of_part(key: str, body: FlexibleBody) -> list[str]:
         if distance > OUTSIDE * gyration:
             lines.append(
                 f"{key}.centre = {list(body.centre)} m is {distance:.3g} m from the centre of mass "
-                f"of the part, more than {OUTSIDE:g} radii of gyration ({gyration:.3g} m): it lies "
-                "outside the part, is the unit another?"
+                f"of the part, more than {OUTSIDE:g} radii of gyration ({gyration:.3g} m), "
+                "outside the part: check the unit"
             )
     if body.inertia is not None:
         radius = float(np.sqrt(body.inertia / (body.mass or measured.total_mass)))
         if not gyration / LIKE <= radius <= LIKE * gyration:
             lines.append(
                 f"{key}.inertia = {body.inertia:g} kg m2 is a radius of gyration of {radius:.3g} "
-                f"m, the part has {gyration:.3g} m: is the unit another?"
+                f"m, that of the part is {gyration:.3g} m: check the unit"
             )
     return lines
 
@@ -78,18 +80,18 @@ def _of_rigid(key: str, body: RigidBody) -> list[str]:
     if distance > limit:
         lines.append(
             f"{key}.centre = {list(body.centre)} m is more than {REACHES:g} times as far from the "
-            f"origin as any point of the body ({body.reach:.3g} m): is the unit another?"
+            f"origin as any point of the body ({body.reach:.3g} m): check the unit"
         )
     if radius > max(limit, distance):
         lines.append(
-            f"{key}.inertia = {body.inertia:g} kg m2 is a radius of gyration of {radius:.3g} m, "
-            f"points of the body reach {body.reach:.3g} m: is the unit another?"
+            f"{key}.inertia = {body.inertia:g} kg m2 gives a radius of gyration of {radius:.3g} m, "
+            f"but the body's points lie within {body.reach:.3g} m of the origin: check the unit"
         )
     return lines
 
 
 def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
-    """One line for every measured shape whose spline would overshoot its rows."""
+    """Make a line for every measured shape of a joint whose spline would overshoot its rows."""
     lines = []
     for name, joint in joints.items():
         if isinstance(joint, LubricatedJoint):
@@ -99,7 +101,7 @@ def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
 
 
 def stepped_shape(key: str, shape: Shape | None) -> list[str]:
-    """A line for a measured shape whose spline would overshoot its rows, else none."""
+    """Make a line for a measured shape if its spline would overshoot its rows, else none."""
     table = getattr(shape, "measured", None)
     if table is None or not table.stepped.any():
         return []
@@ -107,38 +109,42 @@ def stepped_shape(key: str, shape: Shape | None) -> list[str]:
     span = 1e6 * np.ptp(table.deviations)
     return [
         f"{key}.table: a spline would overshoot its rows by {beyond:.3g} um, more than "
-        f"{100 * OVERSHOOT:g} % of the {span:.3g} um that they span: a monotone curve takes its "
-        "place; more rows where the surface steps make it smooth"
+        f"{100 * OVERSHOOT:g} % of their range of {span:.3g} um: a monotone curve is used instead; "
+        "give more rows at the step of the surface for a smooth one"
     ]
 
 
-#: Pressure beyond which a notice asks for the reason [Pa]: bearing metals yield far below, and
-#: films of gears and rollers, whose solids are not those of a bearing, begin there.
+#: Pressure above which a notice is given [Pa]. Bearing metals yield far below; pressures above it
+#: occur between gears and rollers, whose solids are not modelled.
 HIGHEST = 1e9
 
-#: Largest pressure over that of a film whose surfaces move within the simulated time, below which
-#: the pressure is rounding.
+#: Largest pressure over the film's pressure scale below which the pressure is only round-off.
 RESTING = 1e-6
 
-#: Largest pressure over the pressures of the steps before and after it, above which it is a spike.
-#: The ten shipped scenes have 1.0002 to 1.005 at their peaks and 1.022 anywhere, the starved
-#: journal 1.29 and 1.63 while it fills; a peak of 858 MPa between 1.6 MPa has 536.
+#: Ratio of the largest pressure to the larger pressure of the steps before and after it, above
+#: which it is a spike. In the ten shipped scenes the ratio is 1.0002 to 1.005, and for no step
+#: above 1.022; in the starved journal it is 1.29, and 1.63 while the journal fills. For a peak of
+#: 858 MPa between 1.6 MPa it is 536.
 SPIKE = 5.0
 
-#: Number of decreasing swings after the peak of a ringing start. A rod without damping that begins
-#: with the velocities of a rigid one swings from 73 MPa by 47, 30, 26 and 15 MPa (`slider-crank`,
-#: whose peak without ringing is 47 MPa); with its damping, and in shipped scenes, none follows.
+#: Number of decreasing swings after the peak by which a start that rings is recognised.
+#: In `slider-crank` without damping, started with the velocities of a rigid rod, the swings after a
+#: peak of 73 MPa are 47, 30, 26 and 15 MPa, while the peak without oscillation is 47 MPa. With
+#: damping, and in shipped scenes, there are none.
 SWINGS = 4
 
-#: Smallest swing that counts, as a share of the peak.
+#: Smallest swing that counts, over the peak.
 SMALLEST_SWING = 0.1
 
-#: Damping ratio below which a mode rings.
+#: Damping ratio below which the oscillation of a mode lasts.
 RINGING = 0.02
 
 
 def ratio_to_neighbours(values: np.ndarray) -> float:
-    """Largest value over the larger of its neighbours, shape (steps,); 1 of a single step."""
+    """Ratio of the largest value to the larger of the values before and after it.
+
+    `values` has the shape (steps,). The ratio is 1 for a single step.
+    """
     row = int(np.argmax(values))
     near = np.delete(values[max(row - 1, 0) : row + 2], min(row, 1))
     if not len(near) or not values[row] > 0.0:
@@ -147,7 +153,7 @@ def ratio_to_neighbours(values: np.ndarray) -> float:
 
 
 def turning_points(values: np.ndarray, least: float) -> list[float]:
-    """First value of a curve, a maximum, and its further extremes.
+    """First value of a curve, which is a maximum, and the extremes after it.
 
     Parameters
     ----------
@@ -160,7 +166,7 @@ def turning_points(values: np.ndarray, least: float) -> list[float]:
     rising = True
     for value in values[1:].tolist():
         if (value > points[-1]) == rising:
-            points[-1] = value  # on the way to the same extreme
+            points[-1] = value  # before the same extreme
         elif abs(value - points[-1]) > least:
             points.append(value)
             rising = not rising
@@ -168,7 +174,7 @@ def turning_points(values: np.ndarray, least: float) -> list[float]:
 
 
 def rings(values: np.ndarray) -> bool:
-    """True of a curve that swings after its largest value with decreasing amplitude."""
+    """Whether a curve, shape (steps,), swings with decreasing amplitude after its peak."""
     peak = float(values.max())
     points = turning_points(values[int(np.argmax(values)) :], SMALLEST_SWING * peak)
     swings = np.abs(np.diff(points[: SWINGS + 1]))
@@ -176,7 +182,7 @@ def rings(values: np.ndarray) -> bool:
 
 
 def resting_films(system: System, peaks: Mapping[str, float]) -> list[str]:
-    """Names of the films whose pressure is rounding: no surface moves, no load acts.
+    """Names of films whose pressure is only round-off, because no surface moves and no load acts.
 
     Parameters
     ----------
@@ -190,51 +196,53 @@ def resting_films(system: System, peaks: Mapping[str, float]) -> list[str]:
 
 
 def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
-    """One line for every largest pressure above the strength of any lining, or that is rounding.
+    """Make a line for every largest pressure above `HIGHEST`, and for every one of round-off.
 
     Parameters
     ----------
-    system, peaks
-        As of `resting_films`.
+    system
+        The mechanism.
+    peaks
+        Largest pressure by joint [Pa].
     """
     lines = [
         f"{name}: the largest pressure is {1e-6 * peak:.6g} MPa, more than {1e-6 * HIGHEST:g} MPa, "
-        "which no lining bears and no model of this program describes: check loads, units, sizes "
-        "and whether the bore is meant to be rigid"
+        "the strength of any lining and the limit of the models: check loads, units, sizes and "
+        "whether the bore is meant to be rigid"
         for name, peak in peaks.items()
         if peak > HIGHEST
     ]
     lines += [
-        f"{name}: nothing moves or loads its film, its pressure of {peaks[name]:.2g} Pa is rounding"
+        f"{name}: nothing moves or loads its film, whose {peaks[name]:.2g} Pa are round-off"
         for name in resting_films(system, peaks)
     ]
     return lines
 
 
 def unusual_peaks(name: str, pressures: np.ndarray, *, may_ring: bool) -> list[str]:
-    """A line for a peak of a single step, or of a start that rings, else none.
+    """Make a line if the peak is in a single step or in a start that rings, else none.
 
     Parameters
     ----------
     name
         Name of the joint.
     pressures
-        Largest pressure at every step, shape (steps,) [Pa].
+        Largest pressure of the film at every step, shape (steps,) [Pa].
     may_ring
-        Whether the run begins with a start, and has modes of hardly any damping.
+        Whether the steps begin with the start of the run, and modes have little damping.
     """
     peak = 1e-6 * float(pressures.max())
     ratio = ratio_to_neighbours(pressures)
     if ratio > SPIKE:
         return [
             f"{name}: the peak of {peak:.4g} MPa is in a single step, {ratio:.3g} times the "
-            "pressures of the steps around it: lower time.tolerance, and check loads and shapes "
-            "for jumps at this time"
+            "pressures of the steps before and after: lower time.tolerance, and check loads and "
+            "shapes for jumps at this time"
         ]
     if may_ring and rings(pressures):
         return [
             f"{name}: the peak of {peak:.4g} MPa is the first swing of a start that rings, "
-            "with modes of hardly any damping: let loads grow (ramp), damp the bodies "
+            "because modes have little damping: let loads grow (ramp), damp the bodies "
             "(damping_time, damping_ratio), or simulate until periodic (time.periodic = true)"
         ]
     return []

@@ -1,9 +1,9 @@
 """Periodic solutions: a run is continued cycle by cycle until its films repeat.
 
-A cycle begins at the end of the cycle before, or at an extrapolation of the ends of several
-cycles, and with new effective temperatures of the films whose heat is balanced over a cycle. The
-periods of loads and drives, which a cycle must be a multiple of, are collected here, and the
-reference angle of a mechanism, over which its curves are drawn, is chosen here.
+A cycle begins at the end of the cycle before, or at an extrapolation of the ends of several cycles.
+Films whose heat is balanced over a cycle begin it with new effective temperatures. This module also
+collects the periods of loads and drives, of which a cycle must be a multiple, and chooses the
+reference angle of a mechanism, over which curves are drawn.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ from fenics_ehd.multibody.trust import integral
 
 
 def reference_angle(system: System) -> int | None:
-    """Index of the reference angle among the coordinates of a mechanism; None if nothing can turn.
+    """Index of the reference angle among the coordinates of a mechanism; None without angles.
 
-    It is the angle of the first body by name that a drive turns, else that a torque turns, else
-    that of the first journal that turns, else that of the first body.
+    It is the angle of the body that the first drive by name turns. Without drives it is that of the
+    body on which the first torque acts, else that of the first journal that turns, else that of the
+    first body with an angle.
     """
     mechanism = system.mechanism
     angles = system.angles
@@ -46,47 +47,47 @@ def reference_angle(system: System) -> int | None:
         yield from (angles.get(name) for name in sorted(mechanism.drives))
         forces = (mechanism.forces[name] for name in sorted(mechanism.forces))
         yield from (angles.get(force.turned_body) for force in forces)
-        yield from (film.journal_angle for film in system.films)
+        yield from (journal.angle for _, journal in (film.surfaces for film in system.films))
         yield from angles.values()
 
     return next((index for index in candidates() if index is not None), None)
 
 
-#: Largest relative change of the films over a cycle from which the next start is extrapolated.
+#: Largest relative change of the films over a cycle for which the next start is extrapolated.
 NEAR = 0.3
 
 #: Largest number of cycles from which the next start is extrapolated.
 REMEMBERED = 6
 
-#: Largest relative decrease of a film by an extrapolated start.
+#: Largest relative decrease of a film thickness by the extrapolation of a start.
 THINNER = 0.3
 
-#: Directions, of changes scaled to length 1, that differ by less than this from others are noise.
+#: Directions of changes, scaled to length 1, count as noise if they differ by less from the others.
 NOISE = 1e-2
 
-#: Change of the films over a cycle that may be noise, over the tolerance of its steps: every cycle
-#: has other steps. The films of a small journal under a load of five rows, and of the pin of a
-#: four-bar, change by up to once the tolerance in every cycle.
+#: Change of the films over a cycle that may be noise, over the tolerance of the steps. The noise
+#: arises because every cycle has other steps. It is up to 1 for a small journal under a load of
+#: five rows, and for the pin of a four-bar.
 CYCLE_NOISE = 1.0
 
-#: Share of the time from which loads recur by which a cycle may begin earlier: rounding.
+#: Relative rounding of the time from which all loads recur.
 ROUNDING = 1e-9
 
 #: Largest multiple of the period that a message proposes if loads do not recur with the period.
 LONGEST = 12
 
-#: Numbers of cycles after which films of a subharmonic whirl may repeat.
+#: Numbers of cycles after which films in a subharmonic whirl may repeat.
 SUBHARMONIC = (2, 3)
 
 
 def repeating(mechanism: Mechanism) -> tuple[float, str]:
-    """Time from which all loads and drives recur [s], and the key of the last to do so."""
+    """Time from which all loads and drives recur [s], and the key of the one that is last."""
     over_time = ((key, each) for key, each in mechanism.variations() if not each.angle_of)
     return max([(0.0, ""), *((each.settled, key) for key, each in over_time)])
 
 
 def recurrence_of(system: System) -> Recurrence:
-    """Reference angle and time after which all loads recur."""
+    """Change of the reference angle, and time, after which all loads of a mechanism recur."""
     degrees = [360.0]
     seconds = [0.0]
     for _, each in system.mechanism.variations():
@@ -98,9 +99,9 @@ def recurrence_of(system: System) -> Recurrence:
 
 
 def repeats(mechanism: Mechanism, period: float) -> dict[str, float]:
-    """Number of periods of each load, drive and supply in a cycle [s], by key.
+    """Number of periods of every load, drive and supply in a cycle, by key.
 
-    The turns of a driven body count if the body is not axisymmetric.
+    `period` is the length of the cycle [s]. Turns of a driven body count if it is not axisymmetric.
     """
     counts: dict[str, float] = {}
     begins = repeating(mechanism)[0]
@@ -125,19 +126,21 @@ def check_period(
     periodicity: float,
     supplies: Mapping[str, Curve] | None = None,
 ) -> None:
-    """Refuse a cycle [s] after which loads and drives are elsewhere by more than a periodicity.
+    """Refuse a cycle after which loads and drives do not recur.
 
     Parameters
     ----------
-    mechanism, period, periodicity
-        As for `PeriodicSolver`.
+    mechanism, period
+        The mechanism, and the length of the cycle [s].
+    periodicity
+        Largest difference in phase between the start and the end of the cycle [rad].
     supplies
-        Pressures over the time, by key, of films that the mechanism is going to have.
+        Supply pressures over time, by key, of films that the mechanism does not have yet.
 
     Raises
     ------
     SettingsError
-        Naming the first of them, and what to multiply the period by.
+        If one does not recur; the message names its key, and a factor for the period.
     """
     counts = repeats(mechanism, period)
     for key, pressure in (supplies or {}).items():
@@ -154,7 +157,10 @@ def check_period(
 
 
 def temperatures(binding: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
-    """Temperatures of a joint from its mean power and flow; empty if its heat is not balanced."""
+    """Entries of the summary for the temperatures of a joint, from its mean power and flow [C].
+
+    They are empty if the heat of the joint is not balanced.
+    """
     heat = binding.joint.heat
     temperature = binding.film.film.equation.lubricant.temperature
     if heat is None or temperature is None or not means:
@@ -169,7 +175,7 @@ def temperatures(binding: FilmBinding, means: Mapping[str, float]) -> dict[str, 
 
 def _oil(binding: FilmBinding) -> TemperatureLaw:
     oil = binding.film.film.parameters.lubricant.oil
-    assert oil is not None  # checked by `LubricatedJoint`
+    assert oil is not None  # `LubricatedJoint` refuses heat without it
     return oil
 
 
@@ -179,19 +185,19 @@ class FilmTemperatures(Stateful):
     Parameters
     ----------
     bindings
-        All lubricated joints. The films of joints with `LubricatedJoint.heat` begin at the
-        temperature of the supply; other joints are not changed.
+        Bindings of all films. Films of joints with `LubricatedJoint.heat` begin at the supply
+        temperature; other films are not changed.
 
     Attributes
     ----------
     thinning
-        Approximate relative change of each film by the last change of its temperature, shape
-        (count,): the film of a bearing under load is proportional to the root of the viscosity.
+        Estimated relative decrease of each film thickness by the last change of its temperature,
+        shape (count,), as the square root of the viscosity.
     times, rates
-        Times [s] of the steps of the cycle under way and of three steps before it, shape (k,);
-        power [W] and flow [m3/s] of every film there, shape (k, 2 count).
+        Times [s] of the k steps of the current cycle and of three steps before it, shape (k,);
+        power [W] and flow [m3/s] of every film at these times, shape (k, 2 count).
     first
-        Number of the step at the start of the cycle.
+        Index of the step at the start of the cycle in `times`.
     """
 
     carried: ClassVar = {
@@ -222,14 +228,14 @@ class FilmTemperatures(Stateful):
             binding.film.film.set_temperature(self.searches[binding.name].temperature)
 
     def add(self, step: MechanismStep) -> None:
-        """Add power and flow of an accepted step of the cycle under way."""
+        """Add power and flow of every film in an accepted step of the current cycle."""
         joints = [step.solution.joints[i] for i in self._bindings]
         rates = [rate for joint in joints for rate in (joint.dissipated, joint.flows.leaving)]
         self.times = np.append(self.times, step.time)
         self.rates = np.vstack([self.rates, rates])
 
     def _balances(self) -> Iterator[tuple[str, TemperatureSearch, list[float]]]:
-        """Name and search of every film, mean power and flow over the cycle."""
+        """Yield name and search of every film, and its mean power and flow over the cycle."""
         if not self.count:
             return
         integrals = integral(self.times, self.rates, self.first)
@@ -238,26 +244,26 @@ class FilmTemperatures(Stateful):
             yield name, search, mean
 
     def unsettled(self) -> str:
-        """Message about the first temperature whose heat is not balanced, else empty."""
+        """Message about the first film whose heat is not balanced; empty if there is none."""
         for name, search, means in self._balances():
             defect = search.defect(*means)
             if not abs(defect) <= search.heat.tolerance:
                 return (
-                    f"the effective temperature of {name}, {search.temperature:.4g} C, is "
-                    f"{defect:.2g} K off its balance, above joints.{name}.heat.tolerance = "
+                    f"the effective temperature of {name}, {search.temperature:.4g} C, differs by "
+                    f"{defect:.2g} K from its balance, above joints.{name}.heat.tolerance = "
                     f"{search.heat.tolerance:g} K"
                 )
         return ""
 
     def move(self) -> None:
-        """Change the temperatures for the next cycle whose heat is not balanced.
+        """Set the temperatures of films whose heat is not balanced for the next cycle.
 
-        Balanced temperatures stay: a change would only change the steps of the cycle.
+        Balanced temperatures are not changed, because every change causes other steps.
 
         Raises
         ------
         HeatError
-            The heat of a film cannot leave.
+            If no temperature balances the heat of a film.
         """
         for i, (name, search, means) in enumerate(self._balances()):
             self.thinning[i] = 0.0
@@ -273,12 +279,12 @@ class FilmTemperatures(Stateful):
         self._resume()
 
     def end(self) -> np.ndarray:
-        """Temperatures as coordinates and their rates, shape (2, count)."""
+        """Temperatures [C] and rates of zero, shape (2, count), as a state for extrapolation."""
         temperatures = [search.temperature for search in self.searches.values()]
         return np.stack([temperatures, np.zeros(self.count)])
 
     def shift(self, change: np.ndarray) -> None:
-        """Change the temperatures that have moved once more, shape (count,) [K]."""
+        """Add changes, shape (count,) [K], to those temperatures that the last `move` changed."""
         each = zip(self.searches.values(), change.tolist(), self.thinning, strict=True)
         for search, shift, moved in each:
             if moved:
@@ -286,7 +292,7 @@ class FilmTemperatures(Stateful):
         self._resume()
 
     def failed(self, error: Exception) -> HeatError | None:
-        """The heat error that has caused the error of a cycle; None if heat is balanced."""
+        """Heat error that explains the failure of a cycle; None if every heat can be balanced."""
         for name, search in self.searches.items():
             if search.without_balance:
                 return run_away(f"joints.{name}.heat", search, error)
@@ -297,12 +303,12 @@ class PeriodicSolver(Stateful):
     """Search for a periodic solution: steps of a run until no film changes over a cycle.
 
     If the heat of a joint is balanced, the temperature of its film changes with every cycle, and
-    the search ends when the heat is balanced as well. Cycles count from the time on at which all
-    loads and drives recur, see `repeating`.
+    the search ends only when the heat is balanced. Cycles before the time from which all loads and
+    drives recur cannot end the search, see `repeating`.
 
-    A cycle maps its start to its end. If the films of a cycle depend much on its start, the next
-    start is the combination of former ends for which the same combination of changes is least
-    (Anderson 1965).
+    A cycle maps its start to its end. If the films are near to periodic, the next start is
+    extrapolated: it is the combination of earlier ends for which the same combination of the
+    changes over the cycles is smallest (Anderson 1965).
 
     Parameters
     ----------
@@ -311,35 +317,35 @@ class PeriodicSolver(Stateful):
     period
         Common period of all drives and forces [s].
     periodicity
-        Largest change of a film from the start of a cycle to its end, relative to the film; with
-        mass-conserving cavitation of its oil content, too.
+        Largest relative change of a film thickness from the start of a cycle to its end; with
+        mass-conserving cavitation, of the oil content, too.
     most
         Largest number of cycles.
 
     Attributes
     ----------
     periodicity, most
-        As the parameters.
+        Arguments of the constructor.
     number
-        Number of the cycle under way, from 1.
+        Number of the current cycle, from 1.
     defect
-        Change of the films over the last complete cycle, relative to the films [-].
+        Largest relative change of a film over the last complete cycle [-].
     angles
         Indices of the angles of all bodies among the coordinates.
     began
-        State at the start of the cycle under way.
+        State of the integration at the start of the current cycle.
     moved
-        Distance of the starts of the last two complete cycles: root mean square of the difference
-        of the films, relative to the films [-].
+        Relative difference between the films at the starts of the last two complete cycles, root
+        mean square [-].
     left
-        Change of the films over the last complete cycle, root mean square likewise [-].
+        Relative change of the films over the last complete cycle, root mean square [-].
     contraction
-        Distance of the ends of the last two complete cycles over the distance of their starts.
+        Difference between the ends of the last two complete cycles over that of their starts [-].
 
     Raises
     ------
     SettingsError
-        There is no film to repeat; or see `check_period`.
+        If the mechanism has no film, or loads and drives do not recur (`check_period`).
     """
 
     carried: ClassVar = {
@@ -380,20 +386,20 @@ class PeriodicSolver(Stateful):
 
     @property
     def start(self) -> float:
-        """Start of the cycle under way [s]."""
+        """Time at the start of the current cycle [s]."""
         return (self.number - 1) * self.period
 
     def restarted(self, run: Run, period: float, periodicity: float, most: int) -> PeriodicSolver:
-        """A search by another run from the start of a cycle, with the temperatures of this search.
+        """Make a search with another run from the start of a cycle, with temperatures of this one.
 
         Parameters
         ----------
         run
             Run at the end of a cycle, which is compared with the end of the next cycle.
         period, periodicity
-            As for `PeriodicSolver`.
+            Arguments of `PeriodicSolver`.
         most
-            Further cycles to give up after.
+            Largest number of further cycles.
         """
         completed = round(run.state.time / period)
         search = PeriodicSolver(run, period, periodicity, completed + most)
@@ -402,30 +408,30 @@ class PeriodicSolver(Stateful):
         return search
 
     def figures(self) -> dict[str, float]:
-        """Entries of the summary."""
+        """Entries of the summary about the search."""
         return {"cycles": self.number, "periodicity_defect": self.defect}
 
     def _films(self) -> np.ndarray:
         return self._run.norm.gaps(self._run.state.observed[0])
 
     def _oil(self) -> np.ndarray:
-        """Oil contents of the films [m^3]; 0 without mass-conserving cavitation."""
+        """Oil content of every film [m^3]; 0 without mass-conserving cavitation."""
         state = self._run.state
         norm = self._run.norm
         gaps = norm.film_gaps(state.observed[0])
         return self._run.equations.contents(state.x[0], gaps)
 
     def __iter__(self) -> Iterator[MechanismStep]:
-        """Accepted steps.
+        """Yield the accepted steps of all cycles.
 
         Raises
         ------
         PeriodicityError
-            The films still change after so many cycles, or loads and drives do.
+            If films, loads or drives still change after the largest number of cycles.
         HeatError
-            The heat of a film cannot leave.
+            If no temperature balances the heat of a film.
         StepSizeError, FilmTooThinError
-            From `Run.until`.
+            If `Run.until` raises it.
         """
         if self._counted > self.most:
             raise PeriodicityError(
@@ -439,15 +445,15 @@ class PeriodicSolver(Stateful):
             change = gaps - self.gaps
             lengths = self._run.norm.lengths(gaps)
             self.defect = float(np.max(np.abs(change) / lengths))
-            # A search that is resumed at the end of a cycle repeats this comparison: its data stay
-            # until the next cycle begins.
+            # A search that is resumed at the end of a cycle repeats this comparison: its data are
+            # not changed before the next cycle begins.
             ends = np.stack([self.gaps, gaps])
             self._compare(ends, lengths)
             starts = np.concatenate([self.starts, ends[:1]])
             contents = self._oil()
             drained = np.abs(contents - self.contents) / np.maximum(contents, np.finfo(float).tiny)
             self.defect = max(self.defect, float(drained.max(initial=0.0)))
-            # The films build up over the first cycle: its periodicity is a coincidence.
+            # The films build up over the first cycle: small changes over it are a coincidence.
             off = self.heat.unsettled()
             repeats = self.number >= max(self._counted, 2) and self.defect <= self.periodicity
             if repeats and not off:
@@ -484,7 +490,7 @@ class PeriodicSolver(Stateful):
         Raises
         ------
         PeriodicityError
-            Naming the number of cycles.
+            If they do; the message has the number of cycles.
         """
         for k in SUBHARMONIC:
             if self.defect < NEAR or len(starts) < k:
@@ -499,7 +505,7 @@ class PeriodicSolver(Stateful):
                 )
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
-        """Compare start and end of a cycle with those of the one before."""
+        """Set `moved`, `left`, `contraction` from the gaps at start and end of a cycle."""
         if len(self.former):
             self.moved, distance = (
                 float(np.sqrt(np.mean((change / lengths) ** 2))) for change in ends - self.former
@@ -508,7 +514,7 @@ class PeriodicSolver(Stateful):
         self.left = float(np.sqrt(np.mean(((ends[1] - ends[0]) / lengths) ** 2)))
 
     def _steps(self) -> Iterator[MechanismStep]:
-        """Accepted steps up to the end of the cycle."""
+        """Yield the accepted steps up to the end of the current cycle."""
         try:
             for step in self._run.until(self.number * self.period):
                 self.heat.add(step)
@@ -520,7 +526,10 @@ class PeriodicSolver(Stateful):
             raise heat from error
 
     def _begin(self, change: np.ndarray) -> None:
-        """Begin the next cycle, at an extrapolated start if former cycles were near to periodic."""
+        """Begin the next cycle, with an extrapolated start if earlier cycles were near to periodic.
+
+        `change` is the change of the gaps over the last cycle [m].
+        """
         state = self._run.state
         norm = self._run.norm
         heat = self.heat
@@ -529,7 +538,7 @@ class PeriodicSolver(Stateful):
         end = np.stack([state.x[0], state.rate[0]])
         near = self.number >= self._counted and self.defect < NEAR
         scales = norm.lengths(gaps)
-        # Temperatures are extrapolated as coordinates, their defects as changes of the films.
+        # Temperatures are extrapolated like coordinates, and their defects like changes of films.
         end = np.hstack([end, heat.end()])
         scales = np.concatenate([scales, np.ones(heat.count)])
         change = np.concatenate([change, np.sqrt(len(gaps)) * heat.thinning])
@@ -547,11 +556,11 @@ class PeriodicSolver(Stateful):
             sizes = np.linalg.norm(changes, axis=1)
             directions = changes.T / sizes
             shares = np.linalg.lstsq(directions, change / scales, rcond=NOISE)[0] / sizes
-            # Full turns of a body are no distance.
+            # Differences of angles do not contain full turns.
             turns = distances[:, 0, self.angles] / (2 * np.pi)
             distances[:, 0, self.angles] -= 2 * np.pi * np.round(turns)
             x, rate = -np.tensordot(shares, distances, 1)
-            # Former points move with the newest point, along its rate.
+            # Earlier points are shifted with the newest one, along its rate.
             past = x[:n] + np.multiply.outer(state.times - state.time, rate[:n])
             observed = np.array([norm.observe(point) for point in state.x + past])
             if norm.gap_reduction(gaps, norm.gaps(observed[0])) < THINNER:

@@ -23,6 +23,7 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.cycle import Cycle, first_of_last
+from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
     TURN_ROUNDING,
@@ -39,11 +40,9 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import (
     SIGNS,
     BasisErrorEstimate,
-    bore_body,
-    bore_loads,
     energy_row,
-    estimate_at,
     step_powers,
+    surface_loads,
 )
 
 #: Columns of a history by path with unit, each of shape (steps,).
@@ -183,7 +182,7 @@ class Recorder(Stateful):
         Steps, iterations and rejected steps, and rejected steps by reason; of all steps, also of
         those whose rows are not kept.
     estimates
-        Estimates of the basis error by joint.
+        Estimates of the basis error by `BoundSurface.key`.
     rubbing, slid
         Contact pressure times sliding speed at the Gauss points of rough surfaces by joint, at the
         last step [W/m2], and its integral over the cycle under way, or the run [J/m2].
@@ -216,11 +215,11 @@ class Recorder(Stateful):
         self.recurrence = recurrence_of(self.system)
         self._coordinates = coordinate_units(self.system)
         films = self.system.films
-        self.estimates = {
-            binding.name: estimate_at(bore_body(self.system, binding), binding.bore)
-            for binding in films
-            if binding.film.bore
-        }
+        self.estimates: dict[str, BasisErrorEstimate] = {}
+        for bound in (bound for binding in films for bound in binding.surfaces):
+            missing = bound.surface.missing_flexibility("basis")
+            if missing is not None:
+                self.estimates[bound.key] = BasisErrorEstimate.of(missing)
         self.slid = {
             binding.name: np.zeros(len(contact.area))
             for binding, contact in zip(films, run.equations.contacts.joints, strict=True)
@@ -359,7 +358,9 @@ class Recorder(Stateful):
     def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
         """Columns of the lubricated joints at a step of a size [s]; adds to wear and estimates."""
         row: dict[str, float] = {}
-        loads = bore_loads(self.system, [film.pressure for film in step.solution.films])
+        responses = self.run.equations.responses
+        pressures = [film.pressure for film in step.solution.films]
+        loads = surface_loads(self.system, pressures, step.x)
         for joint in step.solution.joints:
             name = joint.binding.name
             columns = joint_row(joint)
@@ -369,14 +370,22 @@ class Recorder(Stateful):
                 if self.rows:
                     slid = 0.5 * size * (former + self.rubbing[name])
                     self.slid[name] = self.slid[name] + slid
-            if name in self.estimates:
-                body = joint.binding.bore_body
-                amplitudes = self.run.equations.responses.of_body(body)
-                columns["basis_error_estimate_m"] = self.estimates[name].add(
-                    size, loads[body], step.acceleration[amplitudes]
+            estimates = self.estimates_at(joint.binding)
+            if estimates:
+                columns["basis_error_estimate_m"] = sum(
+                    estimate.add(size, loads[body], step.acceleration[responses.of_body(body)])
+                    for body, estimate in estimates.items()
                 )
             row |= {f"joints/{name}/{column}": value for column, value in columns.items()}
         return row
+
+    def estimates_at(self, binding: FilmBinding) -> dict[str, BasisErrorEstimate]:
+        """Estimates of the basis error of both surfaces of a film, by body; at most two."""
+        return {
+            bound.body: self.estimates[bound.key]
+            for bound in binding.surfaces
+            if bound.key in self.estimates
+        }
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
         """Columns of the bodies' frames; the frame of a shaft has an angle alone."""

@@ -222,7 +222,7 @@ class RunSummary:
         for column in filter(columns.__contains__, PEAKS):
             quantity = split_unit(column)[0]
             figures[column], figures[f"{quantity}_time_s"] = self.extremes[name][quantity]
-        figures["basis_error_estimate_m"] = self._basis_error(name)
+        figures["basis_error_estimate_m"] = self._basis_error(binding)
         rates = averaged(columns)
         if rates:
             figures |= self._means(binding, rates)
@@ -232,17 +232,19 @@ class RunSummary:
             figures["error_budget"] = self.error_budget[name]
         return figures | cycle_figures(cycle, self.columns, name, rates)
 
-    def _basis_error(self, name: str) -> float:
+    def _basis_error(self, binding: FilmBinding) -> float:
         """Largest estimate of the basis error at a joint after its start has rung out [m].
 
         0 if no step is later, nan without an estimate.
         """
-        if name not in self.recorder.estimates:
+        estimates = self.recorder.estimates_at(binding).values()
+        if not estimates:
             return float("nan")
-        estimate = self.recorder.estimates[name]
-        errors = self.columns[f"joints/{name}/basis_error_estimate_m"][self.first :]
-        counted = errors[self.columns["time_s"][self.first :] > estimate.start]
-        return float(np.max(counted, initial=0.0 if estimate.known else float("nan")))
+        errors = self.columns[f"joints/{binding.name}/basis_error_estimate_m"][self.first :]
+        start = max(estimate.start for estimate in estimates)
+        counted = errors[self.columns["time_s"][self.first :] > start]
+        known = all(estimate.known for estimate in estimates)
+        return float(np.max(counted, initial=0.0 if known else float("nan")))
 
     def _means(self, binding: FilmBinding, rates: Columns) -> dict[str, float]:
         """Means of a joint's rates over the cycle under way, or the run, and what they imply."""

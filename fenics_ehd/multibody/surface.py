@@ -26,7 +26,7 @@ with elastic modes derive from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -73,6 +73,11 @@ class Side:
     sign: float = BORE
     shape: Shape | None = None
     transfer: str = "conservative"
+
+    @property
+    def name(self) -> str:
+        """``"bore"`` or ``"journal"``."""
+        return "bore" if self.sign == BORE else "journal"
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +172,52 @@ class Compliance:
     damping_time: float
 
 
+@dataclass(frozen=True, eq=False)
+class MissingFlexibility:
+    """Flexibility of a body that its model does not have, at one surface: an error of the gap.
+
+    Attributes
+    ----------
+    flexibility
+        Outward displacement at m points of the surface per load of the body, shape (m, k); empty if
+        the error is not known. Loads are `Surface.loads`, and further ones of the body [m/Pa],
+        [m/N].
+    to_observed
+        Matrix from these displacements to changes of the gap at Gauss points and nodes, shape
+        (w, m).
+    damping_time
+        Structural damping zeta of the body [s].
+    neglected_inertia
+        Outward displacement per acceleration of the residual amplitudes, shape (m, r); None: no
+        inertia is neglected.
+    inertia_time
+        Time constant of the slowest residual pattern [s].
+    """
+
+    flexibility: np.ndarray
+    to_observed: sparse.spmatrix
+    damping_time: float
+    neglected_inertia: np.ndarray | None = None
+    inertia_time: float = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether the missing flexibility is known."""
+        return bool(self.flexibility.size)
+
+    def scaled(self, factor: float) -> MissingFlexibility:
+        """The same with the flexibility times a factor."""
+        return replace(self, flexibility=factor * self.flexibility)
+
+    def gap_changes(self, displacements: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Changes of the gap by displacements at t instants, shape (t, m) to (t, w) [m].
+
+        The angles of the surface relative to the bore, shape (t,) [rad], have no effect on a
+        surface at rest.
+        """
+        return (self.to_observed @ displacements.T).T
+
+
 class Surface:
     """Surface of a body on one side of a film; rigid, with the shape of its side.
 
@@ -190,6 +241,10 @@ class Surface:
 
     #: Whether pressures reach the body by a mortar, which does not transfer forces at Gauss points.
     mortar = False
+
+    #: Centre of the undeformed surface on the mesh of the body, shape (3,) [m]; None: there is no
+    #: mesh.
+    centre: np.ndarray | None = None
 
     def __init__(self, side: Side, modes: int = 0):
         self.side = side
@@ -246,6 +301,78 @@ class Surface:
     @property
     def compliance(self) -> Compliance | None:
         """Residual patterns; None: the surface has none."""
+        return None
+
+    def missing_flexibility(self, component: str) -> MissingFlexibility | None:
+        """Flexibility that the surface lacks.
+
+        Parameters
+        ----------
+        component
+            Component of an error budget: ``"basis"``, by the reduction of the body, or
+            ``"part_mesh"``, by its mesh.
+
+        Returns
+        -------
+        MissingFlexibility or None
+            None: the surface has no such error, or none that can be computed.
+        """
+        return None
+
+    def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray | None:
+        """Loads of the body by nodal pressures of the film, to which `missing_flexibility` applies.
+
+        Parameters
+        ----------
+        pressure
+            Pressures at the film's nodes [Pa].
+        angle
+            Angle of the surface relative to the bore [rad].
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Pressures at the pressure nodes of all surfaces of the body, 0 at those of other films,
+            shape (k,) [Pa]; None: the body has no such nodes.
+        """
+        return None
+
+    def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray | None:
+        """Displacement of the surface by elastic coordinates and residual amplitudes, for pictures.
+
+        Parameters
+        ----------
+        angle, height
+            Positions in the frame of the body [rad], [m], shape (p,).
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Components x, y, z for unit coordinates, then for unit amplitudes, shape (p, 3, n + r);
+            None: the surface is rigid, or the displacement is not known.
+        """
+        return None
+
+    def nodal_forces(
+        self, pressure: np.ndarray, contact: np.ndarray | float, angles: np.ndarray
+    ) -> np.ndarray | None:
+        """Forces of a film on the nodes of the surface at t instants, for stresses.
+
+        Parameters
+        ----------
+        pressure
+            Pressures at the film's nodes, shape (nodes, t) [Pa].
+        contact
+            Forces of contact at the Gauss points, shape (g, t) [N]; 0 between smooth surfaces.
+        angles
+            Angles of the surface relative to the bore, shape (t,) [rad].
+
+        Returns
+        -------
+        numpy.ndarray or None
+            Components x, y, z in the frame of the body, shape (t, m, 3) [N]; None: there are no
+            nodes.
+        """
         return None
 
     def _displacement(

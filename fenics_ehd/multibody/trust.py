@@ -17,12 +17,10 @@ import numpy as np
 
 from fenics_ehd.base.layout import Stateful, Value
 from fenics_ehd.film.forces import under_pressure
-from fenics_ehd.multibody.body import FlexibleBody
-from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
+from fenics_ehd.multibody.surface import MissingFlexibility
 
 
 def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarray:
@@ -174,14 +172,15 @@ class BasisErrorEstimate(Stateful):
     Parameters
     ----------
     missing_flexibility
-        Outward bore displacement per nodal pressure [m/Pa], and per further load, shape (m, k).
+        Outward displacement of the surface per nodal pressure [m/Pa], and per further load, shape
+        (m, k).
     damping_time
         zeta [s].
     neglected_inertia
-        Outward bore displacement per acceleration of the residual amplitudes, shape (m, r); no
-        rows if no inertia is neglected.
+        Outward displacement of the surface per acceleration of the residual amplitudes, shape
+        (m, r); None: no inertia is neglected.
     inertia_time
-        Time constant of the slowest pattern [s], see `slowest_pattern`.
+        Time constant of the slowest pattern [s].
 
     Attributes
     ----------
@@ -218,10 +217,20 @@ class BasisErrorEstimate(Stateful):
         self.filtered = np.zeros(self.loads)
         self.accelerated = np.zeros(self._inertia.shape[1])
 
+    @classmethod
+    def of(cls, missing: MissingFlexibility) -> BasisErrorEstimate:
+        """Estimate of the gap error by missing flexibility."""
+        return cls(
+            missing.flexibility,
+            missing.damping_time,
+            missing.neglected_inertia,
+            missing.inertia_time,
+        )
+
     def add(
         self, step: float, pressure: np.ndarray, acceleration: np.ndarray | None = None
     ) -> float:
-        """Largest gap error over the bore after one step of this length [s], in [m]."""
+        """Largest gap error over the surface after one step of this length [s], in [m]."""
         if not self.known:
             return float("nan")
         return float(np.abs(self.field(step, pressure, acceleration)).max())
@@ -229,7 +238,7 @@ class BasisErrorEstimate(Stateful):
     def field(
         self, step: float, pressure: np.ndarray, acceleration: np.ndarray | None = None
     ) -> np.ndarray:
-        """Gap error at the bore's nodes after one step of this length [s], shape (m,) [m]."""
+        """Gap error at points of the surface after one step of this length [s], shape (m,) [m]."""
         # Backward Euler on the first-order lags.
         share = step / (step + self._damping_time)
         self.filtered = self.filtered + share * (pressure - self.filtered)
@@ -241,36 +250,10 @@ class BasisErrorEstimate(Stateful):
         return field
 
 
-def estimate_at(
-    body: FlexibleBody, bore: str, flexibility_error: float | None = None
-) -> BasisErrorEstimate:
-    """Estimate at one of a body's bores, for pressures on all of them.
-
-    Parameters
-    ----------
-    body, bore
-        The body and the name of its bore.
-    flexibility_error
-        See `ReducedBody.missing_flexibility_at`.
-    """
-    reduced = body.reduced
-    part = reduced.at_bore(bore)
-    missing = reduced.missing_flexibility_at(bore, flexibility_error)
-    if part.residual is None or not part.residual.mass.size:
-        return BasisErrorEstimate(missing, body.damping_time)
-    inertia = neglected_inertia(part, part.residual)
-    return BasisErrorEstimate(missing, body.damping_time, inertia, slowest_pattern(part.residual))
-
-
-def bore_body(system: System, binding: FilmBinding) -> FlexibleBody:
-    """The flexible body that has the bore of a film."""
-    body = system.mechanism.bodies[binding.bore_body]
-    assert isinstance(body, FlexibleBody)
-    return body
-
-
-def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
-    """Pressures on the pressure nodes of all bores of a body, by its name [Pa].
+def surface_loads(
+    system: System, pressures: Iterable[np.ndarray], z: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Loads of all bodies by the films on their surfaces, see `Surface.loads`, by body [Pa].
 
     Parameters
     ----------
@@ -278,36 +261,16 @@ def bore_loads(system: System, pressures: Iterable[np.ndarray]) -> dict[str, np.
         The mechanism.
     pressures
         Pressures at the nodes of every film [Pa].
+    z
+        Coordinates of the mechanism, shape (n,).
     """
     loads: dict[str, np.ndarray] = {}
     for binding, pressure in zip(system.films, pressures, strict=True):
-        if binding.film.bore is not None:
-            part = bore_body(system, binding).reduced
-            load = loads.setdefault(binding.bore_body, np.zeros(part.load_projection.shape[1]))
-            load[part.rows_of(binding.bore).pressures] = binding.film.bore.structure_pressure(
-                pressure
-            )
+        for bound, angle in zip(binding.surfaces, binding.own_angles(z), strict=True):
+            load = bound.surface.loads(pressure, angle)
+            if load is not None:
+                loads[bound.body] = loads.get(bound.body, 0.0) + load
     return loads
-
-
-def neglected_inertia(body: ReducedBody, residual: ResidualFlexibility) -> np.ndarray:
-    """Gap error per acceleration of the residual amplitudes.
-
-    It is the static response of the residual patterns to their inertia force ``-M_rr y''``.
-
-    Returns
-    -------
-    numpy.ndarray
-        Outward bore displacement, shape (m, r).
-    """
-    shape = body.outward(residual.displacement)
-    return (shape / residual.stiffness) @ residual.mass
-
-
-def slowest_pattern(residual: ResidualFlexibility) -> float:
-    """``1 / omega`` of the slowest residual pattern on its own stiffness and mass [s]."""
-    root = 1.0 / np.sqrt(residual.stiffness)
-    return float(np.sqrt(np.linalg.norm(root[:, None] * residual.mass * root, 2)))
 
 
 #: Components of an error, and the settings that reduce them.

@@ -109,7 +109,7 @@ NODE_SPACING = 0.5
 
 def too_coarse(binding: FilmBinding, thickness: float) -> str:
     """Reason for rejecting a film that is too thin for its mesh; empty for elastic surfaces."""
-    if any(surface.elastic for surface in binding.film.surfaces):
+    if binding.film.elastic:
         return ""
     angles = np.unique(binding.film.film.parameters.grid.node_positions[:, 0].round(9))
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())

@@ -25,7 +25,6 @@ from PIL import Image
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.files import written_aside
 from fenics_ehd.base.plane import rotation
-from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import load_history
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider
@@ -82,8 +81,8 @@ class Bearing:
     ----------
     body, journal_body
         Drawn bodies with the bore and with the journal.
-    elastic
-        Whether the bore is drawn as part of a flexible body.
+    meshed
+        Whether the bore is drawn with the mesh of its body.
     radius, clearance
         Radius and radial clearance of the bore [m].
     centre
@@ -101,16 +100,17 @@ class Bearing:
         self.film = binding.film.film.parameters
         grid = self.film.grid
         self.radius = grid.radius
-        self.elastic = bool(binding.bore)
+        bore_surface = binding.surfaces[0]
+        rest = bore_surface.surface.centre
+        self.meshed = rest is not None
         self._enlarged = scale / grid.radius
-        self.body, bore = at(bodies, binding.surfaces[0].marker)
+        self.body, bore = at(bodies, bore_surface.marker)
         self.journal_body, _ = at(bodies, binding.joint.journal)
         eccentricity = replay.motion.coordinates[:, binding.xi[:2]]
         turns = self.body.turns
         self.centre = bore
-        if self.elastic:
-            rest = replay.part(binding.bore_body).bores[binding.bore].centre[:2]
-            self.centre = self.body.pose[:, :2] + turns @ rest
+        if rest is not None:
+            self.centre = self.body.pose[:, :2] + turns @ rest[:2]
         self.offset = scale * eccentricity + np.einsum("tji,tj->ti", turns, bore - self.centre)
         self.height = np.linspace(grid.heights[0], grid.heights[-1], ALONG)
         pressure = sampled(grid, replay.motion.pressures[binding.name], ANGLES, self.height)
@@ -131,7 +131,7 @@ class Bearing:
         centre, turn, radius
             Drawn centre and radius of the bore [m], and angle `turn` of its body [rad].
         """
-        if not self.elastic:
+        if not self.meshed:
             face, hatch = ("white", HATCH) if self.body.held else (STEEL, "")
             style = {"facecolor": face, "edgecolor": "0.45", "hatch": hatch, "zorder": 2}
             axes.add_patch(Annulus(centre, (1 + WALL) * radius, WALL * radius, **style))
@@ -444,13 +444,14 @@ def draw_run(
     shapes = {name: shape_of_part(part) for name, part in complete_parts.items()}
     scene = directory / SCENE_NAME
     hints = []
-    for body, flexible in run.bodies.items():
-        if not isinstance(flexible, FlexibleBody) or body in complete_parts:
+    for body, model in run.bodies.items():
+        part = model.reduced
+        if part is None or body in complete_parts:
             continue
-        shapes[body] = shape_of_bores(flexible.reduced)
+        shapes[body] = shape_of_bores(part)
         made = (
             f"made by fenics-ehd reduce {body} --scene {scene} --method "
-            f"{flexible.reduced.method} -o body.h5 --basis part.h5"
+            f"{part.method} -o body.h5 --basis part.h5"
             if body in meshed(as_stored(scene))
             else "which can be made where the file of this body is"
         )

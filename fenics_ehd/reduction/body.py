@@ -353,18 +353,11 @@ class ReducedBody:
         verified = self.residual is not None and self.residual.mass.size > 0
         return self.accuracy.get("flexibility_error", np.nan) if verified else np.nan
 
-    def missing_flexibility_at(self, bore: str, error: float | None = None) -> np.ndarray:
+    def missing_flexibility_at(self, bore: str) -> np.ndarray:
         """Outward displacement of one bore per nodal pressure on all bores that the body lacks.
 
         If only the size of the error is known (M4), it is this share of the body's displacement,
         which is never too large.
-
-        Parameters
-        ----------
-        bore
-            Name of the bore.
-        error
-            Relative error of the displacement, in place of `flexibility_error`.
 
         Returns
         -------
@@ -372,10 +365,9 @@ class ReducedBody:
             shape (m of the bore, k) [m/Pa]; empty if unknown.
         """
         nodes = self.rows_of(bore).nodes
-        share = self.flexibility_error if error is None else error
-        if self.missing_flexibility.size or not np.isfinite(share):
+        if self.missing_flexibility.size or not np.isfinite(self.flexibility_error):
             return self.missing_flexibility[nodes]
-        return share * self.basis_flexibility()[nodes]
+        return self.flexibility_error * self.basis_flexibility()[nodes]
 
     def bore_flexibility(self) -> np.ndarray:
         """Static displacement of the bore nodes per nodal pressure, shape (m, 3, k) [m/Pa].

@@ -1,13 +1,14 @@
-"""Lowest modes of a part by SLEPc: fixed-boundary ones (20), free-floating ones (27), (28).
+"""Lowest vibration modes of a part, computed by SLEPc: fixed-boundary (20), free (27), (28).
 
-Modes with boundary points held need responses of the held part, (18) and (19). The boundary points
-A and the bore's centre C2 are means over surfaces, so that holding them is ``C^T x = 0``. With G
-the elastic flexibility of (29) and U the rigid-body modes, the response to f is
-``G (f - C mu) + U alpha`` where
+Fixed-boundary modes need static responses of the part with its boundary held, (18) and (19). The
+motions of the boundary points A and of the bore's centre C2 are means over surfaces, so that
+holding them is the constraint ``C^T x = 0``. With the elastic flexibility G of (29) and the
+rigid-body modes U, the response to forces f is ``G (f - C mu) + U alpha``, where the reactions mu
+and the rigid motion alpha satisfy
 
-    C^T G C mu - C^T U alpha = C^T G f,       U^T C mu = U^T f,
+    C^T G C mu - C^T U alpha = C^T G f,       U^T C mu = U^T f.
 
-so the factorisation of the free part serves, corrected by a few columns.
+Thus the factorisation of the free part is used again, with a correction of a few columns.
 """
 
 from __future__ import annotations
@@ -26,43 +27,45 @@ from fenics_ehd.reduction.structure import Structure
 with in_neutral_folder():  # slepc4py searches the current folder for petsc.cfg
     from slepc4py import SLEPc
 
-#: Tolerance of SLEPc's residual, relative to the eigenvalue.
+#: Tolerance of the residual in SLEPc, relative to the eigenvalue.
 EIGEN_TOLERANCE = 1e-10
 
 #: Largest residual of a mode in the check of the result, relative to the eigenvalue.
 RESIDUAL_TOLERANCE = 1e-6
 
-#: Tolerance of the eigenvalue that is compared with the highest one, to detect missed modes. It is
-#: loose because a missed mode is well below the highest one, and modes above are close to each
-#: other.
+#: Relative tolerance of the lowest eigenvalue that may have been missed. It is loose, as a missed
+#: eigenvalue is well below the highest computed one, and tight convergence above it is slow: the
+#: eigenvalues there are close to each other.
 COUNT_TOLERANCE = 1e-2
 
-#: Largest number of attempts to add missed modes.
+#: Largest number of times that missed modes are added.
 ROUNDS = 4
 
 
 class _Inverse:
-    """Python preconditioner that applies a flexibility, exact on motions its support admits."""
+    """Python preconditioner that applies a flexibility, the inverse of K on admissible motions."""
 
     def __init__(self, flexibility: Flexibility):
         self._flexibility = flexibility
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set y to the static response to x; PETSc calls this method."""
         y.array = self._flexibility.apply(x.getArray(readonly=True).reshape(-1, 1))[:, 0]
 
 
 def lowest_modes(
     flexibility: Flexibility, count: int, *, options_prefix: str = "modes_"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest elastic modes of a supported part, mass-normalised.
+    """Compute the lowest elastic modes of a part, mass-normalised.
 
-    Shift-invert at zero on the space deflated by the exact rigid-body modes, so that no mode is
-    missed and the factorisation of the static responses is used again.
+    The eigensolver inverts K, shifted by zero, on the space orthogonal to the exact rigid-body
+    modes. The factorisation for static responses is used again. Missed modes are searched for and
+    added.
 
     Parameters
     ----------
     flexibility
-        Flexibility of the part on its support.
+        Static response of the part, free, clamped or with its boundary held.
     count
         Number of modes.
     options_prefix
@@ -71,18 +74,19 @@ def lowest_modes(
     Returns
     -------
     angular_frequencies : numpy.ndarray
-        shape (count,) [rad/s], ascending.
+        Angular frequencies in ascending order, shape (count,) [rad/s].
     modes : numpy.ndarray
-        Owned rows, shape (owned dofs, count), ``Phi^T M Phi = I`` (28).
+        Modes with ``Phi^T M Phi = I`` (28), rows of this rank, shape (owned dofs, count).
 
     Raises
     ------
     SettingsError
-        The number exceeds a quarter of the degrees of freedom.
+        If the number exceeds a quarter of the number of degrees of freedom.
     SolverError
-        SLEPc converged fewer modes than requested.
+        If SLEPc converges fewer modes than requested.
     VerificationError
-        A residual exceeds `RESIDUAL_TOLERANCE`, or a lower mode was missed.
+        If a residual exceeds `RESIDUAL_TOLERANCE`, or if modes are still missing after `ROUNDS`
+        attempts.
     """
     structure = flexibility.structure
     if not 0 <= count <= structure.size // 4:
@@ -97,7 +101,7 @@ def lowest_modes(
         flexibility, count, start, flexibility.rigid_modes, EIGEN_TOLERANCE, options_prefix
     )
     eigenvalues, modes = _with_missed(flexibility, eigenvalues, modes, options_prefix)
-    # Round-off of the Krylov vectors reintroduces small motions that the support forbids.
+    # Round-off in the Krylov vectors causes small rigid motions and motions of the boundary.
     modes = flexibility.admissible(modes)
     norms = structure.comm.allreduce(np.sum(modes * flexibility.mass.multiply(modes), axis=0))
     modes /= np.sqrt(norms)
@@ -106,7 +110,10 @@ def lowest_modes(
 
 
 class LowestModes:
-    """Lowest modes for any number; a smaller number is read from an earlier, larger result."""
+    """Lowest modes of a part for different numbers of modes.
+
+    If fewer modes are requested than before, they are taken from the earlier result.
+    """
 
     def __init__(self, flexibility: Flexibility, options_prefix: str):
         self._flexibility = flexibility
@@ -114,7 +121,7 @@ class LowestModes:
         self._angular, self._modes = lowest_modes(flexibility, 0)
 
     def __call__(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies and modes, see `lowest_modes`."""
+        """Angular frequencies [rad/s] and modes, see `lowest_modes`."""
         if not 0 <= count <= len(self._angular):
             self._angular, self._modes = lowest_modes(
                 self._flexibility, count, options_prefix=self._prefix
@@ -130,17 +137,29 @@ def _solve(
     tolerance: float,
     options_prefix: str,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ascending eigenvalues and modes of SLEPc, M-orthogonal to `deflated`."""
+    """Compute the lowest eigenvalues, ascending, and modes by SLEPc.
+
+    Parameters
+    ----------
+    flexibility, count, options_prefix
+        See `lowest_modes`.
+    start
+        Start vector, rows of this rank, shape (owned dofs, 1).
+    deflated
+        Columns to which the modes are M-orthogonal, rows of this rank.
+    tolerance
+        Tolerance of the residual, relative to the eigenvalue.
+    """
     structure = flexibility.structure
     eps = SLEPc.EPS().create(structure.stiffness.comm)
     eps.setOperators(structure.stiffness, flexibility.mass.matrix)
     eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     eps.setTarget(0.0)
-    # Few more vectors than modes: orthogonalising long bases costs as much as the solves.
+    # The basis has only few more vectors than modes: to orthogonalise more costs as much as solves.
     eps.setDimensions(count, min(count + int(np.clip(count, 15, 45)), structure.size))
     eps.setTolerances(tolerance, 500)
-    # Purification costs one more product with the inverse for every mode; `admissible` replaces it.
+    # Purification costs one more solve for every mode; `admissible` replaces it.
     eps.setPurify(False)
     vectors = [column_vectors(structure.stiffness, columns) for columns in (start, deflated)]
     eps.setInitialSpace(vectors[0])
@@ -159,7 +178,7 @@ def _solve(
         if eps.getConverged() < count:
             raise SolverError(
                 f"SLEPc converged {eps.getConverged()} of {count} modes: "
-                f"ask for fewer or raise -{options_prefix}eps_max_it"
+                f"request fewer modes or raise -{options_prefix}eps_max_it"
             )
         modes = np.empty((len(start), count), order="F")
         eigenvalues = np.empty(count)
@@ -167,8 +186,8 @@ def _solve(
             eigenvalues[i] = eps.getEigenpair(i, vector).real
             modes[:, i] = vector.array
     finally:
-        # Destroyed explicitly, the solver before its parts: otherwise PETSc keeps them until exit,
-        # and with the preconditioner the factors, which must not outlive the interpreter.
+        # Destroyed explicitly, the solver before its parts: otherwise PETSc keeps them until exit.
+        # The preconditioner refers to the factors, which must not outlive the interpreter.
         for owned in [eps, transform, ksp, vector, *vectors[0], *vectors[1]]:
             owned.destroy()
     order = np.argsort(eigenvalues)
@@ -176,7 +195,10 @@ def _solve(
 
 
 def _scattered(structure: Structure, phase: float) -> np.ndarray:
-    """Pseudo-random loads, the same on any number of ranks: no mode is orthogonal to them."""
+    """Pseudo-random loads, shape (owned dofs,), the same on any number of ranks.
+
+    They are not orthogonal to any mode; different phases give different loads.
+    """
     angle = (
         structure.coordinates / structure.largest_coordinate @ np.array([12.9898, 78.233, 37.719])
         + phase
@@ -186,7 +208,13 @@ def _scattered(structure: Structure, phase: float) -> np.ndarray:
 
 
 def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
-    """Check the residual of every mode; orthonormality is checked for the basis made of them."""
+    """Check the residual of every mode; `Reductor` checks that a basis is orthonormal.
+
+    Raises
+    ------
+    VerificationError
+        If the largest residual, relative to the inertia forces, exceeds `RESIDUAL_TOLERANCE`.
+    """
     structure = flexibility.structure
     inertia = flexibility.mass.multiply(modes) * eigenvalues
     defect = flexibility.without_reactions(multiply(structure.stiffness, modes) - inertia)
@@ -194,17 +222,23 @@ def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray
     worst = np.max(norms[0] / norms[1])
     if not worst <= RESIDUAL_TOLERANCE:
         raise VerificationError(
-            f"a mode has relative residual {worst:.1e}, above {RESIDUAL_TOLERANCE:.0e}"
+            f"a mode has a relative residual of {worst:.1e}, above {RESIDUAL_TOLERANCE:.0e}"
         )
 
 
 def _with_missed(
     flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray, options_prefix: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest modes with missed ones added: one start vector finds one mode of a pair.
+    """Add missed modes: from one start vector, the solver finds only one mode of a double pair.
 
-    The lowest mode orthogonal to the known ones, computed from another start vector, must not be
-    below them. As long as it is, more modes are computed and the lowest of all are kept.
+    The lowest mode that is orthogonal to the known modes is computed from another start vector. If
+    its eigenvalue is below the highest known one, further modes are computed, and the lowest ones
+    of all are kept. This is repeated until no mode is missing.
+
+    Raises
+    ------
+    VerificationError
+        If modes are still missing after `ROUNDS` attempts.
     """
     structure = flexibility.structure
     count = len(eigenvalues)
@@ -214,7 +248,7 @@ def _with_missed(
     for _ in range(ROUNDS):
         known = np.hstack([flexibility.rigid_modes, modes])
         lowest, _ = _solve(flexibility, 1, start, known, COUNT_TOLERANCE, options_prefix)
-        # Ritz values are above the eigenvalue: a tie differs from a missed mode.
+        # A Ritz value is not below its eigenvalue: an equal one is the next mode, not a missed one.
         if lowest[0] > (1.0 - 1e-6) * eigenvalues[-1]:
             return eigenvalues, modes
         further, further_modes = _solve(
@@ -226,39 +260,39 @@ def _with_missed(
         modes = np.hstack([modes, further_modes])[:, order]
     frequencies = np.sqrt([lowest[0], eigenvalues[-1]]) / (2 * np.pi)
     raise VerificationError(
-        f"SLEPc misses modes: {frequencies[0]:.6g} Hz below {frequencies[1]:.6g} Hz, the highest "
-        f"one, after {ROUNDS} attempts: raise -{options_prefix}eps_ncv"
+        f"SLEPc misses modes: after {ROUNDS} attempts one of {frequencies[0]:.6g} Hz was missing "
+        f"below the highest one of {frequencies[1]:.6g} Hz: raise -{options_prefix}eps_ncv"
     )
 
 
 def _orient(structure: Structure, modes: np.ndarray) -> np.ndarray:
-    """Fix the sign of each mode by its product with a field without symmetry."""
+    """Choose the sign of each mode so that its product with an unsymmetric field is positive."""
     x, y, z = (structure.coordinates / structure.largest_coordinate).T
     field = np.stack([x + y**2, x**2 + 2 * y - z, 3 * z + x * y], axis=1).reshape(-1, 1)
     signs = np.sign(inner(modes, field, structure.comm)[:, 0])
     return modes * np.where(signs == 0, 1.0, signs)
 
 
-# Boundaries held
+# Parts with held boundary
 
-#: Smallest reciprocal condition number at which constraints count as independent.
+#: Reciprocal condition number above which constraints count as independent.
 INDEPENDENT = 1e-12
 
 
 class FixedBoundary:
-    """Flexibility of a part with ``C^T x = 0``.
+    """Static response of a part under the constraints ``C^T x = 0``, which hold its boundary.
 
     Parameters
     ----------
     support
-        Flexibility of the part without these constraints.
+        Static response of the part without these constraints.
     constraints
-        C, owned rows, shape (owned dofs, c), c >= 1.
+        Columns of C, rows of this rank, shape (owned dofs, c), c >= 1.
 
     Raises
     ------
     VerificationError
-        The constraints do not hold every rigid motion, or depend on each other.
+        If the constraints do not hold every rigid motion, or are linearly dependent.
     """
 
     def __init__(self, support: Flexibility, constraints: np.ndarray):
@@ -272,7 +306,7 @@ class FixedBoundary:
         self._responses = support.apply(constraints)
         flexibility = inner(constraints, self._responses, comm)
         self._lever = inner(constraints, rigid, comm)
-        # Flexibilities are 1e-9 and lever arms 1: the unscaled system is numerically singular.
+        # Scaled, as flexibilities are about 1e-9 and lever arms 1: the system would be singular.
         sizes = np.sqrt(np.abs(np.diag(flexibility)))
         self._sizes = np.where(sizes > 0, sizes, 1.0)
         lever = self._lever / self._sizes[:, None]
@@ -288,20 +322,28 @@ class FixedBoundary:
         singular = np.linalg.svd(self._matrix, compute_uv=False)
         if not singular[-1] > INDEPENDENT * singular[0]:
             raise VerificationError(
-                f"the {constraints.shape[1]} boundary constraints depend on each other or leave a "
-                f"rigid motion free (reciprocal condition {singular[-1] / singular[0]:.1e}, limit "
-                f"{INDEPENDENT:.0e}): is a boundary point named twice?"
+                f"the {constraints.shape[1]} boundary constraints are linearly dependent or do not "
+                f"hold every rigid motion (reciprocal condition {singular[-1] / singular[0]:.1e}, "
+                f"limit {INDEPENDENT:.0e}): is a boundary point given twice?"
             )
 
     def _hold(self, prescribed: np.ndarray, balance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reactions mu and rigid motion alpha for the right sides of the system above."""
+        """Reactions mu and rigid motion alpha from the two equations at the head of this module.
+
+        Parameters
+        ----------
+        prescribed
+            Right-hand side of the first equation, shape (c, k).
+        balance
+            Right-hand side of the second equation, shape (rigid-body modes, k).
+        """
         right = np.vstack([prescribed / self._sizes[:, None], balance * self._motion])
         solution = np.linalg.solve(self._matrix, right)
         c = len(self._sizes)
         return solution[:c] / self._sizes[:, None], solution[c:] * self._motion
 
     def apply(self, loads: np.ndarray) -> np.ndarray:
-        """Static response with the boundary held, owned rows (owned dofs, k)."""
+        """Static responses to loads with the boundary held; both have shape (owned dofs, k)."""
         comm = self.structure.comm
         rigid = self._support.rigid_modes
         response = self._support.apply(loads)
@@ -314,19 +356,24 @@ class FixedBoundary:
         return response
 
     def constraint_modes(self, prescribed: np.ndarray) -> np.ndarray:
-        """Static modes of (19): ``C^T x`` as given, no load but the reactions.
+        """Static modes of (19): displacements under reactions alone, with prescribed ``C^T x``.
 
         Parameters
         ----------
         prescribed
             Values of ``C^T x``, shape (c, k).
+
+        Returns
+        -------
+        numpy.ndarray
+            Displacements, rows of this rank, shape (owned dofs, k).
         """
         rigid = self._support.rigid_modes
         reactions, motion = self._hold(-prescribed, np.zeros((rigid.shape[1], prescribed.shape[1])))
         return combine(rigid, motion) - combine(self._responses, reactions)
 
     def _orthogonal(self, columns: np.ndarray) -> np.ndarray:
-        """Columns made orthogonal to the constraints by subtracting a combination of them."""
+        """Make columns orthogonal to the constraints by subtracting combinations of these."""
         constraints = self._constraints
         comm = self.structure.comm
         gram = inner(constraints, constraints, comm)
@@ -334,15 +381,15 @@ class FixedBoundary:
         return columns - combine(constraints, share)
 
     def admissible(self, columns: np.ndarray) -> np.ndarray:
-        """Columns without motion of the boundary, which forces there remove."""
+        """Subtract from columns a displacement of the boundary, so that the boundary is at rest."""
         return self._orthogonal(columns if self._lever.size else self._support.admissible(columns))
 
     def without_reactions(self, forces: np.ndarray) -> np.ndarray:
-        """Forces minus the reactions of the boundary (least squares)."""
+        """Subtract from forces the reactions at the boundary, determined by least squares."""
         return self._orthogonal(
             forces if self._lever.size else self._support.without_reactions(forces)
         )
 
 
-#: Static response of a part, on its supports or with a held boundary.
+#: Static response of a part: free or clamped, or with a held boundary.
 Flexibility = StaticSolver | FixedBoundary

@@ -1,7 +1,7 @@
-"""Shape functions and Gauss rules of surface and solid cells, in numpy alone.
+"""Shape functions and Gauss rules of surface and solid cells, which need only NumPy and SciPy.
 
-The nodes of a surface cell come in the package's order: corners, edge midpoints, centre,
-each group as dolfinx numbers it. In the reference coordinates (s, t),
+The nodes of a surface cell are in the order of this package: corners, edge midpoints, centre, each
+group as dolfinx numbers it. In the reference coordinates (s, t),
 
     quadrilateral  corners (0,0) (1,0) (0,1) (1,1)      2 - 7 - 3
                    edges   (.5,0) (0,.5) (1,.5) (.5,1)  5   8   6
@@ -11,7 +11,7 @@ each group as dolfinx numbers it. In the reference coordinates (s, t),
                    edges   (.5,.5) (0,.5) (.5,0)        4   3
                                                         0 - 5 - 1
 
-Most programs number corners and edges *around* the cell; `package_order` determines the order from
+Most programs number corners and edges *around* the cell. `package_order` recognises the order from
 the geometry.
 """
 
@@ -27,7 +27,7 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import StructureError
 
-#: Ends of the edges of a cell, by its dimension and number of corners.
+#: Corners at the ends of each edge of a cell, by dimension and number of corners of the cell.
 _EDGES = {
     (2, 4): [(0, 1), (0, 2), (1, 3), (2, 3)],
     (2, 3): [(1, 2), (0, 2), (0, 1)],
@@ -44,15 +44,15 @@ _TRIANGLE = [(0, 0), (1, 0), (0, 1)]
 _TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 _CUBE = [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
 
-#: Orders of four corners that differ in the pairs of opposite ones (first and last here): this
-#: package's order, the order around the cell, and the third possible one.
+#: The three ways to pair opposite corners of a quadrilateral, as orders of its corners in which the
+#: first and the last are opposite: this package's order, the order around the cell, a third one.
 _OPPOSITE = ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1))
 
-#: Relative difference below which the given order is kept.
+#: Relative difference of two lengths or costs up to which the given order of nodes is kept.
 _TIE = 1e-6
 
 
-#: Conditions for the monomials of each family, among those of degree 2 in each variable.
+#: Whether an element of a family and degree contains a monomial with exponents e.
 _SPANNED = {
     "lagrange": lambda e, degree: True,
     # Superlinear degree: total degree of the variables whose power is at least 2.
@@ -63,14 +63,15 @@ _SPANNED = {
 
 @dataclass(frozen=True, eq=False)
 class NodalElement:
-    """Nodal element on a cell of d dimensions: unit square, unit cube, or a corner of one.
+    """Nodal element on a reference cell of d dimensions: unit square, unit cube or unit simplex.
 
     Attributes
     ----------
     nodes
-        Reference nodes, the corners first, shape (k, d).
+        Reference coordinates of the k nodes, corners first, shape (k, d).
     exponents
-        Monomials ``s^a t^b ...`` that the shape functions span, shape (k, d).
+        Exponents a, b, ... of the monomials ``s^a t^b ...`` that the shape functions span, shape
+        (k, d).
     corners
         Number of corners.
     """
@@ -81,7 +82,10 @@ class NodalElement:
 
     @classmethod
     def of(cls, nodes: Any, family: str, degree: int) -> NodalElement:
-        """Element with the monomials of ``"lagrange"``, ``"serendipity"`` or ``"simplex"``."""
+        """Make an element from its nodes, the family of its monomials and their degree.
+
+        The family is ``"lagrange"``, ``"serendipity"`` or ``"simplex"``.
+        """
         nodes = np.asarray(nodes, dtype=float)
         dimension = nodes.shape[1]
         every = itertools.product(range(degree + 1), repeat=dimension)
@@ -90,7 +94,7 @@ class NodalElement:
 
     @property
     def degree(self) -> int:
-        """Total polynomial degree."""
+        """Total degree of the polynomials, the largest of all monomials."""
         return int(self.exponents.sum(axis=1).max())
 
     @property
@@ -99,10 +103,11 @@ class NodalElement:
         return np.array(_EDGES[self.nodes.shape[1], self.corners])
 
     def rule(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points, shape (q, d), and weights, shape (q,), of a rule on the reference cell.
+        """Points, shape (q, d), and weights, shape (q,), of a Gauss rule on the reference cell.
 
-        The rule has `count` Gauss points in each direction. It is exact to degree ``2 count - 1``
-        in each variable on square and cube, and to total degree ``2 count - d`` on simplices.
+        The rule has `count` points in each direction. On a square or cube it is exact for
+        polynomials up to degree ``2 count - 1`` in each variable, on a simplex up to the total
+        degree ``2 count - d``.
         """
         dimension = self.nodes.shape[1]
         x, w = np.polynomial.legendre.leggauss(count)
@@ -111,7 +116,7 @@ class NodalElement:
         )
         weights = weights.prod(axis=1)
         if self.corners == dimension + 1:
-            # A cube is collapsed to the simplex.
+            # The rule on the cube is mapped to the simplex, with one face collapsed to a corner.
             for axis in range(1, dimension):
                 shrinkage = 1 - points[:, axis]
                 points[:, :axis] *= shrinkage[:, None]
@@ -119,19 +124,19 @@ class NodalElement:
         return points, weights
 
     def tabulate(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shape functions and their derivatives.
+        """Evaluate the shape functions and their derivatives.
 
         Parameters
         ----------
         points
-            Reference points, shape (q, d).
+            Reference coordinates of points, shape (q, d).
 
         Returns
         -------
         values : numpy.ndarray
-            shape (q, k).
+            Values of the shape functions, shape (q, k).
         derivatives : numpy.ndarray
-            With respect to each coordinate, shape (d, q, k).
+            Derivatives with respect to each reference coordinate, shape (d, q, k).
         """
         slopes = [
             2 * self.exponents[:, d] * self._monomials(points, unit) @ self._nodal
@@ -140,27 +145,30 @@ class NodalElement:
         return self.shapes(points), np.array(slopes)
 
     def shapes(self, points: np.ndarray) -> np.ndarray:
-        """Shape functions at reference points (q, d), shape (q, k)."""
+        """Values of the shape functions, shape (q, k), at reference points, shape (q, d)."""
         return self._monomials(points) @ self._nodal
 
     @cached_property
     def _nodal(self) -> np.ndarray:
-        """Shape functions by their monomials, shape (k, k)."""
+        """Coefficients of the monomials (rows) in each shape function (columns), shape (k, k)."""
         return np.linalg.inv(self._monomials(self.nodes))
 
     def _monomials(self, points: np.ndarray, less: np.ndarray | int = 0) -> np.ndarray:
-        """Monomials with exponents reduced by `less`, about the cube's middle, shape (q, k)."""
+        """Values of the monomials at reference points, shape (q, k).
+
+        The variables are -1 to 1 on the unit cube; `less` is subtracted from the exponents.
+        """
         powers = np.maximum(self.exponents - less, 0)
         return np.prod((2 * np.asarray(points)[:, None, :] - 1) ** powers, axis=2)
 
 
 def with_middles(corners: Any, edges: Any, *others: tuple) -> np.ndarray:
-    """Corners, middles of edges, and other nodes."""
+    """Stack the coordinates of corners, of the midpoints of edges, and of other nodes."""
     ends = np.array(corners, dtype=float)
     return np.vstack([ends, ends[np.array(edges)].mean(axis=1), *others])
 
 
-#: Cells of surfaces by name: 4, 8 and 9 nodes on the quadrilateral, 3 and 6 on the triangle.
+#: Elements of surface cells by name: quadrilaterals with 4, 8 and 9 nodes, triangles with 3 and 6.
 ELEMENTS = {
     "bilinear": NodalElement.of(_SQUARE, "lagrange", 1),
     "serendipity": NodalElement.of(with_middles(_SQUARE, _EDGES[2, 4]), "serendipity", 2),
@@ -169,8 +177,8 @@ ELEMENTS = {
     "triangle": NodalElement.of(with_middles(_TRIANGLE, _EDGES[2, 3]), "simplex", 2),
 }
 
-#: Solid cells of 10 and 20 nodes, corners, then middles of edges, in the order of VTK, Abaqus and
-#: CalculiX.
+#: Elements of solid cells with 10 and 20 nodes: corners, then midpoints of edges, in the order of
+#: VTK, Abaqus and CalculiX.
 SOLIDS = {
     "tet": NodalElement.of(with_middles(_TETRAHEDRON, _EDGES[3, 4]), "simplex", 2),
     "hex": NodalElement.of(with_middles(_CUBE, _EDGES[3, 8]), "serendipity", 2),
@@ -180,49 +188,64 @@ SOLIDS = {
 def summed(
     blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
 ) -> sparse.csr_matrix:
-    """Sparse matrix assembled from blocks of cells; row and column numbers are broadcast."""
+    """Assemble a sparse matrix from blocks of cells.
+
+    Parameters
+    ----------
+    blocks
+        Entries, one block for each cell; entries of equal row and column are added.
+    rows, columns
+        Row and column number of every entry, of shapes that broadcast to that of `blocks`.
+    shape
+        Numbers of rows and columns of the matrix.
+    """
     indices = tuple(np.broadcast_to(a, blocks.shape).ravel() for a in (rows, columns))
     return sparse.coo_matrix((blocks.ravel(), indices), shape=shape).tocsr()
 
 
 def surface_element(name: str, cells: np.ndarray, label: str = "faces") -> NodalElement:
-    """The element of a name, for cells of shape (c, k); `label` is what messages call these.
+    """Return the element of a name, after a check that cells, shape (c, k), fit it.
+
+    Messages call the cells `label`.
 
     Raises
     ------
     StructureError
-        There is no such element, or its cells have another number of nodes.
+        If there is no element of this name, or if its cells have another number of nodes.
     """
     if name not in ELEMENTS:
         raise StructureError(f"{label}: element {name!r} is not one of {', '.join(ELEMENTS)}")
     size = len(ELEMENTS[name].nodes)
     if cells.ndim != 2 or cells.shape[1] != size or not len(cells):
-        raise StructureError(f"{label} of shape {cells.shape}, {name} needs (faces, {size})")
+        raise StructureError(
+            f"{label} have shape {cells.shape}, but {name} needs (number of faces, {size})"
+        )
     return ELEMENTS[name]
 
 
 def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.ndarray:
-    """Faces with nodes in any order, converted to the node order of this package.
+    """Sort the nodes of each face into the order of this package.
 
-    The order is found from the geometry, face by face. Opposite corners: of the three ways to pair
-    four corners, the pairs of diagonals have the largest total length in a convex quadrilateral.
-    Other nodes: the assignment to middles of edges and centre with the smallest sum of squared
-    distances is chosen. Corners are expected first or in alternation (corner, middle, corner, ...);
-    the better of both assumptions is used.
+    The order is recognised from the geometry, face by face. Of the three ways to pair four corners,
+    the diagonals of a convex quadrilateral have the largest total length; they give the opposite
+    corners. Other nodes are assigned to midpoints of edges and centre so that the sum of squared
+    distances is smallest. Corners may come first or alternate with midpoints (corner, midpoint,
+    corner, ...); the assumption with the smaller distances is used.
 
     Parameters
     ----------
     positions
-        Positions of the nodes of each face, in coordinates in which it is nearly flat, (c, k, d).
+        Positions of the nodes of each face, shape (c, k, d), in coordinates in which faces are
+        nearly flat.
     faces
-        Node numbers, shape (c, k).
+        Node numbers of each face, shape (c, k).
     element
         A key of `ELEMENTS`.
 
     Returns
     -------
     numpy.ndarray
-        The same numbers, shape (c, k); faces in this package's order are unchanged.
+        Sorted node numbers of each face, shape (c, k); a face in the right order is unchanged.
     """
     corners = surface_element(element, faces).corners
     size = faces.shape[1]
@@ -236,7 +259,11 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
 
 
 def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order of nodes (c, k) whose corners come first, and the remaining squared distances."""
+    """Order of the nodes of faces whose corners come first, and the squared distances that remain.
+
+    `x` has the positions of the nodes, shape (c, k, d); the order has the shape (c, k). A distance
+    is that of a node from the midpoint or centre to which it is assigned; sums have shape (c,).
+    """
     first = _corner_order(x[:, :corners])
     targets = np.take_along_axis(x, first[:, :, None], axis=1)
     middles = targets[:, np.array(_EDGES[2, corners])].mean(axis=2)
@@ -252,7 +279,7 @@ def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner_order(x: np.ndarray) -> np.ndarray:
-    """Order of corners (c, 3 or 4), of four so that the first and the last are opposite."""
+    """Order of the corners of faces, shape (c, 3 or 4): of four, first and last are opposite."""
     if x.shape[1] == 3:
         return np.tile(np.arange(3), (len(x), 1))
     orders = np.array(_OPPOSITE)

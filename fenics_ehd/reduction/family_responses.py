@@ -30,8 +30,7 @@ from fenics_ehd.reduction.matrices import (
     transpose_multiply,
 )
 from fenics_ehd.reduction.pressure_family import PressureFamily
-from fenics_ehd.reduction.static import StaticSolver, room_for_columns
-from fenics_ehd.reduction.structure import bore_rows
+from fenics_ehd.reduction.static import StaticSolver, bore_rows, room_for_columns
 
 #: Energy of a combination of pressures, relative to the largest of the missing flexibility and of
 #: the complete one, below which it is round-off.

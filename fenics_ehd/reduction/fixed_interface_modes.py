@@ -3,10 +3,11 @@
 M1 treats the bore as interior, (18)-(20). M2 keeps every bore dof in a first Craig-Bampton step,
 and reduces the result by a second one, (21)-(25).
 
-Only the reduced matrices of the first step are needed. Its static modes of the bore, as tall as the
-part and as many as the bore has dofs, are never stored together: with X the interior flexibility
-and ``Psi = e - X K e`` the static mode of a bore dof, ``Psi^T K Psi`` and ``Psi^T M Psi`` are bore
-rows of ``K Psi`` and of ``y - K X y``, ``y = M Psi``.
+Only the reduced matrices of the first step are needed. Its static modes, one part-size column for
+every bore dof, are never stored together. With the interior flexibility X and the static mode
+``Psi = e - X K e`` of a unit displacement e of a bore dof, the reduced stiffness ``Psi^T K Psi``
+consists of the bore rows of ``K Psi``. The reduced mass ``Psi^T M Psi`` consists of the bore rows
+of ``y - K X y``, where ``y = M Psi``.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ from fenics_ehd.reduction.reductor import (
     gram_matrices,
     require_small,
 )
-from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.reduction.structure import Structure, bore_rows, on_bores
+from fenics_ehd.reduction.static import StaticSolver, bore_rows, on_bores
+from fenics_ehd.reduction.structure import Structure
 
 
 def craig_bampton(
@@ -52,35 +53,35 @@ def craig_bampton(
 ) -> ReducedBody:
     """M1: reduce a part with fixed-boundary modes and one static mode per boundary dof.
 
-    C2, the bore's centre, carries the floating frame of a free part: its mean
-    translation and rotation are zero in every mode. A clamped part holds no C2.
+    The floating frame of a free part is attached to the bore's centre C2: the mean translation and
+    rotation of the bore are zero in every mode. For a clamped part C2 is not held. The boundary
+    dofs ``x_b`` are the `Reductor.attachment_directions` of every boundary point.
 
     Parameters
     ----------
     part
-        The part, free or clamped, or a `Reductor` of it.
+        The part, free or clamped, or its `Reductor`.
     n_modes
-        Fixed-boundary modes kept of (20).
+        Number of fixed-boundary modes of (20).
     estimate_error, keep_basis
-        See `load_dependent`; the boundary dofs ``x_b`` are the `attachment_directions` of
-        every boundary point.
+        See `load_dependent`.
 
     Returns
     -------
     ReducedBody
-        Frame at C2; fixed-boundary coordinates by frequency, then the boundary
-        dofs. The stiffness is block diagonal, the mass couples the two.
+        Body with its frame at C2. Coordinates are those of the fixed-boundary modes by frequency,
+        then the boundary dofs. These two groups are coupled in mass, not in stiffness.
 
     Raises
     ------
     SettingsError
-        No mode is requested, or more than a quarter of the degrees of freedom.
+        If no mode is requested, or more modes than a quarter of the degrees of freedom.
     SolverError, VerificationError
-        A solver or a check of the result fails.
+        If a solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     if n_modes < 1:
-        raise SettingsError(f"modes {n_modes}: ask for at least 1 fixed-boundary mode")
+        raise SettingsError(f"modes {n_modes}: at least 1 fixed-boundary mode is needed")
     centre, constraint_modes, lowest = reductor.once("m1", None, lambda: _boundary(reductor))
     basis = boundary_basis(reductor, *lowest(n_modes), constraint_modes, centre)
     return reductor.project(
@@ -89,43 +90,59 @@ def craig_bampton(
 
 
 def _boundary(reductor: Reductor) -> tuple[np.ndarray | None, np.ndarray, LowestModes]:
-    """Constraints of C2, static modes of the boundary dofs, and modes with both held."""
+    """Constraints of C2 (None if clamped), static modes of boundary dofs, fixed-boundary modes."""
     centre = centre_constraints(reductor.structure) if reductor.free else None
     support, constraint_modes = hold(reductor.static, centre, reductor.points)
     return centre, constraint_modes, LowestModes(support, f"{reductor.options_prefix}modes_")
 
 
 def centre_weights(structure: Structure) -> np.ndarray:
-    """Weights of the first bore's mean translation and rotation at all bores' nodes, (m, 3, 6).
+    """Weights that give the mean motion of the first bore from displacements of all bore nodes.
+
+    The shape is (m, 3, 6), see `Bore.reference`; weights of other bores are zero.
 
     Raises
     ------
     SettingsError
-        The part has no bore with reference weights.
+        If the first bore has no reference weights.
     """
     reference = structure.every_bore()[0].reference
     if reference is None:
-        raise SettingsError("the bore has no reference weights: M1 and M2 hold its mean motion")
+        raise SettingsError(
+            "the first bore has no reference weights, which M1 and M2 need to hold its mean motion"
+        )
     others = len(structure.bore_nodes) - len(reference)
     return np.concatenate([reference, np.zeros((others, 3, 6))])
 
 
 def centre_constraints(structure: Structure) -> np.ndarray:
-    """C2 as six load columns, owned rows (owned dofs, 6)."""
+    """Columns C of the constraints that hold the motion of C2, rows of this rank, (owned dofs, 6).
+
+    As loads, the columns are unit forces and moments at C2.
+    """
     return on_bores(structure, centre_weights(structure))
 
 
 def hold(
     support: Flexibility, centre: np.ndarray | None, points: np.ndarray
 ) -> tuple[Flexibility, np.ndarray]:
-    """Fix C2 and the boundary dofs.
+    """Hold C2 and the boundary dofs of a part.
+
+    Parameters
+    ----------
+    support
+        Static response of the part before.
+    centre, points
+        Columns of the constraints for C2 (None: not held) and for n_b boundary dofs, rows of this
+        rank.
 
     Returns
     -------
     support : Flexibility
-        Flexibility with ``C^T x = 0``; the argument itself if nothing is to be fixed.
+        Static response with C2 and the boundary held; the argument itself if there is nothing to
+        hold.
     constraint_modes : numpy.ndarray
-        Static modes of unit boundary dofs with C2 held, shape (owned dofs, n_b).
+        Static modes for unit boundary dofs with C2 held, shape (owned dofs, n_b).
     """
     constraints = points if centre is None else np.hstack([centre, points])
     count = constraints.shape[1]
@@ -143,12 +160,24 @@ def boundary_basis(
     constraint_modes: np.ndarray,
     centre: np.ndarray | None,
 ) -> Basis:
-    """T of (19) with its reduced matrices, checked against their block form.
+    """Make the basis T of (19) from fixed-boundary and constraint modes, and check it.
+
+    Parameters
+    ----------
+    reductor
+        Reductor of the part.
+    angular, modes
+        Angular frequencies [rad/s] and fixed-boundary modes.
+    constraint_modes
+        Static modes of unit boundary dofs.
+    centre
+        Columns of the constraints for C2; None if it is not held.
 
     Raises
     ------
     VerificationError
-        The blocks are coupled in stiffness, or the boundary moves in a fixed-boundary mode.
+        If the two groups of modes are coupled in stiffness, or if the boundary moves in a
+        fixed-boundary mode.
     """
     structure = reductor.structure
     points = reductor.points
@@ -161,7 +190,7 @@ def boundary_basis(
     wanted[:n, :n] = np.diag(angular**2)
     wanted[n:, n:] = stiffness[n:, n:]
     boundary = np.hstack([np.zeros((points.shape[1], n)), np.eye(points.shape[1])])
-    # Relative to the largest displacement of each column, rotations with the size of the part.
+    # Motions are relative to each column's largest displacement; rotations times the part's size.
     sizes = np.max(comm.allgather(np.abs(columns).max(axis=0, initial=0.0)), axis=0)
     defects = {
         "mass_defect": np.abs(mass[:n, :n] - np.eye(n)).max(initial=0.0),
@@ -184,7 +213,7 @@ def boundary_basis(
 
 # M2
 
-#: Largest share of a boundary point's weights off the bores that is treated as zero.
+#: Largest share of a boundary point's squared weights off the bores that counts as zero.
 ON_BORE = 1e-12
 
 
@@ -196,34 +225,35 @@ def two_step_craig_bampton(
     estimate_error: bool = True,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """M2: reduce a part to all bore dofs first, then to fixed-boundary modes of that.
+    """M2: reduce a part to all its bore dofs, then reduce the result to fixed-boundary modes.
 
-    The second step is a complete Craig-Bampton reduction of the first: its static
-    modes of the boundary dofs let the bore deform. (The zeros that (22) and (23)
-    print there would hold the bore rigid under a force at A.)
+    The second step is a complete Craig-Bampton reduction of the result of the first: in its static
+    modes of the boundary dofs the bore deforms. (With the zeros in (22) and (23) of the paper, the
+    bore would be rigid under a force at the boundary point A.) PETSc options of the solver for the
+    interior have the prefix ``interior_``.
 
     Parameters
     ----------
     part
-        The part, free or clamped, or a `Reductor` of it.
+        The part, free or clamped, or its `Reductor`.
     n_modes
-        Fixed-boundary modes kept of (24).
+        Number of fixed-boundary modes of (24).
     n_interior_modes
-        Fixed-interface modes of the first step, bore and boundary held.
+        Number of modes of the first step, with bores and boundary held.
     estimate_error, keep_basis
-        See `craig_bampton`; options of the interior have the prefix ``interior_``.
+        See `craig_bampton`.
 
     Returns
     -------
     ReducedBody
-        See `craig_bampton`.
+        Body as from `craig_bampton`.
 
     Raises
     ------
     SettingsError
-        No mode is requested, or more than the first step has.
+        If no mode is requested, or more modes than the first step has coordinates.
     SolverError, VerificationError
-        A solver or a check of the result fails.
+        If a solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     structure = reductor.structure
@@ -232,7 +262,8 @@ def two_step_craig_bampton(
     available = 3 * len(structure.bore_nodes) - held.shape[1] + n_interior_modes
     if not 1 <= n_modes <= available:
         raise SettingsError(
-            f"modes {n_modes} is not between 1 and {available}, what the first step leaves"
+            f"modes {n_modes} is not between 1 and {available}, the number of free coordinates "
+            "after the first step"
         )
     first = reductor.once("m2", n_interior_modes, lambda: _first_step(reductor, n_interior_modes))
     angular, modes, constraints = _second_step(first, held, n_modes)
@@ -246,23 +277,24 @@ def two_step_craig_bampton(
 
 @dataclass(frozen=True, eq=False)
 class FirstStep:
-    """Reduced system (22), coordinates in the order of (21): interior modes, boundary, bores.
+    """Reduced system (22), with coordinates in the order of (21).
 
-    A boundary point that is the mean of a bore is given by the bore's own dofs.
+    The coordinates are v interior modes, b boundary dofs off the bores, and the 3 m bore dofs. A
+    boundary point that is the mean of a bore has no own coordinates: it follows from the bore dofs.
 
     Attributes
     ----------
     support
-        Flexibility of the interior, with the boundary points held.
+        Static response of the interior, with bores and boundary points held.
     bore
-        The dofs of all bores.
+        Products with the stiffness columns of all bore dofs.
     on_bore
-        True for boundary dofs that are means of bores, shape (all boundary dofs,).
+        Whether each boundary dof is a mean over bore nodes, shape (all boundary dofs,).
     modes
         Number v of interior modes.
     columns
-        Fixed-interface modes, then static modes of the other boundary dofs with the bores held,
-        owned rows (owned dofs, v + b).
+        Interior modes, then static modes of the b boundary dofs with the bores held; rows of this
+        rank, shape (owned dofs, v + b).
     stiffness, mass
         Reduced matrices, shape (v + b + 3 m, v + b + 3 m).
     """
@@ -277,7 +309,7 @@ class FirstStep:
 
 
 def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
-    """Reduce to interior modes, the boundary dofs and every bore dof (21), (22)."""
+    """Reduce a part to interior modes, boundary dofs and all bore dofs, (21) and (22)."""
     structure = reductor.structure
     on_bore = _on_bore(reductor)
     nodes = structure.bore_nodes
@@ -298,7 +330,7 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     comm = structure.comm
     bore = BoreColumns(structure)
     others = np.hstack([modes, boundary_modes])
-    # Entries that follow from symmetry are filled in at the end.
+    # Only entries on one side of the diagonal are computed; the others are copied at the end.
     o = others.shape[1]
     p = 3 * len(nodes)
     stiffness = np.zeros((o + p,) * 2)
@@ -319,7 +351,7 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
 
 
 def _on_bore(reductor: Reductor) -> np.ndarray:
-    """Mask of the boundary dofs that are means over nodes of the bores alone, shape (b,)."""
+    """Whether each boundary dof is a mean over bore nodes only, shape (all boundary dofs,)."""
     points = reductor.points
     comm = reductor.structure.comm
     on_bores_squared = np.sum(bore_rows(reductor.structure, points) ** 2, axis=(0, 1))
@@ -327,12 +359,14 @@ def _on_bore(reductor: Reductor) -> np.ndarray:
 
 
 def _held_weights(reductor: Reductor) -> np.ndarray:
-    """Weights at the bores of the motions fixed in the second step: C2 of a free part, then means.
+    """Weights of bore dofs in the motions that the second step holds.
+
+    The motions are that of C2, if the part is free, and the boundary dofs that are means of bores.
 
     Returns
     -------
     numpy.ndarray
-        Weights, shape (3 m, w).
+        Weights, shape (3 m, w), one column for each motion.
     """
     structure = reductor.structure
     points = reductor.points[:, _on_bore(reductor)]
@@ -350,19 +384,19 @@ def _second_step(
     Returns
     -------
     angular, modes, constraint_modes
-        Frequencies, shape (n,), fixed-boundary modes, shape (v + b + 3 m, n), and static modes,
-        shape (v + b + 3 m, all boundary dofs).
+        Angular frequencies, shape (n,) [rad/s], fixed-boundary modes, shape (v + b + 3 m, n), and
+        static modes, shape (v + b + 3 m, all boundary dofs).
     """
     v = first.modes
     o = first.columns.shape[1]
     size = len(first.stiffness)
     b = o - v
-    # Bore displacements orthogonal to the weights have no fixed motion.
+    # Bore displacements that are orthogonal to the weights leave the held motions at zero.
     free = np.linalg.qr(held, mode="complete")[0][:, held.shape[1] :]
     admissible = np.zeros((size, v + free.shape[1]))
     admissible[:v, :v] = np.eye(v)
     admissible[o:, v:] = free
-    # Unit boundary dofs on a bore are imposed by the smallest displacement of the bore.
+    # A unit boundary dof on a bore is imposed by the bore displacement of the smallest norm.
     count = int(first.on_bore.sum())
     unit = np.zeros((size, b + count))
     unit[o:, first.on_bore] = np.linalg.pinv(held.T)[:, held.shape[1] - count :]
@@ -370,7 +404,7 @@ def _second_step(
     stiffness, mass = (
         admissible.T @ matrix @ admissible for matrix in (first.stiffness, first.mass)
     )
-    # Interior modes are in sqrt(kg) m and bore dofs in m: both are scaled to unit stiffness.
+    # Coordinates of interior modes and bore dofs have different units: all get unit stiffness.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     stiffness, mass = (matrix * np.outer(scale, scale) for matrix in (stiffness, mass))
     last = len(scale) - 1
@@ -385,7 +419,7 @@ def _second_step(
 
 
 def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
-    """``T_1`` of (21) times columns of coordinates, owned rows (owned dofs, n)."""
+    """Displacements ``T_1 x`` of the part for columns x of coordinates of (21), (owned dofs, n)."""
     others, bores = np.split(coordinates, [first.columns.shape[1]])
     columns = combine(first.columns, others)
     for part in blocks(coordinates.shape[1], len(columns), first.support.structure.comm):
@@ -394,15 +428,15 @@ def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
 
 
 class BoreColumns:
-    """The bore dofs of a part: their columns of K, and products between them and part-size fields.
+    """Columns of K that belong to the bore dofs of a part, and their products with fields.
 
     Attributes
     ----------
     structure
-        The part.
+        Matrices and geometry of the part.
     stiffness
-        ``K_p``, all rows and the columns of the bore dofs in the bore's order, which the ranks
-        share.
+        Columns of K of the 3 m bore dofs, in the order of the bore nodes; rows are distributed
+        over the ranks.
     """
 
     def __init__(self, structure: Structure):
@@ -411,16 +445,16 @@ class BoreColumns:
         self.stiffness = some_columns(structure.stiffness, dofs)
 
     def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
-        """Static modes of bore displacements, shape (3 m, w), owned rows (owned dofs, w)."""
+        """Static modes, shape (owned dofs, w), for bore displacements `values`, (3 m, w)."""
         columns = on_bores(self.structure, values.reshape(-1, 3, values.shape[1]))
         columns -= support.apply(load_columns(self.stiffness, values))
         return columns
 
     def forces(self, columns: np.ndarray) -> np.ndarray:
-        """Bore rows of ``K @ columns`` on every rank, shape (3 m, w)."""
+        """Forces ``K @ columns`` at the bore dofs, shape (3 m, w), the same on every rank."""
         return transpose_multiply(self.stiffness, columns)
 
     def rows(self, columns: np.ndarray) -> np.ndarray:
-        """Bore rows of part-size columns on every rank, shape (3 m, w)."""
+        """Values of part-size columns at the bore dofs, shape (3 m, w), the same on every rank."""
         rows = bore_rows(self.structure, columns)
         return rows.reshape(3 * len(rows), -1)

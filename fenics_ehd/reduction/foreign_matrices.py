@@ -1,16 +1,18 @@
-"""K and M of a part in the text files of Abaqus and CalculiX, in the order of this package.
+"""Stiffness and mass matrices of a part from text files of Abaqus and CalculiX.
 
-Abaqus writes them with ``*MATRIX GENERATE`` and ``*MATRIX OUTPUT``. ``FORMAT=MATRIX INPUT`` is
-rows of node, degree of freedom, node, degree of freedom, value, separated by commas, which is what
-``*MATRIX INPUT`` reads, one triangle or both (Abaqus 2016, Keywords Reference Guide, that keyword).
-``FORMAT=COORDINATE`` is rows of row, column, value, separated by spaces, as Exudyn reads it
-(jgerstmayr/EXUDYN, exudyn/FEM.py, ``ReadStiffnessMatrixFromAbaqus``). Not tried with Abaqus.
+Abaqus writes the matrices with ``*MATRIX GENERATE`` and ``*MATRIX OUTPUT``. With
+``FORMAT=MATRIX INPUT``, a line has node, degree of freedom, node, degree of freedom and value,
+separated by commas, for one triangle or both (Abaqus 2016, Keywords Reference Guide,
+``*MATRIX INPUT``). With ``FORMAT=COORDINATE``, a line has row, column and value, separated by
+spaces (jgerstmayr/EXUDYN, exudyn/FEM.py, ``ReadStiffnessMatrixFromAbaqus``). Both formats were
+implemented from these sources, without a test on files from Abaqus.
 
-CalculiX writes them with ``*FREQUENCY, SOLVER=MATRIXSTORAGE``: ``JOB.sti`` and ``JOB.mas``, rows of
-row, column, value, the upper triangle with 14 digits, and ``JOB.dof``, the node and the direction
-of each row as ``node.direction`` (ccx 2.20, tried).
+CalculiX writes the matrices with ``*FREQUENCY, SOLVER=MATRIXSTORAGE`` (tested with ccx 2.20).
+``JOB.sti`` and ``JOB.mas`` have lines of row, column and value, for the upper triangle with 14
+digits. ``JOB.dof`` has the node and the direction of each row as ``node.direction``.
 
-The mass of 10-node tetrahedra, which CalculiX integrates with too few points, is made anew.
+CalculiX integrates the mass of 10-node tetrahedra with too few points; `tetrahedron_mass` computes
+it exactly.
 """
 
 from __future__ import annotations
@@ -29,30 +31,32 @@ from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import reorder
 
-#: Ratio of a diagonal entry to the smallest one above which its degree of freedom counts as held by
-#: a penalty: contributions of neighbours are then lost in rounding.
+#: Diagonal entry of K over the smallest one above which the degree of freedom counts as held by a
+#: penalty: the stiffness of the part is then lost in round-off.
 _PENALTY = 1e15
 
-#: Largest entry without its mirror image in a file of both triangles, relative to the largest
-#: entry: round-off that one of the two programs has dropped.
+#: Largest entry, relative to the largest of all, that may lack its mirror image in a file of both
+#: triangles: it is round-off that the program has dropped on one side.
 _ONE_SIDED = 1e-10
 
 
-#: Rows and columns of entries, shape (n, 2) from 0, and their values, shape (n,).
+#: Row and column numbers from 0 of the entries of a matrix, shape (n, 2), and values, shape (n,).
 Entries = tuple[np.ndarray, np.ndarray]
 
 
 @renamed_attributes(places="indices")
 @dataclass(frozen=True, eq=False)
 class ForeignMatrices:
-    """K and M of a part, with degrees of freedom ``3 * index + component``.
+    """Stiffness and mass matrices of a part from another program.
+
+    Degrees of freedom are in the order of this package, ``3 * index + component``.
 
     Attributes
     ----------
     stiffness, mass
-        SciPy matrices, shape (3 n, 3 n), in the units of the other program.
+        SciPy matrices K and M, shape (3 n, 3 n), in the units of the other program.
     numbers
-        Number of every node in the other program, shape (n,).
+        Number that every node has in the other program, shape (n,).
     """
 
     stiffness: sparse.csr_matrix
@@ -60,12 +64,12 @@ class ForeignMatrices:
     numbers: np.ndarray
 
     def indices(self, numbers: ArrayLike) -> np.ndarray:
-        """Indices of nodes from their numbers in the other program, of the same shape.
+        """Indices of nodes, for an array of their numbers in the other program.
 
         Raises
         ------
         StructureError
-            A node has no row in the matrices.
+            If a node has no row in the matrices.
         """
         indices, missing = _looked_up(self.numbers, np.asarray(numbers))
         if len(missing):
@@ -76,27 +80,27 @@ class ForeignMatrices:
         return indices
 
     def turned(self, turn: ArrayLike) -> ForeignMatrices:
-        """Matrices of the rotated part: point x of the part is at ``turn @ x``, shape (3, 3)."""
+        """Matrices of the rotated part: `turn`, shape (3, 3), maps points x to ``turn @ x``."""
         rotation = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
         k, m = ((rotation @ matrix @ rotation.T).tocsr() for matrix in (self.stiffness, self.mass))
         return ForeignMatrices(k, m, self.numbers)
 
 
 def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignMatrices:
-    """K and M that CalculiX has stored, ``*FREQUENCY, SOLVER=MATRIXSTORAGE``.
+    """Read K and M that CalculiX wrote with ``*FREQUENCY, SOLVER=MATRIXSTORAGE``.
 
     Parameters
     ----------
     job
-        Name of the job, with its folder: ``JOB.sti``, ``JOB.mas`` and ``JOB.dof`` are read.
+        Name of the job with its folder: ``JOB.sti``, ``JOB.mas`` and ``JOB.dof`` are read.
     numbers
-        Numbers of all nodes in the wanted order; None: nodes with rows, in ascending order. Held
-        degrees of freedom have no rows, see `reorder`.
+        Numbers of all nodes in the wanted order; None for the nodes that have rows, in ascending
+        order. Held degrees of freedom have no rows, see `reorder`.
 
     Raises
     ------
     StructureError
-        A file cannot be read, or does not fit the others.
+        If a file cannot be read or does not fit the others.
     """
     require_class("job", job, str, Path)
     dof_file = Path(f"{job}.dof")
@@ -109,22 +113,23 @@ def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignM
 def read_abaqus(
     stiffness: str | Path, mass: str | Path, numbers: ArrayLike | None = None
 ) -> ForeignMatrices:
-    """K and M that Abaqus has written, ``*MATRIX OUTPUT, STIFFNESS, MASS``.
+    """Read K and M that Abaqus wrote with ``*MATRIX OUTPUT, STIFFNESS, MASS``.
 
     Parameters
     ----------
     stiffness, mass
-        Files, ``JOB_STIF1.mtx`` and ``JOB_MASS1.mtx`` say, both of ``FORMAT=MATRIX INPUT`` or both
-        of ``FORMAT=COORDINATE``. One or both triangles.
+        Paths of the files, for instance ``JOB_STIF1.mtx`` and ``JOB_MASS1.mtx``, both with
+        ``FORMAT=MATRIX INPUT`` or both with ``FORMAT=COORDINATE``, one triangle or both.
     numbers
-        Numbers of all nodes in the wanted order; None: nodes with rows, in ascending order. The
-        second format has no numbers: there it is the order of the nodes in the file, None for
-        1, 2, ...
+        With ``FORMAT=MATRIX INPUT``, numbers of all nodes in the wanted order; None for the nodes
+        that have rows, in ascending order. Files with ``FORMAT=COORDINATE`` have no node numbers:
+        numbers of the nodes in the order of the file; None for 1, 2, ...
 
     Raises
     ------
     StructureError
-        A file cannot be read; nodes have other degrees of freedom than 1, 2, 3, or are internal.
+        If a file cannot be read, or if nodes are internal or have other degrees of freedom than
+        1, 2 and 3.
     """
     require_class("stiffness", stiffness, str, Path)
     require_class("mass", mass, str, Path)
@@ -133,8 +138,8 @@ def read_abaqus(
     width = tables[0].shape[1]
     if tables[1].shape[1] != width:
         raise StructureError(
-            f"{files[0]}, {files[1]}: rows of {width} and {tables[1].shape[1]} numbers; write both "
-            "with FORMAT=MATRIX INPUT, or both with FORMAT=COORDINATE"
+            f"{files[0]} and {files[1]} have lines of {width} and {tables[1].shape[1]} numbers: "
+            "write both with FORMAT=MATRIX INPUT, or both with FORMAT=COORDINATE"
         )
     if width == 3:
         entries = [_entries(file, table) for file, table in zip(files, tables, strict=True)]
@@ -157,7 +162,14 @@ def read_abaqus(
 
 
 def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) -> np.ndarray:
-    """Numbers of a text file whose lines all have the same number of columns."""
+    """Read a text file of numbers, whose lines all have the same number of columns.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read or is empty, if the number of columns is not one of `widths`,
+        or if a number is not finite.
+    """
     with named(StructureError, str(file)):
         require_file(file)
         with open(file, encoding="ascii") as lines:
@@ -168,7 +180,7 @@ def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) ->
         table = np.loadtxt(file, delimiter=separator, comments="**", ndmin=2)
     if table.shape[1] not in widths:
         wanted = " or ".join(map(str, widths))
-        raise StructureError(f"{file}: rows of {table.shape[1]} numbers, they must have {wanted}")
+        raise StructureError(f"{file} has lines of {table.shape[1]} numbers, not {wanted}")
     if not np.isfinite(table).all():
         row = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         raise StructureError(f"{file}, entry {row + 1}: a number is not finite")
@@ -176,29 +188,41 @@ def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) ->
 
 
 def _whole(file: Path, table: np.ndarray) -> np.ndarray:
-    """Column of whole numbers from 1 on: nodes, directions or rows."""
+    """Convert columns of node, direction or row numbers to integers, which begin at 1.
+
+    Raises
+    ------
+    StructureError
+        If a value is not a whole number above 0.
+    """
     numbers = table.astype(np.int64)
     wrong = np.flatnonzero((numbers != table).any(axis=1))
     if len(wrong):
         raise StructureError(
-            f"{file}, entry {wrong[0] + 1}: {table[wrong[0]]} are no numbers of nodes, directions "
-            "or rows"
+            f"{file}, entry {wrong[0] + 1}: {table[wrong[0]]} must be whole numbers of nodes, "
+            "directions or rows"
         )
     if numbers.min() < 1:
         raise StructureError(
-            f"{file} has node or row {numbers.min()}, the first is 1: internal nodes of elements "
-            "(hybrid, incompatible modes) cannot be used"
+            f"{file} has the node or row {numbers.min()}, but numbers begin at 1: internal nodes "
+            "of elements (hybrid, incompatible modes) cannot be used"
         )
     return numbers
 
 
 def _entries(file: Path, table: np.ndarray) -> Entries:
-    """Rows, columns and values of a table with three columns."""
+    """Entries of a matrix from a table with the columns row, column and value."""
     return _whole(file, table[:, :2]) - 1, table[:, 2]
 
 
 def _labels(file: Path, table: np.ndarray) -> np.ndarray:
-    """Nodes and components (from 0) of a table of nodes and degrees of freedom."""
+    """Node numbers and components (0 to 2) from a table of nodes and degrees of freedom (1 to 3).
+
+    Raises
+    ------
+    StructureError
+        If a degree of freedom is above 3.
+    """
     labels = _whole(file, table)
     wrong = np.flatnonzero(labels[:, 1] > 3)
     if len(wrong):
@@ -211,15 +235,22 @@ def _labels(file: Path, table: np.ndarray) -> np.ndarray:
 
 
 def _square(file: Path, indices: np.ndarray, values: np.ndarray, size: int) -> sparse.csr_matrix:
-    """Symmetric matrix from one triangle or both, in any order."""
+    """Assemble a symmetric matrix from the entries of one triangle or of both, in any order.
+
+    Raises
+    ------
+    StructureError
+        If a row number is above `size`, if an entry is repeated, or if some entries have a mirror
+        image and others do not.
+    """
     if indices.max() >= size:
-        raise StructureError(f"{file} has row {indices.max() + 1}, there are {size}")
+        raise StructureError(f"{file} has row {indices.max() + 1}, but there are {size} rows")
     rows, columns = indices.T
     keys, uses = np.unique(rows * size + columns, return_counts=True)
     if uses.max() > 1:
         row, column = divmod(int(keys[np.argmax(uses)]), size)
         raise StructureError(
-            f"{file}: the entry of row {row + 1}, column {column + 1} is there twice"
+            f"{file} has the entry of row {row + 1}, column {column + 1} more than once"
         )
     matrix = sparse.coo_matrix((values, (rows, columns)), shape=(size, size)).tocsr()
     off = rows != columns
@@ -229,14 +260,14 @@ def _square(file: Path, indices: np.ndarray, values: np.ndarray, size: int) -> s
     worst = int(np.argmax(np.abs(values) * alone))
     if alone[worst] and abs(values[worst]) > _ONE_SIDED * np.abs(values).max():
         raise StructureError(
-            f"{file} has row {rows[worst] + 1}, column {columns[worst] + 1}, but not its mirror "
-            "image, as other entries have: write one triangle or both"
+            f"{file} has an entry of row {rows[worst] + 1}, column {columns[worst] + 1} without "
+            "its mirror image, which other entries have: write one triangle or both"
         )
     return matrix
 
 
 def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of wanted numbers among others, and the wanted numbers that are missing."""
+    """Look up `wanted` in `numbers`: indices of the wanted numbers, and those that are missing."""
     order = np.argsort(numbers)
     positions = np.searchsorted(numbers, wanted, sorter=order)
     indices = order[np.minimum(positions, len(order) - 1)]
@@ -246,14 +277,32 @@ def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.
 def _in_order(
     files: list[Path], entries: list[Entries], labels: np.ndarray, numbers: ArrayLike | None
 ) -> ForeignMatrices:
-    """K and M in this package's order, from rows with labels (node, component)."""
+    """Bring K and M into the order of this package.
+
+    Parameters
+    ----------
+    files
+        Paths of the stiffness and mass files, for messages.
+    entries
+        Entries of the two matrices.
+    labels
+        Node number and component of every row of the files, shape (rows, 2).
+    numbers
+        Numbers of all nodes in the wanted order; None for the labelled nodes, ascending.
+
+    Raises
+    ------
+    StructureError
+        If `numbers` are not distinct whole numbers or lack a labelled node, or if the files do
+        not make symmetric matrices.
+    """
     stiffness, mass = (
         _square(file, indices, values, len(labels))
         for file, (indices, values) in zip(files, entries, strict=True)
     )
     nodes = np.unique(labels[:, 0]) if numbers is None else np.asarray(numbers)
     if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
-        raise StructureError("numbers: give the number of every node once, as whole numbers")
+        raise StructureError("numbers must have the whole number of every node once")
     rows, unknown = _looked_up(nodes, labels[:, 0])
     if len(unknown):
         raise StructureError(f"{files[0]}: node {unknown[0]} is not in `numbers`")
@@ -263,7 +312,7 @@ def _in_order(
     dofs = np.full((len(nodes), 3), -1)
     dofs[rows[free], labels[free, 1]] = np.arange(len(free))
     if (dofs >= 0).sum() != len(free):
-        raise StructureError(f"{files[0]}: a node's direction has two rows")
+        raise StructureError(f"{files[0]}: a degree of freedom of a node has two rows")
     return ForeignMatrices(
         reorder(stiffness[free][:, free], dofs), reorder(mass[free][:, free], dofs), nodes
     )
@@ -271,8 +320,8 @@ def _in_order(
 
 # Mass of 10-node tetrahedra
 
-#: Gauss points in each direction: on a curved cell the integrand is of degree 4 + 3, and the map
-#: from the cube adds 2.
+#: Number of Gauss points in each direction. On a curved cell the integrand has degree 4 + 3, and
+#: the map from the cube to the tetrahedron adds 2: the rule is exact up to degree 9.
 _POINTS = 5
 
 
@@ -282,38 +331,40 @@ def tetrahedron_mass(nodes: np.ndarray, cells: np.ndarray, density: float) -> sp
     Parameters
     ----------
     nodes
-        Positions, shape (n, 3) [m].
+        Positions of the nodes, shape (n, 3) [m].
     cells
-        Indices of the nodes of each cell, shape (c, 10): corners, then the edges 12, 23, 31, 14,
-        24, 34, as in Abaqus, CalculiX and VTK.
+        Indices of the nodes of each cell, shape (c, 10): corners, then midpoints of the edges 12,
+        23, 31, 14, 24, 34, as in Abaqus, CalculiX and VTK.
     density
-        Density [kg/m^3].
+        Mass density of the part [kg/m^3].
 
     Returns
     -------
     scipy.sparse.csr_matrix
-        shape (3 n, 3 n) [kg], degree of freedom ``3 * node + component``.
+        Mass matrix, shape (3 n, 3 n) [kg], with degrees of freedom ``3 * node + component``.
 
     Raises
     ------
     StructureError
-        `cells` are no 10-node tetrahedra of these nodes, or one is turned inside out.
+        If `cells` are not 10-node tetrahedra of these nodes, or if a cell is folded.
     """
     nodes = np.asarray(nodes, dtype=float)
     cells = np.asarray(cells)
     if cells.ndim != 2 or cells.shape[1] != 10 or cells.dtype.kind not in "iu" or not len(cells):
         raise StructureError(
-            f"cells of shape {cells.shape}: (cells, 10) of whole numbers is needed"
+            f"cells have shape {cells.shape} and type {cells.dtype}: whole numbers of shape "
+            "(number of cells, 10) are needed"
         )
     if not 0 <= cells.min() <= cells.max() < len(nodes):
         raise StructureError(
-            f"cells name nodes {cells.min()} to {cells.max()}, there are 0 to {len(nodes) - 1}"
+            f"cells refer to nodes {cells.min()} to {cells.max()}, but nodes are numbered 0 to "
+            f"{len(nodes) - 1}"
         )
     points, weights = SOLIDS["tet"].rule(_POINTS)
     values, slopes = SOLIDS["tet"].tabulate(points)
     jacobians = np.einsum("dqi,cix->cqdx", slopes, nodes[cells])
     volumes = np.linalg.det(jacobians)
-    # The sign depends on the numbering; it must not change within a cell.
+    # The sign of a volume depends on the numbering; it must not change within a cell.
     signs = np.sign(volumes[:, :1])
     folded = np.flatnonzero((volumes * signs <= 0).any(axis=1))
     if len(folded):

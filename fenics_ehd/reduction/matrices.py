@@ -1,8 +1,9 @@
 """Matrices of any finite-element program as distributed PETSc matrices, and products with them.
 
-Degrees of freedom are ``3 * node + component``; each rank owns all three of its nodes. An error on
-one rank is raised on all. Products are with tall arrays, whose rows are distributed over the ranks.
-Products with a mass matrix use a third of it if the matrix is the same for x, y and z.
+Degrees of freedom are ``3 * node + component``; a rank owns all three of a node. An error on one
+rank is raised on all ranks. "Columns" are tall arrays with a row for every degree of freedom; each
+rank has the rows that it owns. If a mass matrix is the same for x, y and z, products use only its
+entries for x.
 
 Imports inside functions: scipy.io and gzip are needed only for files in their formats.
 """
@@ -26,24 +27,33 @@ from fenics_ehd.base.layout import Group, Value, attribute
 from fenics_ehd.base.petsc_options import destroy_with
 from fenics_ehd.base.sealed_file import open_hdf5, require_file, require_numbers, values
 
-#: Files that `as_matrix` reads, for its messages.
+#: Extensions of the files that `as_matrix` reads, for messages.
 FILE_TYPES = ".mtx, .mtx.gz, .npz, .dat, .bin, .petsc, .h5, .hdf5"
 
-#: First number of a matrix in PETSc's binary format.
+#: First number in PETSc's binary format of a matrix.
 _BINARY_MATRIX = 1211216
 
-#: Shape of a matrix, and a function that returns a range of its rows in CSR form: as a SciPy
-#: matrix, or as data, column numbers and row pointers.
+#: Shape of a matrix, and a function that returns the rows of a range in CSR form: as a SciPy
+#: matrix, or as a tuple of data, column numbers and row pointers.
 Opened = tuple[tuple[int, int], Callable[[int, int], Any]]
 
 
 def agree(comm: MPI.Comm, problem: str | None, cause: Exception | None = None) -> None:
-    """Raise the problem of any rank on every rank; on that rank with its `cause`.
+    """Raise an error on every rank if any rank has a problem.
+
+    Parameters
+    ----------
+    comm
+        Communicator of the ranks.
+    problem
+        Message of this rank's problem; None if it has none.
+    cause
+        Exception that caused the problem, to be chained on this rank.
 
     Raises
     ------
     StructureError
-        A rank has a problem; the message is that of the lowest such rank.
+        If a rank has a problem; the message is that of the lowest such rank.
     """
     for message in comm.allgather(problem):
         if message is not None:
@@ -51,12 +61,13 @@ def agree(comm: MPI.Comm, problem: str | None, cause: Exception | None = None) -
 
 
 def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
-    """Call a function on every rank; an error on some ranks is raised on all.
+    """Call a function on every rank; if it fails on some ranks, raise an error on all of them.
 
     Raises
     ------
     StructureError
-        `function` raised it, or another exception, whose message follows `name`.
+        If the function raises an exception on any rank. The message is that of a
+        `StructureError`; for another exception it begins with `name`.
     """
     result = None
     problem = None
@@ -75,36 +86,40 @@ def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
 
 
 def even_range(count: int, comm: MPI.Comm) -> tuple[int, int]:
-    """First and last + 1 of `count` items that this rank owns, as PETSc distributes them."""
+    """Range of this rank among `count` items that are distributed as PETSc does.
+
+    The range is its first item and the item after its last one.
+    """
     each, rest = divmod(count, comm.size)
     first = comm.rank * each + min(comm.rank, rest)
     return first, first + each + (comm.rank < rest)
 
 
 def before(count: int, comm: MPI.Comm) -> int:
-    """Sum of the counts of the ranks before this one."""
+    """Sum of `count` over the ranks before this one."""
     return sum(comm.allgather(count)[: comm.rank])
 
 
 def owned_range(
     total: int, comm: MPI.Comm, name: str, rows: int | None, owned: int | None = None
 ) -> tuple[int, int]:
-    """First and last + 1 of the rows of a matrix or vector that this rank owns.
+    """Range of the rows of a matrix or vector that this rank owns: first row, and last row + 1.
 
     Parameters
     ----------
     total, name
-        Number of rows on all ranks, and the name for messages.
+        Number of rows on all ranks, and the name of the matrix or vector for messages.
     rows
-        Number of rows of the stiffness matrix on this rank; None: `owned`, or an even distribution
-        of nodes.
+        Number of rows of the stiffness matrix on this rank. If None, `owned` is used, or an even
+        distribution of nodes.
     owned
-        Number of rows on this rank if they are distributed already.
+        Number of rows on this rank if they are already distributed, else None.
 
     Raises
     ------
     StructureError
-        The rows are not three for every node, or not as many as those of the stiffness matrix.
+        If the rows are not three for every node, or differ in number from those of the stiffness
+        matrix.
     """
     if total % 3 or not total:
         raise StructureError(f"{name} has {total} rows, not 3 for every node")
@@ -112,9 +127,11 @@ def owned_range(
     wanted = next(count for count in (rows, owned, share) if count is not None)
     of_stiffness = comm.allreduce(wanted)
     if of_stiffness != total:
-        raise StructureError(f"{name} has {total} rows, the stiffness matrix has {of_stiffness}")
+        raise StructureError(
+            f"{name} has {total} rows, but the stiffness matrix has {of_stiffness}"
+        )
     split = owned is not None and (owned % 3 != 0 or owned != wanted)
-    problem = f"{name}: a rank owns {owned} rows, not 3 for every node that it has of the part"
+    problem = f"{name}: a rank owns {owned} rows, not 3 for every node of the part that it owns"
     agree(comm, problem if split else None)
     first = before(wanted, comm)
     return first, first + wanted
@@ -123,36 +140,36 @@ def owned_range(
 def as_matrix(
     source: Any, comm: MPI.Comm, name: str = "matrix", *, rows: int | None = None
 ) -> PETSc.Mat:
-    """PETSc matrix from any source.
+    """Convert a matrix in memory or in a file to a PETSc matrix.
 
     Parameters
     ----------
     source
-        A PETSc matrix, returned unchanged when its format is AIJ; a SciPy sparse
-        matrix, the same on every rank; or the path of a file: Matrix Market
-        (``.mtx``, ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``), PETSc
-        binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``; a group in
-        it as ``file.h5:/group``) with the CSR arrays ``data``, ``indices`` and
-        ``indptr`` as datasets and ``shape`` as dataset or attribute. Of the last two
-        every rank reads its own rows only, the others whole.
+        A PETSc matrix, which is returned unchanged if its format is AIJ; a SciPy sparse matrix,
+        the same on every rank; or the path of a file. Files are Matrix Market (``.mtx``,
+        ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``), PETSc binary (``.dat``,
+        ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
+        HDF5 file has the CSR arrays ``data``, ``indices`` and ``indptr`` as datasets, and
+        ``shape`` as a dataset or attribute. Each rank reads only its own rows from PETSc and HDF5
+        files, but all rows from the others.
     comm
-        Ranks that share the rows; a PETSc matrix keeps its own.
+        Communicator of the ranks that share the rows; a PETSc matrix keeps its own.
     name
         Name of the matrix in messages.
     rows
-        Number of rows on this rank, as of another matrix of the part; None for an even
-        distribution of nodes.
+        Number of rows on this rank, if it must match another matrix of the part; None for an
+        even distribution of nodes.
 
     Returns
     -------
     PETSc.Mat
-        Format AIJ; a new square matrix has block size 3.
+        Matrix in AIJ format; a new square matrix has block size 3.
 
     Raises
     ------
     StructureError
-        The source cannot be read, its numbers are complex, or its rows are not three for every
-        node or not as many as requested.
+        If the source cannot be read, if its numbers are complex, or if its rows are not three for
+        every node or not as many as requested.
     """
     if isinstance(source, PETSc.Mat):
         owned_range(source.size[0], source.comm.tompi4py(), name, rows, source.local_size[0])
@@ -170,23 +187,27 @@ def as_matrix(
     first, last = owned_range(shape[0], comm, name, rows)
 
     def checked() -> sparse.csr_matrix:
+        """Read and check the rows of this rank."""
         block = sparse.csr_matrix(read(first, last), shape=(last - first, shape[1]))
         block.check_format(full_check=True)
         if np.iscomplexobj(block.data):
-            raise StructureError(f"{name} is complex, real numbers are needed")
+            raise StructureError(f"{name} has complex numbers, but real numbers are needed")
         if max(block.nnz, *shape) > np.iinfo(PETSc.IntType).max:
-            raise StructureError(f"{name} has more entries on a rank than this PETSc can count")
+            raise StructureError(
+                f"{name} has {max(block.nnz, *shape)} entries on a rank or rows, above "
+                f"{np.iinfo(PETSc.IntType).max}: use more ranks, or PETSc with 64-bit indices"
+            )
         return block
 
     return assemble(together(comm, name, checked), comm)
 
 
 def assemble(block: sparse.csr_matrix, comm: MPI.Comm) -> PETSc.Mat:
-    """PETSc matrix from the rows of each rank; repeated entries are summed.
+    """Make a PETSc matrix from the rows of each rank; repeated entries are added.
 
-    Its columns are distributed like the rows if it is square, else evenly.
+    Columns of a square matrix are distributed as its rows, columns of others evenly.
     """
-    # PETSc would keep the last of two entries of CSR arrays.
+    # PETSc would keep only the last of repeated entries.
     block.sum_duplicates()
     owned, width = block.shape
     height = comm.allreduce(owned)
@@ -201,21 +222,28 @@ def assemble(block: sparse.csr_matrix, comm: MPI.Comm) -> PETSc.Mat:
 
 
 def _converted(matrix: PETSc.Mat, name: str) -> PETSc.Mat:
+    """Convert a PETSc matrix of another format to AIJ.
+
+    Raises
+    ------
+    StructureError
+        If PETSc cannot convert it.
+    """
     try:
         return matrix.convert("aij", out=PETSc.Mat())
     except PETSc.Error as error:
         raise StructureError(
-            f"{name}: a PETSc matrix of type {matrix.getType()} cannot be made AIJ"
+            f"{name}: PETSc cannot convert a matrix of type {matrix.getType()} to AIJ"
         ) from error
 
 
 def _in_memory(matrix: sparse.csr_matrix) -> Opened:
-    """Shape and rows of a matrix in memory; the rows are copies."""
+    """Shape of a matrix in memory, and a function that copies a range of its rows."""
     return matrix.shape, lambda first, last: matrix[first:last].copy()
 
 
 def _open(path: str) -> Opened:
-    """Open the matrix in a file, whose format follows from its extension."""
+    """Open the matrix in a file; the extension determines the format."""
     inside = re.fullmatch(r"(.*\.(?:h5|hdf5))(?::(.*))?", path, re.IGNORECASE)
     require_file(inside[1] if inside else path)
     if inside:
@@ -226,25 +254,25 @@ def _open(path: str) -> Opened:
         raise ValueError(f"its name ends in none of {FILE_TYPES}")
     from scipy import io
 
-    # Newer SciPy reports a missing file as no Matrix Market file.
+    # Newer SciPy would report a missing file as one that is not Matrix Market.
     Path(path).stat()
     npz = path.lower().endswith(".npz")
     if not npz:
         _require_matrix_market(path)
     matrix = sparse.load_npz(path) if npz else io.mmread(path)
     if npz and matrix.format in ("csr", "csc", "bsr"):
-        # SciPy would read and write beyond its arrays with wrong indices.
+        # With wrong indices, SciPy would read and write beyond its arrays.
         matrix.check_format(full_check=True)
     return _in_memory(sparse.csr_matrix(matrix))
 
 
 def csr_layout(rows: str, entries: str = "entries") -> Group:
-    """Layout of a matrix in CSR form; its shape is an attribute, or a dataset.
+    """Layout of a matrix in CSR form in a file; ``shape`` is an attribute or a dataset.
 
     Parameters
     ----------
     rows, entries
-        Numbers of rows and of entries, as axes of a `Value`.
+        Names of the numbers of rows and entries, as in the axes of a `Value`.
     """
     return Group(
         {
@@ -257,12 +285,12 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
 
 
 def _require_matrix_market(path: str) -> None:
-    """Refuse a file of another format with the same ending; SciPy's message would be obscure.
+    """Refuse a ``.mtx`` file of another format, for which SciPy's message would be obscure.
 
     Raises
     ------
     ValueError
-        The file does not begin like one of Matrix Market.
+        If the file does not begin with ``%%MatrixMarket``.
     """
     import gzip
 
@@ -275,7 +303,13 @@ def _require_matrix_market(path: str) -> None:
 
 
 def _in_hdf5(path: str, group: str) -> Opened:
-    """CSR arrays in a group of an HDF5 file."""
+    """Open CSR arrays in a group of an HDF5 file.
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not fit each other or the shape.
+    """
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         with open_hdf5(path) as file:
@@ -290,28 +324,30 @@ def _in_hdf5(path: str, group: str) -> Opened:
         height, width = _shape(csr)
         if csr["indptr"].shape != (height + 1,):
             raise ValueError(
-                f"{height} rows need {height + 1} row pointers, "
-                f"indptr has shape {csr['indptr'].shape}"
+                f"{height} rows need {height + 1} row pointers, but indptr has shape "
+                f"{csr['indptr'].shape}"
             )
     return (height, width), read
 
 
 def _shape(csr: h5py.Group) -> tuple[int, int]:
-    """Rows and columns of a matrix in CSR form."""
+    """Numbers of rows and columns of a matrix in CSR form, from an HDF5 group."""
     if "shape" in csr:
         require_numbers(csr["shape"], "iu")
         shape = np.asarray(values(csr["shape"]))
     else:
         shape = np.asarray(attribute(csr, "shape", Value("integer", (2,))))
     if shape.shape != (2,) or shape.min() < 0:
-        raise ValueError(f"shape of {csr.name} is {shape.tolist()}, not rows and columns")
+        raise ValueError(
+            f"shape of {csr.name} is {shape.tolist()}, not the numbers of rows and columns"
+        )
     return int(shape[0]), int(shape[1])
 
 
 def _in_binary(path: str) -> Opened:
-    """PETSc's binary format: header, row lengths, column numbers, values, all big-endian.
+    """Open a matrix in PETSc's binary format, which PETSc would read without checking its columns.
 
-    It is read here, since PETSc would not check the column numbers.
+    The file has a header, row lengths, column numbers and values, all big-endian.
     """
     number = np.dtype(PETSc.IntType).newbyteorder(">")
     kind, height, width, entries = map(int, np.fromfile(path, number, 4))
@@ -323,7 +359,7 @@ def _in_binary(path: str) -> Opened:
     reals = np.memmap(path, ">f8", "r", starts[2], entries)
     indptr = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
     if lengths.min() < 0 or indptr[-1] != entries:
-        raise ValueError(f"rows of {indptr[-1]} entries do not make its {entries} entries")
+        raise ValueError(f"its rows have {indptr[-1]} entries in total, but its header {entries}")
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         entries = slice(indptr[first], indptr[last])
@@ -340,22 +376,22 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     Parameters
     ----------
     matrix
-        K or M, SciPy sparse, as the program numbers it, shape (d, d).
+        K or M as a SciPy sparse matrix, in the numbering of the other program, shape (d, d).
     dofs
-        Number of each node's degree of freedom along x, y and z there, shape (nodes, 3); -1 for a
-        held one that the program has left out.
+        Row number in `matrix` of each node's degree of freedom along x, y and z, shape (nodes, 3);
+        -1 for a held degree of freedom that has no row.
 
     Returns
     -------
     scipy.sparse.csr_matrix
-        shape (3 nodes, 3 nodes). A held degree of freedom is not coupled to others and has the mean
-        diagonal entry of `matrix`: the part stays clamped there, but its inertia integrals include
-        that mass.
+        Matrix of shape (3 nodes, 3 nodes). A held degree of freedom is not coupled to others and
+        has the mean diagonal entry of `matrix`: the part remains clamped there, but its inertia
+        integrals contain that mass.
 
     Raises
     ------
     StructureError
-        `matrix` is not square, or `dofs` does not name each of its rows once.
+        If `matrix` is not square, or if `dofs` does not contain each of its rows once.
     """
     foreign = matrix.tocsr()
     numbers = np.asarray(dofs)
@@ -363,7 +399,7 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
         raise StructureError(f"a matrix of shape {foreign.shape} cannot be reordered: not square")
     if numbers.ndim != 2 or numbers.shape[1] != 3 or numbers.dtype.kind not in "iu":
         raise StructureError(
-            f"dofs of shape {numbers.shape} and type {numbers.dtype}: three whole numbers for "
+            f"dofs have shape {numbers.shape} and type {numbers.dtype}: three whole numbers for "
             "every node are needed"
         )
     flat = numbers.ravel()
@@ -372,7 +408,7 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     named, uses = np.unique(flat[free], return_counts=True)
     if not np.array_equal(named, np.arange(size)) or uses.max(initial=1) > 1:
         wrong = [*named[uses > 1], *np.setxor1d(named, np.arange(size))][0]
-        raise StructureError(f"dofs must name each of the {size} rows once: see row {wrong}")
+        raise StructureError(f"dofs must have each of the {size} rows once: see row {wrong}")
     order = sparse.csr_matrix((np.ones(len(free)), (free, flat[free])), shape=(len(flat), size))
     held = np.ones(len(flat))
     held[free] = 0.0
@@ -381,17 +417,17 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
 
 # Products
 
-#: Size of the blocks of columns that are processed at once [bytes].
+#: Largest size of a block of columns that is processed at once [bytes].
 BLOCK_BYTES = 1.5e8
 
-#: Most columns of a block; larger ones make solvers no faster.
+#: Largest number of columns of a block; solvers are no faster with larger blocks.
 BLOCK_COLUMNS = 128
 
 
 def blocks(count: int, rows: int, comm: MPI.Comm) -> list[slice]:
-    """Slices of `count` columns, so narrow that a block of the owned rows stays small.
+    """Divide `count` columns into ranges, so that a block of columns on a rank stays small.
 
-    The result is the same on every rank.
+    `rows` is the number of rows on this rank. The result is the same on every rank.
     """
     largest = max(comm.allreduce(rows, op=MPI.MAX), 1)
     width = int(np.clip(BLOCK_BYTES / (8 * largest), 8, BLOCK_COLUMNS))
@@ -399,16 +435,16 @@ def blocks(count: int, rows: int, comm: MPI.Comm) -> list[slice]:
 
 
 def dense_matrix(columns: np.ndarray, comm: PETSc.Comm) -> PETSc.Mat:
-    """PETSc dense matrix of the rows that this rank owns, shape (owned, k).
+    """Make a dense PETSc matrix from the rows of this rank, shape (owned rows, k).
 
-    The memory of a column-major array is shared; other arrays are copied.
+    The matrix uses the memory of a column-major array; other arrays are copied.
     """
     shape = (len(columns), None), (None, columns.shape[1])
     return PETSc.Mat().createDense(shape, array=np.asfortranarray(columns), comm=comm)
 
 
 def column_vectors(matrix: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
-    """Vectors of a matrix' row distribution, from columns of the rows that this rank owns."""
+    """Convert columns to PETSc vectors that are distributed as the rows of a matrix."""
     vectors = [matrix.createVecLeft() for _ in columns.T]
     for vector, column in zip(vectors, columns.T, strict=True):
         vector.array = column
@@ -416,7 +452,7 @@ def column_vectors(matrix: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
 
 
 def multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
-    """Owned rows of ``matrix @ columns``."""
+    """Product ``matrix @ columns``: the rows that this rank owns."""
     if columns.shape[1] == 0:
         return np.zeros((matrix.local_size[0], 0))
     dense = dense_matrix(columns, matrix.comm)
@@ -428,37 +464,37 @@ def multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
 
 
 def combine(columns: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """``columns @ weights``, column-major as PETSc takes it without a copy."""
+    """Product ``columns @ weights`` in column-major order, which PETSc uses without a copy."""
     return (weights.T @ columns.T).T
 
 
 def inner(left: np.ndarray, right: np.ndarray, comm: MPI.Comm) -> np.ndarray:
-    """``left.T @ right`` summed over the ranks, on every rank."""
+    """Product ``left.T @ right`` of columns, summed over all ranks and returned on each."""
     return comm.allreduce(left.T @ right, op=MPI.SUM)
 
 
 def norm(columns: np.ndarray, comm: MPI.Comm) -> float:
-    """Frobenius norm of owned rows."""
+    """Frobenius norm of columns over the rows of all ranks."""
     return float(np.sqrt(comm.allreduce(np.sum(columns**2))))
 
 
 def symmetric(matrix: np.ndarray) -> np.ndarray:
-    """Symmetric part: removes the round-off of a product that is symmetric by construction."""
+    """Symmetric part of a matrix, without the round-off of a product that must be symmetric."""
     return 0.5 * (matrix + matrix.T)
 
 
 def falling_eigenpairs(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues of a symmetric matrix, the largest first, and the eigenvectors as columns.
 
-    The eigenvectors are copied: NumPy multiplies a reversed view, whose strides are negative,
-    without BLAS, 80 times slower (3840 x 1280 by 1280 x 1280: 21 s, copied 0.25 s).
+    The eigenvectors are copied into a contiguous array. NumPy multiplies a reversed view without
+    BLAS, 80 times slower (3840 x 1280 by 1280 x 1280: 21 s instead of 0.25 s).
     """
     values, vectors = np.linalg.eigh(matrix)
     return values[::-1].copy(), np.ascontiguousarray(vectors[:, ::-1])
 
 
 def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
-    """``matrix.T @ columns`` on every rank, shape (matrix columns, k)."""
+    """Product ``matrix.T @ columns``, shape (columns of the matrix, k), the same on every rank."""
     if columns.shape[1] == 0:
         return np.zeros((matrix.size[1], 0))
     dense = dense_matrix(columns, matrix.comm)
@@ -470,7 +506,7 @@ def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
 
 
 def some_columns(matrix: PETSc.Mat, numbers: np.ndarray) -> PETSc.Mat:
-    """All rows and some columns of a matrix; the columns are distributed evenly over the ranks."""
+    """Copy the columns with given numbers of a matrix, evenly distributed over the ranks."""
     comm = matrix.comm
     (first, last) = matrix.getOwnershipRange()
     mine = np.array_split(numbers, comm.size)[comm.rank].astype(PETSc.IntType)
@@ -479,30 +515,34 @@ def some_columns(matrix: PETSc.Mat, numbers: np.ndarray) -> PETSc.Mat:
 
 
 def load_columns(load: PETSc.Mat, pressures: np.ndarray) -> np.ndarray:
-    """Owned rows of ``load @ pressures`` for pressures known on every rank, shape (k, p)."""
+    """Nodal forces ``load @ pressures``, rows of this rank, shape (owned dofs, p).
+
+    The pressures, shape (k, p), are the same on every rank.
+    """
     first, last = load.getOwnershipRangeColumn()
     return multiply(load, pressures[first:last])
 
 
-#: Largest defect of ``M = m (x) I_3`` from M, of a random product, relative to its largest entry.
+#: Largest difference between products of a test vector with M and with ``m (x) I_3``, relative to
+#: the largest entry, at which the two matrices count as equal.
 SAME_TOLERANCE = 1e-13
 
 
 class MassOperator:
-    """M of (16), applied to columns of owned rows.
+    """Operator of products with the mass matrix M of (16).
 
-    Masses of isotropic density are ``M = m (x) I_3`` with a matrix m of the nodes:
-    products with it read a ninth of the entries that finite-element programs store.
+    If the density is a scalar, M is ``m (x) I_3`` with a matrix m that has one row per node.
+    Products with m read a ninth of the entries that finite-element programs store for M.
 
     Parameters
     ----------
     mass
-        M, rows in whole nodes.
+        Mass matrix M; each rank owns all rows of a node.
 
     Attributes
     ----------
     matrix
-        M for an eigensolver: if m exists a matrix whose products are those with m.
+        M as a PETSc matrix for an eigensolver; its products use m if this exists.
     """
 
     def __init__(self, mass: PETSc.Mat):
@@ -526,11 +566,11 @@ class MassOperator:
         destroy_with(self, self.matrix, self._nodal, *context.vectors)
 
     def multiply(self, columns: np.ndarray) -> np.ndarray:
-        """Owned rows of ``M @ columns``, shape (owned dofs, k)."""
+        """Product ``M @ columns``, rows of this rank, shape (owned dofs, k)."""
         rows, k = columns.shape
         if self._nodal is None or not k:
             return multiply(self._mass, columns)
-        # One column for each component: (node, component, k) to (node, component k).
+        # Each of the k columns becomes three, one per component, with a row for each node.
         by_component = columns.T.reshape(k, rows // 3, 3).transpose(0, 2, 1)
         product = multiply(self._nodal, by_component.reshape(3 * k, rows // 3).T)
         by_node = product.T.reshape(k, 3, rows // 3).transpose(0, 2, 1)
@@ -538,12 +578,12 @@ class MassOperator:
 
 
 class NodalProduct:
-    """Python context of the matrix ``m (x) I_3``.
+    """Python context of a PETSc matrix ``m (x) I_3``.
 
     Parameters
     ----------
     nodal
-        The matrix m of the nodes.
+        Matrix m, with one row for each node.
     """
 
     def __init__(self, nodal: PETSc.Mat):
@@ -552,7 +592,7 @@ class NodalProduct:
         self.vectors: tuple[PETSc.Vec, PETSc.Vec] = nodal.createVecs()
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """``y = M x``, one component after the other."""
+        """Compute ``y = M x``, one component after the other; PETSc calls this method."""
         values, product = self.vectors
         source = x.getArray(readonly=True)
         target = y.array

@@ -1,19 +1,21 @@
 """Discretisation error of the bores' flexibility, estimated with another mesh of the same part.
 
-Both meshes are loaded with the same smooth pressures, waves around times Legendre polynomials
-along every bore, and with unit forces on the boundary points, which balance pressures that inertia
-does not: without them the estimated shape of the error is wrong for a rod with a heavy piston. Each
-mesh has the compliance ``C_ij``, the work of pressure i on the displacement under load j, and the
-displacement of its bore; it needs a solve for each load. With n and n' degrees of freedom the
-excess of the exact compliance over that of the first mesh is estimated as
+Both meshes are loaded with the same smooth pressures, which are products of waves around a bore
+and Legendre polynomials along it, and with unit forces on the boundary points. The forces are
+needed for pressures that are balanced by forces on the points rather than by inertia: without them,
+the estimated error has a wrong shape for a rod with a heavy piston. For each mesh, one static solve
+per load gives the displacement of the bores and the compliance ``C_ij``, which is the work of
+pressure i on the displacement under load j. With n and n' degrees of freedom of the two meshes and
+compliances C and C', the difference of the exact compliance from C is estimated as
 
-    (C' - C) / (1 - (n / n')^(p / 3)),   p = 2,
+    (C' - C) / (1 - (n / n')^(p / 3)),   p = 2.
 
-and that of displacements likewise. These are evaluated between the nodes of both meshes, too: a
-thin film responds to shapes shorter than their cells more than to smooth ones. Re-entrant edges
-have errors of order 1.09 (Williams' exponent is 0.5445 at a right angle), smooth solutions with
-quadratic cells of order 4. With cells two thirds as large the estimate is within a factor of 1.6 of
-either; with larger cells it would be within 3, hence the other mesh is a finer one if affordable.
+Differences of displacements are estimated likewise. They are evaluated between the nodes of both
+meshes too, because a thin film is more sensitive to shapes shorter than the cells than to smooth
+ones. Errors are of order 1.09 at re-entrant edges (Williams' exponent is 0.5445 at a right angle),
+and of order 4 for smooth solutions with quadratic cells. If the cells of the other mesh are two
+thirds as large, the estimate is within a factor of 1.6 of both; with a coarser other mesh it would
+be within a factor of 3. The other mesh is therefore the finer one if it can be afforded.
 
 Imports inside functions: runs only read stored errors, and need no PETSc for this purpose.
 """
@@ -31,27 +33,30 @@ from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import HEIGHTS, SMOOTH, WAVES, BoreSurface, all_outward
 
 if TYPE_CHECKING:
-    from fenics_ehd.reduction.static import StaticSolver
+    from fenics_ehd.reduction.static import StaticSolver, bore_rows, on_bores
 
-#: Order of the error of the compliance.
+#: Order p of the error of the compliance in the cell size.
 ORDER = 2.0
 
-#: Ratio of the cell sizes of a mesh and of the finer one.
+#: Cell size of a mesh over that of the finer mesh with which it is compared.
 FINER = 1.5
 
-#: Largest mesh that is compared with a finer one [degrees of freedom]. The finer one has three
-#: times as many; its factorisation takes 1.2 s for 33 000, 29 s for 223 000.
+#: Largest number of degrees of freedom of a mesh that is compared with a finer one. The finer mesh
+#: has three times as many; its factorisation takes 1.2 s at 33 000, 29 s at 223 000.
 MOST_REFINED = 60_000
 
 #: Order of the interpolation error between the nodes of quadratic cells.
 BETWEEN_NODES = 3.0
 
-#: Smallest ratio of the numbers of degrees of freedom of two meshes that can be compared.
+#: Smallest ratio of the larger to the smaller number of degrees of freedom of two compared meshes.
 ANOTHER = 1.3
 
 
 def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
-    """Smooth functions at positions from a bore's centre, shape (k, 3), as (k, `SMOOTH`)."""
+    """Values of the smooth functions of a bore at positions relative to its centre.
+
+    Positions have the shape (k, 3) [m], values the shape (k, `SMOOTH`).
+    """
     angle = np.arctan2(positions[:, 1], positions[:, 0])
     height = 2.0 * positions[:, 2] / width
     waves = [wave(k * angle) for k in range(WAVES + 1) for wave in (np.cos, np.sin)]
@@ -61,16 +66,21 @@ def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
 
 
 def _summit() -> np.ndarray:
-    """Waves of ``exp(4 cos phi - 4)``, which are modified Bessel functions of 4."""
+    """Amplitudes of the smooth functions in ``exp(4 cos phi - 4)``, shape (`SMOOTH`,).
+
+    They are values of modified Bessel functions at 4.
+    """
     amplitudes = np.zeros(SMOOTH)
     amplitudes[0] = ive(0, 4)
     amplitudes[1 : 2 * WAVES : 2] = 2 * ive(np.arange(1, WAVES + 1), 4)
     return amplitudes
 
 
+#: Amplitudes of each single smooth function, one per row.
 _SINGLE = np.eye(SMOOTH)
 
-#: Pressures whose errors are reported: the harmonics that bend a bore, and a sharper one.
+#: Amplitudes of the pressures for which errors are reported: harmonics that bend a bore, and a
+#: narrower peak.
 PATTERNS = {
     "cos 2 phi": _SINGLE[3],
     "sin 2 phi": _SINGLE[4],
@@ -81,16 +91,17 @@ PATTERNS = {
 
 
 class SmoothResponses(NamedTuple):
-    """Responses to the smooth pressures in all s / `SMOOTH` bores, then to unit forces.
+    """Static responses of a mesh to smooth pressures and to unit forces.
 
-    The forces are along x and y on each of a boundary points, in the order of their names.
+    The loads are s smooth pressures, `SMOOTH` in each bore, then forces along x and y on each of a
+    boundary points, in the order of their names.
 
     Attributes
     ----------
     compliance
-        C, shape (s, s + 2 a) [J/Pa^2], [J/(Pa N)].
+        Work of each smooth pressure under each load, shape (s, s + 2 a) [J/Pa^2], [J/(Pa N)].
     outward
-        Displacement of all bores' nodes, shape (m, s + 2 a) [m/Pa], [m/N].
+        Outward displacement of the nodes of all bores, shape (m, s + 2 a) [m/Pa], [m/N].
     """
 
     compliance: np.ndarray
@@ -98,9 +109,9 @@ class SmoothResponses(NamedTuple):
 
 
 def smooth_responses(solver: StaticSolver) -> SmoothResponses:
-    """Responses of a mesh to the smooth pressures and unit forces; collective."""
+    """Compute the responses of a mesh to smooth pressures and unit forces; collective."""
     from fenics_ehd.reduction.matrices import inner, load_columns
-    from fenics_ehd.reduction.structure import bore_rows
+    from fenics_ehd.reduction.static import bore_rows
 
     part = solver.structure
     bores = solver.structure.every_bore()
@@ -114,12 +125,19 @@ def smooth_responses(solver: StaticSolver) -> SmoothResponses:
 
 
 def point_columns(points: Collection[str], wanted: Collection[str], smooth: int) -> list[int]:
-    """Columns of `SmoothResponses` of the smooth pressures and of some boundary points.
+    """Indices of the columns of `SmoothResponses` for all pressures and some boundary points.
+
+    Parameters
+    ----------
+    points, wanted
+        Names of all boundary points, and of those whose columns are wanted.
+    smooth
+        Number of smooth pressures.
 
     Raises
     ------
     ValueError
-        One of `wanted` is not among the points.
+        If a wanted point is not among the points.
     """
     known = sorted(points)
     first = [smooth + 2 * known.index(name) for name in sorted(wanted)]
@@ -127,45 +145,52 @@ def point_columns(points: Collection[str], wanted: Collection[str], smooth: int)
 
 
 def excess(size: int, other: int, order: float = ORDER) -> float:
-    """Excess of the exact part over a mesh, divided by that of another mesh over it.
+    """Factor from the difference of two meshes to the estimated error of the first mesh.
+
+    It is the exact value minus that of the first mesh, over that of the other mesh minus that of
+    the first.
 
     Parameters
     ----------
     size, other
-        Degrees of freedom of the mesh and of the other one.
+        Numbers of degrees of freedom of the first mesh and of the other one.
     order
-        Order of the error.
+        Order of the error in the cell size.
 
     Raises
     ------
     StructureError
-        The sizes are too similar.
+        If the ratio of the sizes is not above `ANOTHER`.
     """
     if not max(size / other, other / size) > ANOTHER:
         raise StructureError(
-            f"meshes of {size} and {other} unknowns are too similar to estimate an error: their "
-            f"ratio must be above {ANOTHER:g}"
+            f"meshes of {size} and {other} unknowns are too similar to estimate an error: "
+            f"the ratio must be above {ANOTHER:g}"
         )
     return 1.0 / (1.0 - (size / other) ** (order / 3.0))
 
 
 def compliance_errors(missing: np.ndarray, compliance: np.ndarray) -> dict[str, float]:
-    """Relative error of the work of each of `PATTERNS`, the largest of all bores.
+    """Relative error of the compliance under each pressure of `PATTERNS`, largest of all bores.
 
     Parameters
     ----------
     missing, compliance
-        Excess of the exact compliance, and the compliance of the mesh, shape (s, s).
+        Exact compliance minus that of the mesh, and that of the mesh, shape (s, s).
     """
     parts = [slice(start, start + SMOOTH) for start in range(0, len(compliance), SMOOTH)]
 
     def error(c: np.ndarray, bore: slice) -> float:
+        """Relative error of one bore for amplitudes c of the smooth pressures."""
         return float(abs(c @ missing[bore, bore] @ c) / (c @ compliance[bore, bore] @ c))
 
     return {name: max(error(c, bore) for bore in parts) for name, c in PATTERNS.items()}
 
 
 def smooth_part(bores: Mapping[str, BoreSurface]) -> np.ndarray:
-    """Amplitudes of the smooth pressures in nodal ones on all bores, shape (s, k)."""
+    """Matrix, shape (s, k), from nodal pressures on all bores to smooth amplitudes.
+
+    The amplitudes fit the nodal pressures by least squares.
+    """
     fields = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores.values()]
     return np.asarray(block_diag(*map(np.linalg.pinv, fields)))

@@ -1,7 +1,7 @@
-"""Parts and their bases in HDF5 files, written and read by row ranges.
+"""HDF5 files of parts and of their bases; each rank writes and reads only its own rows.
 
-A basis holds displacements and stresses of modal coordinates. A structure is a complete part, for
-exchange between programs; no rank ever holds a complete matrix. The keys of its file are:
+The file of a basis has displacements and stresses due to unit modal coordinates. The file of a
+structure has a complete part, for exchange between programs. Its keys are:
 
     /                       attributes format = "fenics_ehd structure", format_version = 2
     /stiffness, /mass       K [N/m] and M [kg] in CSR form: datasets data, indices and
@@ -10,21 +10,22 @@ exchange between programs; no rank ever holds a complete matrix. The keys of its
     /attachments/NAME       a boundary point: the load vectors of unit forces along x, y, z
                             as columns of a CSR matrix of shape (3 n, 3); or datasets nodes
                             and weights, shape (k,)
-    /bores                  attribute names: of the bores, the first with its centre in the origin
-    /bores/NAME             attributes radius, width [m], and family, pressure_family where known
-    /bores/NAME/centre      shape (3,) [m]
+    /bores                  attribute names: names of the bores; the first has its centre at
+                            the origin
+    /bores/NAME             attributes radius, width [m]; family, pressure_family if known
+    /bores/NAME/centre      centre of the bore, shape (3,) [m]
     /bores/NAME/nodes       node numbers from 0, shape (m,)
     /bores/NAME/coordinates, /bores/NAME/pressure_coordinates
-                            from the bore's centre, shapes (m, 3) and (p, 3) [m]
-    /bores/NAME/load        J [m2], CSR as above, shape (3 n, p)
+                            positions relative to the bore's centre, shapes (m, 3), (p, 3) [m]
+    /bores/NAME/load        load matrix J [m2] in CSR form as above, shape (3 n, p)
     /bores/NAME/cells, /bores/NAME/pressure_cells, /bores/NAME/reference
                             optional, as in `Bore`
 
-Files of `save_structure` are sealed (`fenics_ehd.base.sealed_file`), and refused after a change;
-files of other programs need no seal.
+Files that `save_structure` writes are sealed (`fenics_ehd.base.sealed_file`) and are refused after
+a change. Files from other programs need no seal.
 
-Degrees of freedom are ``3 * node + component``, nodes in the order of the rows, which is
-that of the ranks when several wrote the file.
+Degrees of freedom are ``3 * node + component``. If several ranks wrote the file, the nodes of each
+rank follow those of the rank before.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ from fenics_ehd.reduction.matrices import (
 )
 from fenics_ehd.reduction.structure import PointWeights, Structure
 
+#: Name of the file format of structures.
 FORMAT = "fenics_ehd structure"
 FORMAT_VERSION = 2
 
@@ -79,8 +81,9 @@ BORE_LAYOUT = Group(
     {**BORE_VALUES.entries, "load": csr_layout("3 part_nodes", "load_entries")}, foreign=True
 )
 
-#: Layout of a boundary point in a file: a matrix, or nodes and weights.
 _MATRIX = csr_layout("3 part_nodes", "point_entries").entries
+
+#: Layout of a boundary point in a file: a matrix, or nodes and weights.
 ATTACHMENT_LAYOUT = Group(
     {
         "nodes": Value("integer", ("nodes",), required=False),
@@ -90,7 +93,7 @@ ATTACHMENT_LAYOUT = Group(
     foreign=True,
 )
 
-#: Layout of a whole part in a file.
+#: Layout of a complete part in a file.
 LAYOUT = Group(
     {
         "coordinates": Value("real", ("part_nodes", 3)),
@@ -104,14 +107,14 @@ LAYOUT = Group(
 
 
 class Rows(NamedTuple):
-    """Rows of a rank that are computed block by block.
+    """Rows of a dataset that a rank computes block by block while it writes them.
 
     Attributes
     ----------
     shape
-        Shape of all rows of the rank.
+        Shape of the array of all rows of the rank.
     blocks
-        Blocks of rows, one after the other.
+        Consecutive blocks of rows.
     """
 
     shape: tuple[int, ...]
@@ -124,32 +127,34 @@ def save_by_ranks(
     begin: Callable[[h5py.File], None],
     tables: Mapping[str, np.ndarray | Rows],
 ) -> None:
-    """Write a sealed file of distributed rows; collective, rank after rank.
+    """Write a sealed file whose rows are distributed; collective, one rank after the other.
 
     Parameters
     ----------
     path
-        Path, the same on every rank; a former file stays until the new one is complete.
+        Path of the file, the same on every rank. An existing file is replaced by a complete one.
     comm
-        Ranks that write to the file.
+        Communicator of the ranks that write to the file.
     begin
-        Function that is called on the first rank with the empty file.
+        Function that the first rank calls with the new file, to write attributes and groups.
     tables
-        Datasets by name, with this rank's rows, as blocks of float64 or as an array.
+        Rows of this rank for every dataset by name: an array, or blocks of float64.
 
     Raises
     ------
     StructureError
-        A rank could not write; the error is raised on every rank, and a former file stays.
+        If a rank cannot write. The error is raised on every rank; an existing file is kept.
     """
     rows = {n: a if isinstance(a, Rows) else Rows(a.shape, [a]) for n, a in tables.items()}
     counts = comm.allgather({name: owned.shape[0] for name, owned in rows.items()})
     label = f"file {path} cannot be written"
 
     def on_first(act: Callable[[], Any]) -> Any:
+        """Call a function on the first rank; raise its error on all ranks."""
         return together(comm, label, lambda: None if comm.rank else act())
 
     def write_first() -> None:
+        """Make the file with empty datasets."""
         shapes = {
             name: (sum(count[name] for count in counts), *owned.shape[1:])
             for name, owned in rows.items()
@@ -161,6 +166,7 @@ def save_by_ranks(
                 file.create_dataset(name, shape, getattr(tables[name], "dtype", float))
 
     def write_owned() -> None:
+        """Write the rows of this rank."""
         with h5py.File(partial, "r+") as file:
             for name, owned in rows.items():
                 first = sum(count[name] for count in counts[: comm.rank])
@@ -182,18 +188,21 @@ def save_by_ranks(
 
 
 def save_structure(structure: Structure, path: str | Path) -> None:
-    """Write a part to a file, atomically: a former file stays until the new one is complete.
+    """Write a part to a file atomically: an existing file is replaced by a complete one.
 
-    Collective, rank after rank. Elements (`Structure.recovery`) are not stored.
+    Collective: ranks write one after the other. Elements (`Structure.recovery`) are not stored.
 
     Raises
     ------
     StructureError
-        The file cannot be written, or a boundary point's name holds a slash.
+        If the file cannot be written, or if the name of a bore or boundary point has a slash.
     """
     for name in (*structure.attachments, *structure.bores):
         if not name or "/" in name or name == ".":
-            raise StructureError(f"name {name!r}: a file needs one without a slash")
+            raise StructureError(
+                f"name {name!r}: in a file, names of bores and points must not be empty or have a "
+                "slash"
+            )
     comm = structure.comm
     matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
     matrices |= {f"bores/{name}/load": bore.load for name, bore in structure.bores.items()}
@@ -206,7 +215,7 @@ def save_structure(structure: Structure, path: str | Path) -> None:
 
     def begin(file: h5py.File) -> None:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
-        # The order of points is that of the columns of a basis.
+        # Points keep their order, on which the order of the columns of a basis depends.
         file.create_group("attachments", track_order=True)
         file.create_group("bores").attrs["names"] = list(structure.bores)
         for name, shape in shapes.items():
@@ -218,33 +227,41 @@ def save_structure(structure: Structure, path: str | Path) -> None:
 
     tables = {"coordinates": structure.coordinates}
     for name, (indptr, indices, data) in blocks.items():
-        # The end of every row; the first rank also writes where the first one begins.
+        # Each rank writes where its rows end; the first rank also where the first row begins.
         ends = indptr[min(comm.rank, 1) :].astype(np.int64) + before(len(data), comm)
         tables |= {f"{name}/data": data, f"{name}/indices": indices, f"{name}/indptr": ends}
     save_by_ranks(Path(path), comm, begin, tables)
 
 
 def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structure:
-    """Read a part written by `save_structure` or by another program; on any number of ranks.
+    """Read a part that `save_structure` or another program wrote, on any number of ranks.
 
     Parameters
     ----------
     path
-        Path of the file, with the keys above.
+        Path of the file; `fenics_ehd.reduction.part_files` lists its keys.
     comm
-        Ranks that share the nodes evenly.
+        Communicator of the ranks, which share the nodes evenly.
 
     Raises
     ------
     StructureError
-        The file cannot be read, or does not hold a part of this format.
+        If the file cannot be read or does not contain a part in this format.
     """
     contents: dict[str, Any] = together(comm, f"structure file {path}", lambda: _read(path, comm))
     return Structure(f"{path}:/stiffness", f"{path}:/mass", **contents, comm=comm)
 
 
 def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
-    """Content of a file without the large matrices; coordinates of this rank's nodes."""
+    """Arguments of `Structure` from a file, with paths in place of matrices.
+
+    Coordinates are those of this rank's nodes.
+
+    Raises
+    ------
+    ValueError
+        If the file does not have the layout.
+    """
     with _opened(path, comm) as file:
         LAYOUT.check(file, "", {})
         nodes = len(file["coordinates"])
@@ -252,7 +269,9 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
         each = Value("text", ("bores",))
         names = attribute(groups, "names", each) if "bores" in file else ()
         if sorted(names) != sorted(groups):
-            raise ValueError(f"names of /bores are {', '.join(names)}, not {', '.join(groups)}")
+            raise ValueError(
+                f"names of /bores are {', '.join(names)}, but its groups are {', '.join(groups)}"
+            )
         return {
             "coordinates": values(file["coordinates"], slice(*even_range(nodes, comm))),
             "attachments": {
@@ -264,7 +283,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
 
 
 def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
-    """Nodes with their weights, or the path of a matrix."""
+    """Boundary point of a group: its nodes with weights, or `matrix`, the path of a matrix."""
     if "nodes" not in group:
         return matrix
     if "weights" not in group:
@@ -273,24 +292,26 @@ def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
 
 
 def _opened(path: str | Path, comm: MPI.Comm) -> h5py.File:
-    """Open a file; the first rank checks its digest."""
+    """Open the file of a structure; only the first rank checks its seal."""
     if comm.rank:
         return open_hdf5(path)
     return open_sealed(path, FORMAT, FORMAT_VERSION, remedy="write it again", foreign=True)
 
 
 def _bore(path: str | Path, name: str, group: h5py.Group) -> Bore:
+    """Read a bore, with the path of its load matrix in place of the matrix."""
     values = BORE_VALUES.arguments(BORE_VALUES.read(group, group.name))
     return Bore(**values, load=f"{path}:/bores/{name}/load")
 
 
+#: Name of the file format of bases.
 BASIS_FORMAT = "fenics_ehd part basis"
 BASIS_VERSION = 2
 
-#: Kind of file that may be replaced by a basis.
+#: Kind of files that commands recognise as bases, and may replace by a new basis.
 BASIS_KIND = stored_as("a basis of a part", BASIS_FORMAT)
 
-#: Layout of a basis: n coordinates, p sampling points of stresses.
+#: Layout of the file of a basis, with n modal coordinates and p sampling points of stresses.
 BASIS_LAYOUT = Group(
     {
         "nodes": Value("float", ("nodes", 3)),
@@ -301,30 +322,30 @@ BASIS_LAYOUT = Group(
     }
 )
 
-#: Numbers of nodes of a cell; 0 if elements are unknown.
+#: Accepted numbers of nodes of a stored cell; 0 if elements are unknown.
 _VERTICES = (0, 10, 20)
 
-#: Order of the stress components.
+#: Stress components in the order of files.
 VOIGT = ("xx", "yy", "zz", "yz", "xz", "xy")
 
-#: Size of the rows read or written at once [bytes]; computing stresses takes five times as much.
+#: Size of the rows read or written at once [bytes]; stresses need five times as much memory.
 _BLOCK_BYTES = 1 << 22
 
 _ROOT3 = np.sqrt(3.0)
 
 
 def deviatoric(stress: np.ndarray) -> np.ndarray:
-    """Coordinates in which the von Mises stress is the Euclidean norm.
+    """Map stresses linearly to vectors whose Euclidean norm is the von Mises stress.
 
     Parameters
     ----------
     stress
-        Voigt stresses xx, yy, zz, yz, xz, xy, shape (..., 6) [Pa].
+        Stress components in the order of `VOIGT`, shape (..., 6) [Pa].
 
     Returns
     -------
     numpy.ndarray
-        Vector, linear in the stress, shape (..., 5) [Pa].
+        Vectors of five deviatoric coordinates, shape (..., 5) [Pa].
     """
     xx, yy, zz = (stress[..., i] for i in range(3))
     plane = [xx - 0.5 * (yy + zz), 0.5 * _ROOT3 * (yy - zz)]
@@ -332,34 +353,35 @@ def deviatoric(stress: np.ndarray) -> np.ndarray:
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:
-    """Von Mises stress of Voigt stresses, shape (..., 6) to (...) [Pa]."""
+    """Von Mises stress, shape (...) [Pa], of stresses in the order of `VOIGT`, (..., 6) [Pa]."""
     return np.linalg.norm(deviatoric(np.asarray(stress)), axis=-1)
 
 
 def save_basis(
     path: str | Path, structure: Structure, columns: np.ndarray, *, stress: bool = True
 ) -> None:
-    """Write the basis of a part, atomically: a former file stays until the new one is complete.
+    """Write the basis of a part atomically: an existing file is replaced by a complete one.
 
-    Collective. The ranks write their rows one after the other.
+    Collective: ranks write one after the other.
 
     Parameters
     ----------
     path
-        Path, the same on every rank.
+        Path of the file, the same on every rank.
     structure
-        Nodes and cells of the part.
+        Part with its nodes and, if known, cells.
     columns
-        Displacements of unit modal coordinates, owned rows of shape (owned dofs, n) [m].
+        Displacements of unit modal coordinates, rows of this rank, shape (owned dofs, n) [m].
     stress
-        Also write the modal stresses, which are larger, if the structure has elements.
+        Whether to write the stresses of unit modal coordinates, too, if the elements are known.
+        Stresses are larger than displacements.
 
     Raises
     ------
     SettingsError
-        The columns do not fit the structure.
+        If the shape of the columns does not fit the structure.
     BodyFileError
-        The file cannot be written. The error is raised on every rank.
+        If the file cannot be written; the error is raised on every rank.
     """
     comm = structure.comm
     nodes = len(structure.coordinates)
@@ -367,7 +389,10 @@ def save_basis(
     shapes = comm.allgather((columns.shape, 3 * nodes))
     for shape, owned in shapes:
         if len(shape) != 2 or shape != (owned, shapes[0][0][-1]):
-            raise SettingsError(f"columns of shape {shape} on a rank with {owned} dofs")
+            raise SettingsError(
+                f"columns have shape {shape} on a rank: one row for each of its {owned} dofs is "
+                "needed, and the same number of columns on every rank"
+            )
     recovery = structure.recovery
     tables: dict[str, np.ndarray | Rows] = {
         "nodes": structure.coordinates,
@@ -388,7 +413,7 @@ def save_basis(
 
 
 def _stresses(field: Any) -> dict[str, Rows]:
-    """Sampling points and stresses, cell after cell, block by block."""
+    """Datasets of sampling points and stresses of a `StressField`, computed by blocks of cells."""
     cells, points, components, modes = field.shape
     step = max(1, _BLOCK_BYTES // max(1, 8 * points * components * modes))
     parts = [slice(start, min(start + step, cells)) for start in range(0, cells, step)]
@@ -404,19 +429,20 @@ def _stresses(field: Any) -> dict[str, Rows]:
 
 
 class BasisFile(AbstractContextManager["BasisFile"]):
-    """Displacements and stresses of a part from its modal coordinates.
+    """Open file of a basis, from which displacements and stresses of a part are computed.
 
-    The basis stays in the file and is read a few MB at a time. The object is a context manager.
+    The basis is read from the file a few MB at a time. The object is a context manager.
 
     Parameters
     ----------
     path
-        Path of a file of `save_basis`.
+        Path of a file that `save_basis` wrote.
 
     Raises
     ------
     BodyFileError
-        The file is missing, is not HDF5, is cut short, or holds no basis of this format.
+        If the file is missing, is not HDF5, is cut short, or does not contain a basis in this
+        format.
     """
 
     def __init__(self, path: str | Path):
@@ -432,21 +458,24 @@ class BasisFile(AbstractContextManager["BasisFile"]):
                 raise
 
     def _require_layout(self) -> None:
-        """Refuse a file with inconsistent shapes, or with cells of unknown nodes.
+        """Check the shapes of all datasets and the node numbers of cells.
 
         Raises
         ------
         ValueError
-            The message has the dataset.
+            If they are inconsistent; the message names the dataset.
         """
         BASIS_LAYOUT.check(self._file, "", {})
         if ("stress" in self._file) != ("stress_points" in self._file):
             raise ValueError("/stress or /stress_points is missing")
         cells = self._file["cells"]
         nodes = len(self._file["nodes"])
-        # Cells of 27 nodes are stored with 20.
+        # Of cells with 27 nodes, only 20 are stored.
         if cells.shape[1] not in _VERTICES or values(cells).max(initial=-1) >= nodes:
-            raise ValueError(f"/cells of shape {cells.shape} are no cells of {nodes} nodes")
+            raise ValueError(
+                f"/cells has shape {cells.shape}: cells with 10 or 20 of the {nodes} nodes are "
+                "needed"
+            )
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -467,21 +496,22 @@ class BasisFile(AbstractContextManager["BasisFile"]):
 
     @property
     def cells(self) -> np.ndarray:
-        """Nodes of every cell in VTK's order, shape (cells, 20 or 10); empty when unknown."""
+        """Node numbers of every cell in VTK's order, shape (cells, 20 or 10); empty if unknown."""
         return self._array("cells")
 
     @property
     def stress_points(self) -> np.ndarray:
-        """Sampling points of the stresses, cell after cell, shape (points, 3) [m]."""
+        """Positions of the sampling points of stresses, cell by cell, shape (points, 3) [m]."""
         return self._array("stress_points")
 
     def displacement(self, coordinates: np.ndarray) -> np.ndarray:
-        """Displacement field of modal coordinates.
+        """Compute the displacements of all nodes from modal coordinates.
 
         Parameters
         ----------
         coordinates
-            Modal coordinates, shape (n,), or (t, n) for t instants: the file is read once.
+            Modal coordinates, shape (n,), or shape (t, n) for t instants. The file is read only
+            once for all instants.
 
         Returns
         -------
@@ -491,19 +521,26 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         Raises
         ------
         SettingsError
-            The coordinates do not fit the modes.
+            If the number of coordinates is not that of the modes.
         """
         return self._combine("basis", coordinates)
 
     def stress(self, coordinates: np.ndarray) -> np.ndarray:
-        """Stresses in the order of `VOIGT`, shape (points, 6) or (t, points, 6) [Pa].
+        """Compute stresses from modal coordinates, shape (points, 6) or (t, points, 6) [Pa].
 
-        For parameters and errors see `displacement`; a file without stresses raises BodyFileError.
+        Components are in the order of `VOIGT`; for parameters see `displacement`.
+
+        Raises
+        ------
+        SettingsError
+            If the number of coordinates is not that of the modes.
+        BodyFileError
+            If the file has no stresses.
         """
         return self._combine("stress", coordinates)
 
     def _array(self, name: str) -> np.ndarray:
-        """Complete content of a dataset."""
+        """Read a complete dataset and check its values."""
         table = self._table(name)
         with named(BodyFileError, f"basis file {self.path}"):
             array = np.asarray(values(table))
@@ -511,17 +548,29 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         return array
 
     def _table(self, name: str) -> h5py.Dataset:
+        """Return a dataset of the file.
+
+        Raises
+        ------
+        BodyFileError
+            If the file has no stresses.
+        """
         if self._file and name not in self._file:
-            raise BodyFileError(f"basis file {self.path} holds no stresses: none were saved")
+            raise BodyFileError(
+                f"basis file {self.path} has no stresses: save the basis again with stress=True"
+            )
         return self._file[name]
 
     def _combine(self, name: str, coordinates: np.ndarray) -> np.ndarray:
-        """A dataset times coordinates, read block by block."""
+        """Multiply a dataset by modal coordinates; it is read in blocks of rows."""
         table = self._table(name)
         size, components, modes = table.shape
         q = np.asarray(coordinates, dtype=float)
         if q.ndim not in (1, 2) or q.shape[-1] != modes:
-            raise SettingsError(f"coordinates of shape {q.shape} for the {modes} modes of a basis")
+            raise SettingsError(
+                f"coordinates have shape {q.shape}, but the basis has {modes} modes: give "
+                f"({modes},) or (number of instants, {modes})"
+            )
         history = np.atleast_2d(q)
         result = np.empty((len(history), size, components))
         step = max(1, _BLOCK_BYTES // (8 * components * max(*history.shape, 1)))
@@ -529,5 +578,5 @@ class BasisFile(AbstractContextManager["BasisFile"]):
             rows = slice(start, start + step)
             result[:, rows] = np.tensordot(history, table[rows], (1, 2))
         if np.isfinite(q).all() and not np.isfinite(result).all():
-            raise BodyFileError(f"basis file {self.path}: /{name} holds a value that is not finite")
+            raise BodyFileError(f"basis file {self.path}: /{name} has a value that is not finite")
         return result if q.ndim == 2 else result[0]

@@ -1,8 +1,7 @@
-"""Quantities shared by the reductions of one part, each of them computed once.
+"""Steps that all reductions share: static responses, and the projection of a part onto a basis.
 
-Shared quantities are static responses to loads, their small products, and the projection of the
-part onto a basis, with which every method ends. The module also has the smallest reduction: a rigid
-part with inertia and bores, without elastic coordinates.
+A `Reductor` computes each of them once for several reductions of one part. The module also has the
+simplest reduction: a rigid part with inertia and bores, without elastic coordinates.
 """
 
 from __future__ import annotations
@@ -42,34 +41,29 @@ from fenics_ehd.reduction.matrices import (
     transpose_multiply,
 )
 from fenics_ehd.reduction.pressure_family import PressureFamily
-from fenics_ehd.reduction.static import StaticSolver, room_for_columns
-from fenics_ehd.reduction.structure import (
-    Structure,
-    bore_rows,
-    check_structure,
-    rigid_motions,
-)
+from fenics_ehd.reduction.static import StaticSolver, bore_rows, room_for_columns
+from fenics_ehd.reduction.structure import Structure, check_structure, rigid_motions
 
-#: Largest relative defect of the reduced matrices from their required form.
+#: Largest relative deviation of reduced matrices from the form that a method requires.
 FORM_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Part-size columns T of a reduction with their reduced matrices and checks.
+    """Basis of a reduction with its reduced matrices and the results of checks.
 
     Attributes
     ----------
     columns
-        Basis T, owned rows, shape (owned dofs, n).
+        Basis T, rows of this rank, shape (owned dofs, n).
     stiffness, mass
-        Reduced matrices, shape (n, n).
+        Reduced matrices ``T^T K T`` and ``T^T M T``, shape (n, n).
     kinds
-        Kind of each column.
+        Kind of each column, see `ReducedBody`.
     dropped
-        Records of the modes that were left out.
+        Records of the modes that were dropped.
     accuracy
-        Figures of the method's own checks, by name.
+        Accuracy figures from the checks of the method, by name.
     """
 
     columns: np.ndarray
@@ -86,7 +80,10 @@ def product(
     right: np.ndarray,
     comm: MPI.Comm,
 ) -> np.ndarray:
-    """``left^T A right`` on every rank, of owned rows; computed in blocks of columns of A right."""
+    """Product ``left^T A right`` of columns with an operator A, the same on every rank.
+
+    It is computed block by block, so that ``A right`` is never stored completely.
+    """
     parts = blocks(right.shape[1], len(right), comm)
     products = [inner(left, operator(right[:, part]), comm) for part in parts]
     return np.hstack([np.zeros((left.shape[1], 0)), *products])
@@ -95,7 +92,7 @@ def product(
 def gram_matrices(
     structure: Structure, mass: MassOperator, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """``T^T K T`` and ``T^T M T``, on every rank."""
+    """Reduced matrices ``T^T K T`` and ``T^T M T`` of columns T, the same on every rank."""
     comm = structure.comm
     by_stiffness = partial(multiply, structure.stiffness)
     stiffness = product(columns, by_stiffness, columns, comm)
@@ -104,12 +101,12 @@ def gram_matrices(
 
 
 def require_small(defects: Mapping[str, float]) -> dict[str, float]:
-    """The defects, checked to be below `FORM_TOLERANCE`.
+    """Check that defects of a basis do not exceed `FORM_TOLERANCE`, and return them.
 
     Raises
     ------
     VerificationError
-        The message has the name of a larger one.
+        If a defect exceeds it; the message names the defect.
     """
     for name, value in defects.items():
         if not value <= FORM_TOLERANCE:
@@ -122,7 +119,7 @@ def require_small(defects: Mapping[str, float]) -> dict[str, float]:
 def inertia_integrals(
     structure: Structure, mass: MassOperator, fields: np.ndarray
 ) -> InertiaIntegrals:
-    """Inertia coupling of fields, owned rows (owned dofs, 3 + n)."""
+    """Compute the inertia integrals of fields, rows of this rank, shape (owned dofs, 3 + n)."""
     spun = turned(fields, 2)
     comm = structure.comm
     spin = product(spun, mass.multiply, fields, comm).T
@@ -167,32 +164,32 @@ def _inventory(
 
 
 class StaticResponses:
-    """Static responses ``X = G L`` of (29), without the part that known modes cover (30).
+    """Static responses ``X = G L`` of (29), from which the share of known modes is subtracted (30).
 
-    Columns of L are fields of forces, then pressure patterns of the bores (33).
+    The loads L are a fields of forces, then p pressure patterns on the bores (33).
 
     Parameters
     ----------
     solver
-        Static responses of the part.
+        Static solver of the part.
     fields
-        Owned rows of the forces, shape (owned dofs, a) [N].
+        Nodal forces, rows of this rank, shape (owned dofs, a) [N].
     pressures
-        Patterns ``P_c``, the same on every rank, shape (k, p) [Pa].
+        Pressure patterns ``P_c``, the same on every rank, shape (k, p) [Pa].
     angular, modes
-        Angular frequencies [rad/s] and modes that are filtered out, mass-normalised and uncoupled
-        in stiffness.
+        Angular frequencies [rad/s] and mode shapes of the modes to subtract, mass-normalised and
+        uncoupled in stiffness.
 
     Attributes
     ----------
     count
-        Number of responses.
+        Number a + p of responses.
     stiffness
-        ``X^T K X = L^T X``, shape (count, count).
+        Work of every load on every response, ``X^T K X = L^T X``, shape (count, count).
     nodal_work
-        ``J^T X``, shape (k, count).
+        Work of unit nodal pressures on every response, ``J^T X``, shape (k, count).
     columns
-        X, owned rows, shape (owned dofs, count).
+        Responses X, rows of this rank, shape (owned dofs, count).
     """
 
     def __init__(
@@ -228,7 +225,10 @@ class StaticResponses:
         self.nodal_work = np.hstack(works)
 
     def work(self, columns: np.ndarray, nodal: np.ndarray | None = None) -> np.ndarray:
-        """``L^T @ columns`` on every rank, shape (count, width); `nodal` is ``J^T @ columns``."""
+        """Work ``L^T @ columns`` of the loads on displacements, shape (count, width).
+
+        `nodal` is ``J^T @ columns`` if it is known, else None.
+        """
         structure = self.solver.structure
         if nodal is None:
             nodal = transpose_multiply(structure.load, columns)
@@ -236,7 +236,7 @@ class StaticResponses:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """``X^T M X``, shape (count, count), computed in blocks of columns of M X; collective."""
+        """Reduced mass matrix ``X^T M X`` of the responses, shape (count, count); collective."""
         mass = np.zeros((self.count,) * 2)
         for part in blocks(self.count, len(self.columns), self.solver.structure.comm):
             inertia = self.solver.mass.multiply(self.columns[:, part])
@@ -249,28 +249,31 @@ T = TypeVar("T")
 
 
 class Reductor:
-    """A part with the results that its reductions share, to be passed to them as the part.
+    """A part together with intermediate results that its reductions share.
+
+    Reductions accept it in place of the part:
 
         part = Reductor(structure)
         bodies = [craig_bampton(part, 37), load_dependent(part, 6, 31), full_interface(part)]
 
-    Every result is computed at its first use, and only once: factors of the stiffness matrix, and
-    of its interior for M2; the flexibility of the bore; modes, of which a smaller number is read
-    from a larger one (compute the largest first); the first step of M2; the basis of M4. Static
-    responses to pressure sets are as tall as the part, so that only the last ones are kept:
-    consecutive reductions with the same set share them.
+    Every result is computed once, at its first use: factors of the stiffness matrix and, for M2, of
+    its interior; the flexibility of the bores; modes; the first step of M2; the basis of M4. If
+    fewer modes are requested than before, they are taken from the earlier result, so that the
+    largest number should come first. Static responses to pressure sets are large, and only the last
+    ones are kept: consecutive reductions with the same set share them.
 
     Parameters
     ----------
     structure
-        The part, free or clamped.
+        Matrices and geometry of the part, free or clamped.
     attachment_directions
-        Components of the unit forces at every boundary point, and of its boundary dofs in M1
-        and M2.
+        Directions (0, 1, 2 for x, y, z) of the unit forces at every boundary point, which are
+        also the directions of its boundary dofs in M1 and M2.
     solver
-        ``"direct"``, ``"iterative"`` or ``"auto"``, by size.
+        ``"direct"``, ``"iterative"``, or ``"auto"`` to choose by the number of dofs.
     options_prefix
-        Beginning of the prefixes ``static_``, ``modes_`` and ``interior_`` of the PETSc options.
+        Text that is put before the prefixes ``static_``, ``modes_`` and ``interior_`` of the
+        PETSc options.
     film_edges
         Heights of the films' edges from the middle of a bore, by its name, see `PressureFamily`
         [m].
@@ -281,7 +284,7 @@ class Reductor:
     Raises
     ------
     StructureError
-        From `check_structure`.
+        If `check_structure` refuses the part.
     """
 
     def __init__(
@@ -307,23 +310,23 @@ class Reductor:
 
     @staticmethod
     def of(part: Structure | Reductor) -> Reductor:
-        """The argument if it is a reductor, or a reductor of a structure with default options."""
+        """Return a reductor unchanged, or make one with default options for a structure."""
         require_class("part", part, Structure, Reductor)
         return Reductor(part) if isinstance(part, Structure) else part
 
     @cached_property
     def mass(self) -> MassOperator:
-        """Products with M."""
+        """Operator of products with M."""
         return MassOperator(self.structure.mass)
 
     @cached_property
     def free(self) -> bool:
-        """True of a part without supports."""
+        """Whether the part has no supports."""
         return rigid_motions(self.structure)[1]
 
     @cached_property
     def static(self) -> StaticSolver:
-        """Static responses, from one factorisation."""
+        """Static solver of the part, which factorises the stiffness matrix once."""
         prefix = f"{self.options_prefix}static_"
         return StaticSolver(
             self.structure, mass=self.mass, solver=self.solver, options_prefix=prefix
@@ -331,12 +334,12 @@ class Reductor:
 
     @cached_property
     def vibration(self) -> LowestModes:
-        """Vibration modes, free-floating or clamped."""
+        """Vibration modes of the part, free or clamped; call it with a number of modes."""
         return LowestModes(self.static, f"{self.options_prefix}modes_")
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Unit forces ``J_a`` at the boundary points, owned rows (owned dofs, n_a)."""
+        """Nodal forces ``J_a`` of unit forces at the boundary points, shape (owned dofs, n_a)."""
         points = self.structure.attachments.values()
         vectors = [point[d].array for point in points for d in self._directions]
         return np.column_stack(vectors or [np.zeros((self.structure.stiffness.local_size[0], 0))])
@@ -375,7 +378,10 @@ class Reductor:
         return self.family_responses().up_to(level)
 
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
-        """Result of `make` for a key; the last result of each name is kept."""
+        """Return the stored result of a name and key, or compute it with `make` and store it.
+
+        Only the last result of each name is stored.
+        """
         if name not in self._kept or self._kept[name][0] != key:
             self._kept.pop(name, None)
             self._kept[name] = key, make()
@@ -391,9 +397,9 @@ class Reductor:
         estimate_error: bool = True,
         keep_basis: bool = False,
     ) -> ReducedBody:
-        """Reduced body of a basis, with the columns of the basis if `keep_basis`.
+        """Project the part onto a basis, which gives the reduced body.
 
-        For parameters see `ReducedBody` and `load_dependent`; `frame` is used for a free part only.
+        For the parameters see `ReducedBody` and `load_dependent`; `frame` applies to a free part.
         """
         structure = self.structure
         mass = self.mass
@@ -451,16 +457,17 @@ def rigid(
     estimate_error: bool = False,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """Body without elastic coordinates; only the error estimate needs a factorisation.
+    """Reduce a part to a rigid body without elastic coordinates.
 
     Parameters
     ----------
     part
-        The part, free or clamped, or a `Reductor` of it.
+        The part, free or clamped, or its `Reductor`.
     estimate_error
-        Also compute the neglected bore flexibility, one static solve per pressure of the family.
+        Whether to compute the neglected flexibility of the bores. This needs a factorisation and
+        one static solve per pressure of the family.
     keep_basis
-        Store the basis, without columns, in the body.
+        Whether to store the basis, which has no columns, in the body.
     """
     reductor = Reductor.of(part)
     nothing = np.zeros((0, 0))

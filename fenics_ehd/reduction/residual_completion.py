@@ -1,19 +1,20 @@
 """M4: a few dynamic modes, and the remaining bore flexibility as a quasi-static response.
 
-A residual mode of M3 has a frequency of up to 700 kHz, and its dynamics are negligible. M4 uses the
-complete flexibility ``G_c = G J`` of the bore: the coordinates q contain a part of it, the residual
-S_res the rest,
+A residual mode of M3 has a frequency of up to 700 kHz, so that its dynamics are negligible. M4 uses
+the complete flexibility ``G_c = G J`` of the bores. The coordinates q contain a part of it, and the
+residual flexibility S_res is the rest. With nodal pressures P, the displacement of the bores is
 
     u_bore = Psi q + S_res w,   S_res = G_c - T K_r^-1 T^T J,   w + zeta dw/dt = P.
 
-For the complete part and any load f the static response that a basis misses is
+For all nodes of a part and any load f, the static response that a basis does not contain is
 
     (G - T K_r^-1 T^T) f.
 
-Added to the displacement ``T q`` it recovers the static response to the loads: the mode
-acceleration method (T. Irvine, The mode acceleration method, 2014,
-scribd.com/document/659487661). Loads of a free part are made self-equilibrated first. The
-displacement is correct up to a rigid motion, which depends on the frame and causes no stress.
+The sum of this response and the displacement ``T q`` contains the full static response to the
+loads. This is the mode acceleration method (T. Irvine, The mode acceleration method, 2014,
+scribd.com/document/659487661). Loads on a free part are first brought into equilibrium with
+inertia forces. The displacement is correct up to a rigid motion, which depends on the frame and
+causes no stress.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ from fenics_ehd.reduction.matrices import (
 )
 from fenics_ehd.reduction.pressure_family import PressureFamily, edges_of, edges_text
 from fenics_ehd.reduction.reductor import Basis, Reductor, StaticResponses
-from fenics_ehd.reduction.static import StaticSolver
-from fenics_ehd.reduction.structure import Structure, bore_rows, on_bores
+from fenics_ehd.reduction.static import StaticSolver, bore_rows, on_bores
+from fenics_ehd.reduction.structure import Structure
 
 
 def missing_response(
@@ -57,20 +58,25 @@ def missing_response(
     loads: Callable[[slice], np.ndarray],
     count: int,
 ) -> np.ndarray:
-    """Static response minus that of the basis, owned rows (owned dofs, count); collective.
+    """Static response of a part minus that of its reduced body; collective.
 
     Parameters
     ----------
     static
-        Static responses of the part.
-    Reduced body of the part.
-        Reduction of the part.
+        Static solver of the part.
+    body
+        Reduced body of the part.
     columns
-        The part-size basis T, owned rows, shape (owned dofs, n).
+        Basis T of the body, rows of this rank, shape (owned dofs, n).
     loads
-        Function that returns a range of the loads, owned rows [N].
+        Function that returns the load columns of a range, rows of this rank [N].
     count
         Number of loads.
+
+    Returns
+    -------
+    numpy.ndarray
+        Displacements that the basis does not contain, shape (owned dofs, count) [m].
     """
     comm = static.structure.comm
     fields = np.empty((len(columns), count))
@@ -83,7 +89,7 @@ def missing_response(
 
 
 def centrifugal_load(structure: Structure, mass: MassOperator) -> np.ndarray:
-    """``M (x, y, 0)``: inertia of unit rate about z, owned rows (owned dofs, 1)."""
+    """Centrifugal load ``M (x, y, 0)`` of unit angular speed about z, shape (owned dofs, 1)."""
     radius = structure.coordinates.copy()
     radius[:, 2] = 0.0
     return mass.multiply(np.asfortranarray(radius.reshape(-1, 1)))
@@ -96,24 +102,25 @@ def missing_fields(
     forces: np.ndarray,
     speeds: np.ndarray,
 ) -> np.ndarray:
-    """Displacements that a basis misses under forces on bores and under rotation, in any frame.
+    """Static displacements that a basis does not contain, for forces on bores and rotation.
 
-    Every basis has the response to forces on boundary points. The rigid inertia that balances them
-    in the frame of M1 and M2, and the inertia of elastic motion, are neglected.
+    Every basis contains the response to forces on boundary points. Two loads are neglected: the
+    rigid inertia that balances these forces in the frame of M1 and M2, and the inertia of elastic
+    motion.
 
     Parameters
     ----------
     structure, body, columns
         See `missing_response`.
     forces
-        Forces on the nodes of all bores, shape (c, m, 3) [N].
+        Forces on the nodes of all bores for each of c cases, shape (c, m, 3) [N].
     speeds
-        Angular speeds of the part about z, shape (c,) [rad/s].
+        Angular speed of the part about z for each case, shape (c,) [rad/s].
 
     Returns
     -------
     numpy.ndarray
-        Owned rows, shape (owned dofs, c) [m].
+        Displacements, rows of this rank, shape (owned dofs, c) [m].
     """
     static = StaticSolver(structure)
     turning = centrifugal_load(structure, static.mass)
@@ -124,36 +131,38 @@ def missing_fields(
     return missing_response(static, body, columns, loads, len(speeds))
 
 
-#: Largest relative difference of two reductions of the same part.
+#: Largest relative difference at which two reductions count as those of the same part.
 SAME_BASIS = 1e-6
 
 
 def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.ndarray:
-    """Basis T of a body that was stored without it, from the same part reduced again.
+    """Compute the basis T of a body that was stored without it, from a new reduction of the part.
 
-    On another machine the signs of modes may differ, and modes of equal frequency may be other
-    combinations. The displacements of bores and points determine the relation of the coordinates.
+    If the part is reduced on another machine, signs of modes may differ, and modes of equal
+    frequency may be combined differently. The relation between the coordinates of the two bodies
+    follows from the displacements of bores and boundary points.
 
     Parameters
     ----------
     body
-        The stored body.
+        Stored body.
     made
-        The body of the new reduction.
+        Body of the new reduction.
     columns
-        The basis of `made`, owned rows, shape (owned dofs, n).
+        Basis of `made`, rows of this rank, shape (owned dofs, n).
 
     Raises
     ------
     VerificationError
-        The bodies are not reductions of the same part by the same method.
+        If the bodies are not reductions of the same part by the same method.
     """
     old = _displacements(body)
     new = _displacements(made)
     if old.shape != new.shape:
         raise VerificationError(
-            f"the part made again has {made.modes} modes and {len(made.bore_basis)} bore nodes, "
-            f"its run's body {body.modes} and {len(body.bore_basis)}: was its model changed?"
+            f"the part reduced again has {made.modes} modes and {len(made.bore_basis)} bore nodes, "
+            f"but the body of the run has {body.modes} and {len(body.bore_basis)}: was the model "
+            "changed?"
         )
     size = np.abs(old).max(initial=0.0)
     if np.abs(new - old).max(initial=0.0) <= 1e-3 * SAME_BASIS * size:
@@ -166,14 +175,14 @@ def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.nd
         defects.append(np.abs((turn.T @ matrix @ turn - stored) / np.outer(root, root)).max())
     if not max(defects) <= SAME_BASIS:
         raise VerificationError(
-            f"the part made again differs from its run's body by {max(defects):.1e}, above "
-            f"{SAME_BASIS:.0e}: was its model changed?"
+            f"the part reduced again differs from the body of the run by {max(defects):.1e}, above "
+            f"{SAME_BASIS:.0e}: was the model changed?"
         )
     return columns @ turn
 
 
 def _displacements(body: ReducedBody) -> np.ndarray:
-    """Displacements of bores and points for unit coordinates, shape (rows, n)."""
+    """Displacements of bore nodes and boundary points for unit coordinates, shape (rows, n)."""
     points = [field[:, 3:] for field in body.points.values()]
     return np.vstack([body.bore_basis.reshape(-1, body.modes), *points])
 
@@ -198,19 +207,19 @@ def residual_flexibility(
     Parameters
     ----------
     part
-        The part, free or clamped, or a `Reductor` of it.
+        The part, free or clamped, or its `Reductor`.
     n_vibration
-        Vibration modes.
+        Number of vibration modes.
     tolerance
         Largest error of the bore's displacement under the pressures that verify the pressure
         family, relative to this displacement. If one is exceeded, the next level of the family is
         solved for; 0: every nodal pressure.
     centrifugal
-        Also keep the static response to the centrifugal load ``M x`` (x and y components) of
-        a part that rotates about z.
+        Whether the basis contains the static response to the centrifugal load of a part that
+        rotates about z.
     estimate_error
-        Also compute the inertia of the residual patterns, which the method neglects. Further solves
-        are not necessary.
+        Whether to compute the inertia of the residual patterns, which the method neglects. It needs
+        no further solves.
     keep_basis
         See `load_dependent`.
 
@@ -222,15 +231,19 @@ def residual_flexibility(
     Raises
     ------
     SettingsError
-        A number of modes is negative, no mode is requested, or `tolerance` is outside [0, 1).
+        If a number of modes is negative, if there is no mode at all, or if `tolerance` is outside
+        [0, 1).
     SolverError, VerificationError
-        A solver or a check of the result fails.
+        If a solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
     if not 0.0 <= tolerance < 1.0:
         raise SettingsError(f"flexibility_tolerance {tolerance:g} is not in [0, 1)")
     if not n_vibration + reductor.points.shape[1] + centrifugal:
-        raise SettingsError("vibration_modes 0, no boundary point and no centrifugal mode: no mode")
+        raise SettingsError(
+            "vibration_modes is 0, and the part has no boundary point and no centrifugal mode: at "
+            "least one mode is needed"
+        )
     basis = reductor.once(
         "m4", (n_vibration, centrifugal), lambda: _basis(reductor, n_vibration, centrifugal)
     )
@@ -364,29 +377,31 @@ def pattern_fields(
     columns: np.ndarray,
     amplitudes: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Part-size displacements of the residual patterns V.
+    """Displacements of all nodes due to the residual patterns V; collective.
 
         (G_c - T K_r^-1 T^T J) V
 
-    A body stores only the bore rows of these fields, `ResidualFlexibility.displacement`. The
-    complete fields are solved for again, by one solve per pattern or combination of patterns.
-    Collective.
+    A body stores only the displacements of the bores, `ResidualFlexibility.displacement`. The
+    complete fields are computed again, with one static solve per pattern or per combination of
+    patterns.
 
     Parameters
     ----------
     structure
-        The part.
+        Matrices and geometry of the part.
     body
-        Reduction of the part with M4.
+        Body of the part reduced by M4.
     columns
-        The part-size basis T, owned rows, shape (owned dofs, n).
+        Basis T of the body, rows of this rank, shape (owned dofs, n).
     amplitudes
-        Combinations, shape (r, c) [Pa]; None: unit amplitudes of each pattern.
+        Amplitudes of the patterns in c combinations, shape (r, c) [Pa]; None for each of the r
+        patterns with unit amplitude.
 
     Returns
     -------
     numpy.ndarray
-        Owned rows, shape (owned dofs, r or c) [m/Pa, m]; zeros for a body without patterns.
+        Displacements, rows of this rank, shape (owned dofs, r) [m/Pa] or (owned dofs, c) [m];
+        zeros if the body has no patterns.
     """
     residual = body.residual
     if residual is None:

@@ -1,8 +1,8 @@
-"""A part as input of a reduction: K, M, bores and points, from any program.
+"""Structure: a part as input of a reduction, with matrices, bores and points from any program.
 
-Boundary points are load vectors, made from nodes, weights or matrices. The matrices of a part are
-checked before any reduction. The checks are cheap: 15 to 35 products with a matrix on one rank,
-twice as many on several, no factorisation.
+A boundary point is described by load vectors, made from nodes, weights or a matrix. A part is
+checked before a reduction. The checks cost 15 to 35 products with a matrix on one rank, twice as
+many on several ranks, and no factorisation.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ from fenics_ehd.reduction.matrices import (
     owned_range,
 )
 
-#: Smallest sum of weights, relative to the sum of their magnitudes.
+#: Sum of weights, relative to the sum of their magnitudes, above which they define a mean.
 _SMALLEST_SUM = 1e-12
 
 
 class PointWeights(NamedTuple):
-    """A boundary point as the weighted mean displacement of nodes.
+    """A boundary point whose displacement is the weighted mean over nodes.
 
     Attributes
     ----------
     nodes
         Global node numbers, shape (k,).
     weights
-        Weights of the nodes, shape (k,); only their ratios matter. A repeated node counts twice.
+        Weights of the nodes, shape (k,); only their ratios matter. Weights of a repeated node add.
     """
 
     nodes: np.ndarray
@@ -66,23 +66,23 @@ class PointWeights(NamedTuple):
 def load_vectors(
     source: Any, stiffness: PETSc.Mat, name: str
 ) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-    """Load vectors of unit forces along x, y and z at a boundary point.
+    """Make the load vectors of unit forces along x, y and z at a boundary point.
 
     Parameters
     ----------
     source
-        Three vectors, returned unchanged; node numbers, shape (k,), of equal weight; nodes with
-        weights as `PointWeights` or a plain pair; or the three vectors as columns of a matrix of
-        shape (dofs, 3) in a form that `as_matrix` accepts.
+        Three vectors, which are returned unchanged; numbers of nodes with equal weights, shape
+        (k,); nodes with weights, as `PointWeights` or a pair; or a matrix of shape (dofs, 3) with
+        the vectors as columns, in a form that `as_matrix` accepts.
     stiffness
-        K of the part, whose row distribution the vectors get, with whole nodes on each rank.
+        Stiffness matrix of the part; the vectors are distributed as its rows.
     name
-        Name of the point, for the messages.
+        Name of the point for messages.
 
     Raises
     ------
     StructureError
-        Nodes or weights do not fit the part.
+        If nodes, weights or vectors do not fit the part.
     """
     label = f"attachment {name!r}"
     if isinstance(source, tuple | list) and any(isinstance(v, PETSc.Vec) for v in source):
@@ -107,39 +107,50 @@ def load_vectors(
 
 
 def _weights(source: Any, count: int, label: str) -> tuple[np.ndarray, np.ndarray]:
-    """Node numbers, and weights whose sum is one."""
+    """Node numbers, and their weights divided by their sum, from nodes or nodes with weights.
+
+    Raises
+    ------
+    StructureError
+        If the nodes are not among the `count` nodes of the part, or if the weights define no mean.
+    """
     pair = isinstance(source, tuple) and len(source) == 2
     nodes = np.asarray(source[0] if pair else source)
     if nodes.ndim != 1 or not len(nodes) or nodes.dtype.kind not in "iu":
         raise StructureError(
-            f"{label}: node numbers of shape {nodes.shape} and type {nodes.dtype}; give node "
+            f"{label}: node numbers have shape {nodes.shape} and type {nodes.dtype}; give node "
             "numbers, a pair of node numbers and weights, or three load vectors"
         )
     weights = np.asarray(source[1] if pair else np.ones(len(nodes)), dtype=float)
     if weights.shape != nodes.shape:
-        raise StructureError(f"{label}: weights of shape {weights.shape} for {len(nodes)} nodes")
+        raise StructureError(
+            f"{label}: weights have shape {weights.shape}, but there are {len(nodes)} nodes"
+        )
     if not 0 <= nodes.min() <= nodes.max() < count:
         wrong = nodes[(nodes < 0) | (nodes >= count)][0]
         raise StructureError(f"{label}: node {wrong} is not one of 0 to {count - 1}")
     total = weights.sum()
     if not abs(total) > _SMALLEST_SUM * np.abs(weights).sum() or not np.isfinite(weights).all():
-        raise StructureError(f"{label}: the weights sum to {total:g}, that is no mean")
+        raise StructureError(
+            f"{label}: the sum of the weights is {total:g}: a mean needs finite weights with a sum "
+            "other than 0"
+        )
     return nodes, weights / total
 
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """Elements of the part, for displacement and stress fields.
+    """Elements of a part, which are needed to recover displacement and stress fields.
 
     Attributes
     ----------
     cells
-        Global node numbers of the cells this rank owns, shape (cells, 20 or 10),
-        in the order of VTK's quadratic hexahedron or tetrahedron.
+        Global node numbers of the cells of this rank, shape (cells, 20 or 10), in the order of
+        VTK's quadratic hexahedron or tetrahedron.
     stress
-        Function of displacements, owned rows of shape (owned dofs, n) [m], that returns the
-        stresses [Pa] in these cells, as a `fenics_ehd.fem.stress.StressField` or another class
-        with `shape`, `positions` and `block`; collective. None: stresses are unknown.
+        Collective function from displacements, rows of this rank, shape (owned dofs, n) [m], to
+        stresses [Pa] in these cells. It returns a `fenics_ehd.fem.stress.StressField` or an
+        object with its `shape`, `positions` and `block`. None if stresses are unknown.
     """
 
     cells: np.ndarray
@@ -151,43 +162,42 @@ class Recovery:
 class Structure:
     """Linear structure ``M x'' + K x = f`` (16) with lubricated bores.
 
-    Degrees of freedom are ``3 * node + component``; rows are distributed over
-    the ranks of `comm` by whole nodes.
+    Degrees of freedom are ``3 * node + component``. Rows are distributed over the ranks of `comm`;
+    a rank owns all three rows of a node.
 
-    The arguments may come from any finite-element program and in several forms; the attributes have
-    the form that is described first.
+    Arguments may come from any finite-element program. Some are accepted in several forms and
+    converted: an attribute has the form that is described first.
 
     Attributes
     ----------
     stiffness, mass
-        K [N/m] and M [kg], symmetric PETSc matrices; given as those, as SciPy sparse
-        matrices or as files, see `as_matrix`.
+        Symmetric PETSc matrices K [N/m] and M [kg]. Also accepted: SciPy sparse matrices, files,
+        see `as_matrix`.
     coordinates
-        Positions of the owned nodes, shape (owned nodes, 3) [m]; given for the owned or for
-        all nodes.
+        Positions of the nodes of this rank, shape (owned nodes, 3) [m]. Also accepted: positions
+        of all nodes.
     bores
-        The lubricated interfaces by name, the first with its centre in the origin; given as a
-        mapping, or as the `Bore` of a part that has one, which is then ``"bore"``. Of a part
-        without any only static responses and vibration modes can be computed.
+        Lubricated bores by name; the first has its centre at the origin. Also accepted: a single
+        `Bore`, which gets the name ``"bore"``. For a part without bores only static responses
+        and vibration modes can be computed.
     attachments
-        Load vectors of unit forces along x, y and z at each boundary point.
-        The same vectors give the point's mean displacement: force and
-        displacement are dual. Given as those, as node numbers, or as nodes with weights, see
-        `load_vectors`.
+        Load vectors of unit forces along x, y and z at each boundary point, by name. The products
+        of these vectors and the nodal displacements are the displacement of the point. Also
+        accepted: node numbers, or nodes with weights, see `load_vectors`.
     recovery
-        Elements, for displacement and stress fields.
+        Elements for displacement and stress fields; None if unknown.
     owner
-        Object that must outlive the matrices: dolfinx frees their communicator together with the
-        mesh.
+        Object that is kept as long as the structure. A dolfinx mesh must outlive the matrices, as
+        dolfinx frees the communicator together with the mesh.
     comm
-        MPI communicator (mpi4py) of the matrices. Its ranks share matrices from SciPy or files;
-        PETSc matrices have their own communicator.
+        MPI communicator (mpi4py) of the ranks that share the matrices. PETSc matrices keep their
+        own communicator.
 
     Raises
     ------
     StructureError
-        An argument cannot be read, or does not fit the stiffness matrix. `check_structure` checks
-        the values.
+        If an argument cannot be read or does not fit the stiffness matrix. The values are checked
+        by `check_structure`.
     """
 
     stiffness: PETSc.Mat
@@ -225,28 +235,28 @@ class Structure:
 
     @property
     def bore(self) -> Bore:
-        """The bore of a part that has one.
+        """Bore of the part, if it has exactly one.
 
         Raises
         ------
         SettingsError
-            The part has none, or several.
+            If the part has no bore or several bores.
         """
         return only(self.bores, "structure")
 
     def every_bore(self) -> list[Bore]:
-        """All bores; a part that is loaded by pressure has at least one.
+        """List all bores of a part that has at least one.
 
         Raises
         ------
         SettingsError
-            The part has none.
+            If the part has no bore.
         """
         return list(self.bores.values()) or [self.bore]
 
     @cached_property
     def bore_nodes(self) -> np.ndarray:
-        """Global numbers of the nodes of all bores, one bore after the other."""
+        """Global numbers of the nodes of all bores, one bore after the other, shape (m,)."""
         return np.concatenate([bore.nodes for bore in self.every_bore()])
 
     @property
@@ -256,7 +266,7 @@ class Structure:
 
     @cached_property
     def load(self) -> PETSc.Mat:
-        """J of all bores, their columns one after the other; collective."""
+        """Load matrix J of all bores, with the columns of one bore after the other; collective."""
         loads = [bore.load for bore in self.every_bore()]
         if len(loads) == 1:
             return loads[0]
@@ -269,7 +279,7 @@ class Structure:
 
     @cached_property
     def largest_coordinate(self) -> float:
-        """Largest coordinate of any node [m]; collective."""
+        """Largest magnitude of the coordinates of all nodes [m]; collective."""
         return self.comm.allreduce(np.abs(self.coordinates).max(initial=0.0), op=MPI.MAX)
 
     @property
@@ -285,13 +295,19 @@ class Structure:
 
 
 def _converted(name: str, bore: Bore, comm: MPI.Comm, rows: int) -> Bore:
-    """A bore with its load matrix in PETSc's format."""
+    """Convert the load matrix of a bore to PETSc's format; return the bore."""
     load = as_matrix(bore.load, comm, f"{name}.load", rows=rows)
     return bore if load is bore.load else replace(bore, load=load)
 
 
 def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
-    """Positions of the nodes that this rank owns, given for those nodes or for all nodes."""
+    """Positions of the nodes of this rank, from an array of those nodes or of all nodes.
+
+    Raises
+    ------
+    StructureError
+        If the shape fits neither.
+    """
     positions = np.asarray(coordinates, dtype=float)
     first, last = (row // 3 for row in stiffness.getOwnershipRange())
     count = stiffness.size[0] // 3
@@ -299,71 +315,45 @@ def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
     problem = None
     if positions.ndim != 2 or positions.shape[1] != 3 or rows not in (last - first, count):
         problem = (
-            f"coordinates have shape {positions.shape}, the stiffness matrix is one of {count} "
-            f"nodes: give ({count}, 3), or on each rank its own nodes' rows"
+            f"coordinates have shape {positions.shape}, but the stiffness matrix has {count} "
+            f"nodes: give ({count}, 3), or on each rank the rows of its own nodes"
         )
     agree(stiffness.comm.tompi4py(), problem)
     return positions if rows == last - first else positions[first:last]
 
 
-def _owned_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Mask of the bores' nodes that this rank owns, and their local indices."""
-    local = structure.bore_nodes - structure.node_range[0]
-    mine = (local >= 0) & (local < len(structure.coordinates))
-    return mine, local[mine]
-
-
-def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
-    """Rows of part-size columns at the nodes of all bores, on every rank, shape (m, 3, n)."""
-    mine, local = _owned_nodes(structure)
-    rows = np.zeros((len(mine), 3, columns.shape[1]))
-    rows[mine] = columns[3 * local[:, None] + np.arange(3)]
-    return structure.comm.allreduce(rows, op=MPI.SUM)
-
-
-def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
-    """Part-size fields with values at the bores' nodes, shape (m, 3, n), and zero elsewhere.
-
-    Returns
-    -------
-    numpy.ndarray
-        Owned rows, shape (owned dofs, n).
-    """
-    mine, local = _owned_nodes(structure)
-    columns = np.zeros((len(structure.coordinates), 3, values.shape[2]))
-    columns[local] = values[mine]
-    return np.asfortranarray(columns.reshape(-1, values.shape[2]))
-
-
 # Checks
 
-#: Largest strain energy of a rigid-body mode, relative to that of the same nodal values with the
-#: diagonal of K.
+#: Largest strain energy of a rigid motion of a free part, relative to the energy of the same nodal
+#: displacements with the diagonal of K.
 FREE_TOLERANCE = 1e-9
 
-#: Smallest energy of any rigid motion of a clamped part, relative to that with the diagonal of K.
+#: Strain energy above which every rigid motion of a clamped part counts as held, relative to the
+#: energy with the diagonal of K.
 HELD = 1e-12
 
 
+#: Names of the six rigid motions in messages.
 _MOTIONS = tuple(
     f"{motion} {axis}" for motion in ("translation along", "rotation about") for axis in "xyz"
 )
 
 
 def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
-    """Rigid motions of a part, and whether it is free of supports.
+    """Compute the rigid motions of a part, and whether it is free or clamped.
 
     Returns
     -------
     fields : numpy.ndarray
-        Owned rows (owned dofs, 6), scaled to unit energy with the diagonal of K.
+        Displacements of six rigid motions, rows of this rank, shape (owned dofs, 6). They are
+        scaled so that their energy with the diagonal of K is 1.
     free : bool
-        Whether none of them stores energy.
+        True if no rigid motion stores energy, False if all do.
 
     Raises
     ------
     StructureError
-        All nodes lie at one point, or on an axis; the part is neither free nor clamped.
+        If all nodes lie at the origin or on one axis, or if only some rigid motions store energy.
     """
     fields = rigid_fields(structure.coordinates)
     comm = structure.comm
@@ -377,84 +367,84 @@ def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
     lowest = int(np.argmin(ratios))
     if ratios[lowest] < -FREE_TOLERANCE:
         raise StructureError(
-            f"stiffness is not positive semidefinite: {_MOTIONS[lowest]} has the relative energy "
-            f"{ratios[lowest]:.1e}, limit {-FREE_TOLERANCE:.0e}; were all digits written?"
+            f"stiffness is not positive semidefinite: {_MOTIONS[lowest]} has a relative energy of "
+            f"{ratios[lowest]:.1e}, limit {-FREE_TOLERANCE:.0e}: were all digits written?"
         )
     free = ratios <= FREE_TOLERANCE
     if free.any() and not free.all():
         names = ", ".join(itertools.compress(_MOTIONS, free))
         raise StructureError(
-            f"{free.sum()} of 6 rigid motions store no energy ({names}), a part must be free or "
-            f"clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
+            f"{free.sum()} of 6 rigid motions store no energy ({names}), but a part must be free "
+            f"or clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
             "are the coordinates in the order of the degrees of freedom?"
         )
     softest = np.linalg.eigvalsh(energy)[0]
     if not free.any() and not softest > HELD:
         raise StructureError(
-            f"a rigid motion other than about the axes stores no energy (relative {softest:.1e}, "
-            f"limit {HELD:.0e}): the supports do not clamp the part"
+            "a combination of rigid motions stores no energy (relative energy "
+            f"{softest:.1e}, limit {HELD:.0e}): the supports do not clamp the part"
         )
     return fields, bool(free.all())
 
 
-#: Largest antisymmetric part of K or M, applied to a random vector, relative to the symmetric
-#: one, every degree of freedom scaled by its diagonal entry; static responses are checked to 1e-8.
+#: Largest relative antisymmetric part of K or M, evaluated with random vectors that are scaled by
+#: the diagonal. It is below the tolerance of static responses, 1e-8.
 SYMMETRY_TOLERANCE = 1e-9
 
-#: Smallest eigenvalue of M, scaled by its diagonal, relative to the largest. Elements of degree
-#: 2 have 1e-2, round-off 1e-16.
+#: Smallest accepted eigenvalue of M, scaled by its diagonal, relative to the largest eigenvalue. It
+#: is 1e-2 for elements of degree 2, and 1e-16 for round-off.
 MASS_TOLERANCE = 1e-8
 
-#: Smallest part in a random load that a null vector of M may have, relative to the average one:
-#: the probability that one is missed.
+#: Smallest component of a null vector of M in a random load that is detected, relative to the mean
+#: component. It is also the probability that a null vector is missed.
 _MISSED = 1e-2
 
-#: Largest force of a translation on a node far from supports, relative to the diagonal entry.
+#: Largest force due to a translation on a node without support, relative to the diagonal entry.
 _UNLOADED = 1e-6
 
-#: Range of mass over the volume of a box around the nodes that no part has: in SI units a frame of
-#: thin bars has 10 kg/m3, in millimetres and tonnes gold has 2e-8; in millimetres and kilograms a
-#: solid block of steel has 8e-6.
+#: Mass over the volume of a box around the nodes that is impossible for a part in SI units, lower
+#: and upper limit [kg/m3]. A frame of thin bars has 10 kg/m3. With numbers in millimetres and
+#: kilograms, a solid block of steel has 8e-6; with millimetres and tonnes, which are consistent
+#: with N/mm, gold has 2e-8.
 IMPOSSIBLE = (3e-8, 0.1)
 
-#: Largest defect of the mean displacement that a boundary point has under unit translations.
+#: Largest deviation of a boundary point's displacement from 1 or 0 under a unit translation.
 WEIGHT_TOLERANCE = 1e-8
 
-#: Smallest eigenvalue of the Gram matrix of two boundary points' unit vectors.
+#: Smallest eigenvalue of the Gram matrix of the unit load vectors of two different boundary points.
 INDEPENDENT = 1e-10
 
-#: Largest distance of a bore's node from the same node of the part, relative to the radius: in
-#: files with rounded numbers, the bore's node is on the cylinder and the part's node is rounded.
+#: Largest distance between a node of a bore and the same node of the part, relative to the radius.
+#: In files with rounded numbers the bore's node is on the cylinder, the part's node is not.
 PLACE_TOLERANCE = 1e-4
 
-#: Largest difference of the volume that a uniform pressure sweeps from that of a cylinder,
-#: relative: a hexagon with its corners on the circle has 9 % less.
+#: Largest relative difference between the volume swept by a uniform pressure and that of a
+#: cylinder. A hexagon with its corners on the circle has 9 % less.
 SWEPT_TOLERANCE = 0.2
 
-#: Largest defect of the mean motion of a rigidly moved bore.
+#: Largest relative deviation between the mean motion of a rigidly moved bore and its motion.
 REFERENCE_TOLERANCE = 1e-8
 
-#: Largest force on a node off the bore, relative to the largest on it.
+#: Largest force on a node off the bore, relative to the largest force on a node of the bore.
 ROUND_OFF = 1e-9
 
 
 def check_structure(structure: Structure) -> None:
-    """Check that matrices, coordinates, bores and boundary points make one part.
+    """Check that matrices, coordinates, bores and boundary points describe one part; collective.
 
-    Collective. A motion without energy beyond the rigid ones, of a loose piece say, is not
-    found here but by `StaticSolver`.
+    A motion without energy that is not rigid, for instance of a loose piece, is detected by
+    `StaticSolver`, not here.
 
     Raises
     ------
     StructureError
-        A value is not finite; K or M is not symmetric, has an empty row or
-        a diagonal entry that is not positive; K has an entry that none of a positive semidefinite
-        one has; M is singular or not positive definite; some
-        rigid motions cost energy and others do not; degrees of freedom go component by component;
-        mass and coordinates are of different units; bore nodes are not on the bore, or its
-        load matrix is not one of a pressure that pushes outward; the first bore is not at the
-        origin, or a node is of two bores; a boundary point is no mean
-        displacement, or two of them are one.
+        If a value is not finite; if K or M is not symmetric, or has an empty row or a diagonal
+        entry that is not positive; if K has an entry that is impossible in a positive semidefinite
+        matrix; if M is not positive definite; if only some rigid motions store energy; if degrees
+        of freedom are ordered by component, not by node; if the units of mass and coordinates do
+        not fit; if bore nodes are not on the bore, or its load matrix does not push outward; if
+        the first bore is not at the origin, or two bores share a node; if the load vectors of a
+        boundary point do not average displacements, or two boundary points are the same.
     """
     _check_finite(structure)
     for name, matrix in (("stiffness", structure.stiffness), ("mass", structure.mass)):
@@ -475,43 +465,46 @@ def check_structure(structure: Structure) -> None:
 
 
 def _require(holds: bool | np.bool_, problem: str) -> None:
-    """Refuse a part for which a condition does not hold."""
+    """Raise `problem` as a `StructureError` unless a condition holds."""
     if not holds:
         raise StructureError(problem)
 
 
 def _place(row: int) -> str:
+    """Node and component of a row, as text for messages."""
     return f"node {row // 3}, component {'xyz'[row % 3]}"
 
 
 def _random(matrix: PETSc.Mat, count: int = 1) -> np.ndarray:
-    """Owned rows of random vectors of unit variance, shape (owned dofs, count)."""
+    """Random vectors of unit variance, rows of this rank, shape (owned dofs, count)."""
     rank = matrix.comm.tompi4py().rank
     return np.random.default_rng([3, rank]).standard_normal((matrix.local_size[0], count))
 
 
 def _check_finite(structure: Structure) -> None:
+    """Refuse matrices and coordinates with values that are not finite."""
     matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
     matrices |= {f"{name}.load": bore.load for name, bore in structure.bores.items()}
     for name, matrix in matrices.items():
-        _require(np.isfinite(matrix.norm()), f"{name} holds a value that is not finite")
+        _require(np.isfinite(matrix.norm()), f"{name} has a value that is not finite")
     sums = np.concatenate(structure.comm.allgather(structure.coordinates.sum(axis=1)))
     worst = np.argmin(np.isfinite(sums))
     _require(np.isfinite(sums[worst]), f"the coordinates of node {worst} are not finite")
 
 
 def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
+    """Refuse a matrix with a diagonal entry that is not positive."""
     diagonal = np.concatenate(matrix.comm.tompi4py().allgather(matrix.getDiagonal().array))
     row = int(np.argmin(diagonal))
     _require(
         diagonal[row] > 0,
-        f"{name} has the diagonal entry {diagonal[row]:.3g} at {_place(row)}, it must be "
-        "positive there: is the row empty?",
+        f"{name} has the diagonal entry {diagonal[row]:.3g} at {_place(row)}, which must be "
+        "positive: is the row empty?",
     )
 
 
 def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
-    """The work of one random vector on another must be symmetric."""
+    """Refuse a matrix that is not symmetric, by the products ``a^T A b`` and ``b^T A a``."""
     comm = matrix.comm.tompi4py()
     scale = 1.0 / np.sqrt(matrix.getDiagonal().array)[:, None]
     vectors = scale * _random(matrix, 2)
@@ -525,16 +518,16 @@ def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
     )
 
 
-#: Largest excess of an entry of K over the geometric mean of its two diagonal entries, relative:
-#: files of other programs have 7 digits.
+#: Largest relative excess of an entry of K over the geometric mean of its two diagonal entries.
+#: Files from other programs have at least 7 digits.
 MINOR_TOLERANCE = 1e-6
 
 
 def _check_minors(stiffness: PETSc.Mat) -> None:
-    """Every principal minor of two degrees of freedom must be non-negative.
+    """Refuse a stiffness matrix with a negative principal minor of two degrees of freedom.
 
-    The check is one pass over the entries. The factorisation refuses a matrix that passes and still
-    has a negative eigenvalue (`fenics_ehd.reduction.static.LinearSolver`).
+    The check passes over all entries once. A matrix that passes may still have a negative
+    eigenvalue; the factorisation refuses it (`fenics_ehd.reduction.static.LinearSolver`).
     """
     comm = stiffness.comm.tompi4py()
     roots = np.sqrt(np.concatenate(comm.allgather(stiffness.getDiagonal().array)))
@@ -548,13 +541,16 @@ def _check_minors(stiffness: PETSc.Mat) -> None:
         problem = (
             f"stiffness is not positive semidefinite: the entry {entries[worst]:.3g} of "
             f"{_place(rows[worst])} and {_place(columns[worst])} is {ratios[worst]:.3g} times the "
-            "geometric mean of their diagonal entries, it may be 1"
+            "geometric mean of their diagonal entries, but at most 1 is possible"
         )
     agree(comm, problem)
 
 
 def _check_order(structure: Structure) -> None:
-    """Degrees of freedom must be numbered node by node: then translations load supports alone."""
+    """Refuse degrees of freedom that are numbered component by component, not node by node.
+
+    If the numbering is right, a translation causes forces only at nodes with supports.
+    """
     stiffness = structure.stiffness
     comm = structure.comm
     limit = _UNLOADED * stiffness.getDiagonal().array
@@ -566,14 +562,17 @@ def _check_order(structure: Structure) -> None:
     )
     _require(
         by_component <= by_node,
-        "the degrees of freedom go component by component: those of all nodes along x, then y, "
-        "then z; they must go node by node, as reorder(matrix, dofs) brings them with "
+        "the degrees of freedom are numbered component by component (all nodes along x, then y, "
+        "then z), but must be numbered node by node: use reorder(matrix, dofs) with "
         "dofs = numpy.arange(matrix.shape[0]).reshape(3, -1).T",
     )
 
 
 def _check_units(structure: Structure) -> None:
-    """Mass over the volume of a box around the nodes must be possible; other checks miss units."""
+    """Refuse a part whose mass over the volume of a box around its nodes is impossible.
+
+    Other checks do not detect inconsistent units.
+    """
     comm = structure.comm
     along = rigid_fields(structure.coordinates)[:, :1]
     sides = np.ptp(np.vstack(comm.allgather(structure.coordinates)), axis=0)
@@ -581,17 +580,18 @@ def _check_units(structure: Structure) -> None:
     density = mass / max(float(np.prod(sides)), 1e-300)
     _require(
         not IMPOSSIBLE[0] < density < IMPOSSIBLE[1],
-        f"the part weighs {mass:.3g} kg and its nodes lie in a box of "
-        f"{' x '.join(f'{side:.3g}' for side in sides)} m, {density:.1g} kg/m3: give "
-        "coordinates in m where K is in N/m and M in kg",
+        f"the part has a mass of {mass:.3g} kg in a box of "
+        f"{' x '.join(f'{side:.3g}' for side in sides)} m, {density:.1g} kg/m3, which is "
+        "impossible: give coordinates in m, K in N/m and M in kg",
     )
 
 
 def _check_definite(mass: PETSc.Mat) -> None:
-    """M must have no null vector: ``M x = f`` is solved for a random f by conjugate gradients.
+    """Refuse a mass matrix that is singular or not positive definite.
 
-    The component of f along a null vector never vanishes from the residual, and the Ritz values
-    approach the eigenvalue zero, or negative ones.
+    ``M x = f`` is solved for a random f by conjugate gradients. If M has a null vector, the
+    component of f along it remains in the residual, and the Ritz values approach the eigenvalue
+    zero. They also approach negative eigenvalues.
     """
     x, force = mass.createVecs()
     force.array = np.sqrt(mass.getDiagonal().array) * _random(mass)[:, 0]
@@ -602,8 +602,8 @@ def _check_definite(mass: PETSc.Mat) -> None:
         "ksp_type": "cg",
         "ksp_rtol": _MISSED / np.sqrt(mass.size[0]),
         "ksp_max_it": 300,
-        # Symmetric Gauss-Seidel at the cost of one product on one rank; PETSc 3.18 has no such
-        # variant on several ranks.
+        # On one rank, "eisenstat" is symmetric Gauss-Seidel at the cost of one product; PETSc 3.18
+        # does not have it for several ranks.
         "pc_type": "eisenstat" if mass.getType() == "seqaij" else "sor",
     }
     with configured(ksp, "mass_check_", options):
@@ -620,12 +620,12 @@ def _check_definite(mass: PETSc.Mat) -> None:
     _require(
         ratio > MASS_TOLERANCE and not indefinite,
         f"mass is singular or not positive definite: relative eigenvalue {ratio:.1e}, limit "
-        f"{MASS_TOLERANCE:.0e}, its vector is largest at {_place(largest)}",
+        f"{MASS_TOLERANCE:.0e}; the eigenvector is largest at {_place(largest)}",
     )
 
 
 def _check_attachments(structure: Structure) -> None:
-    """Boundary points must be mean displacements, and distinct."""
+    """Refuse boundary points whose vectors do not average displacements, or that are the same."""
     translations = rigid_fields(structure.coordinates)[:, :3]
     comm = structure.comm
     units = {}
@@ -644,8 +644,8 @@ def _check_attachments(structure: Structure) -> None:
         both = np.hstack([units[one], units[other]])
         _require(
             np.linalg.eigvalsh(inner(both, both, comm))[0] > INDEPENDENT,
-            f"attachments {one!r} and {other!r} are the same point: their load vectors depend on "
-            "each other",
+            f"attachments {one!r} and {other!r} are the same point: their load vectors are "
+            "linearly dependent",
         )
 
 
@@ -653,16 +653,16 @@ def _check_attachments(structure: Structure) -> None:
 
 
 def check_surface(bore: BoreSurface, name: str) -> None:
-    """Check arrays of a bore: shapes and kinds, surface meshes of their nodes, a cylinder.
+    """Check the arrays of a bore: shapes and values, surface meshes, and nodes on the cylinder.
 
     Raises
     ------
     StructureError
-        The message has the array.
+        If an array is wrong; the message names it.
     """
     nodes = len(bore.coordinates)
     pressures = len(bore.pressure_coordinates)
-    _require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes, {pressures} of pressures")
+    _require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes and {pressures} pressure nodes")
     shapes = {
         "coordinates": (nodes, 3),
         "pressure_coordinates": (pressures, 3),
@@ -678,7 +678,7 @@ def check_surface(bore: BoreSurface, name: str) -> None:
         _require(array.shape == shape, f"{name}.{key} has shape {array.shape}, not {shape}")
         _require(
             array.dtype.kind in "iuf" and np.isfinite(array).all(),
-            f"{name}.{key} holds a value that is not finite, or no number",
+            f"{name}.{key} has a value that is not a finite number",
         )
     _require(
         0 < bore.radius < np.inf and 0 < bore.width < np.inf,
@@ -700,20 +700,23 @@ def check_surface(bore: BoreSurface, name: str) -> None:
             off.max() <= CYLINDER_TOLERANCE * bore.radius,
             f"{name}.{prefix}coordinates: node {np.argmax(off)} lies {off.max():.1e} m off the "
             f"cylinder of radius {bore.radius:.6g} m and width {bore.width:.6g} m about z, centred "
-            f"at z = 0, limit {CYLINDER_TOLERANCE:.0e} radii",
+            f"at z = 0; the limit is {CYLINDER_TOLERANCE:.0e} radii",
         )
         if family:
-            bore_holes(x, cells, family)  # refuses a mesh with missing faces
+            bore_holes(x, cells, family)  # raises if faces of the mesh are missing
 
 
 def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
-    """Node numbers must be those of nodes at these positions; the mean motion is checked too."""
+    """Refuse node numbers of a bore whose positions differ from those of the part's nodes.
+
+    The weights of the mean motion are checked, too.
+    """
     lowest = bore.nodes.min()
     highest = bore.nodes.max()
     last = structure.size // 3 - 1
     _require(
         bore.nodes.dtype.kind in "iu" and 0 <= lowest <= highest <= last,
-        f"{name}.nodes: {lowest} to {highest}, they must be whole numbers of 0 to {last}",
+        f"{name}.nodes are {lowest} to {highest}, but must be whole numbers from 0 to {last}",
     )
     local = bore.nodes - structure.node_range[0]
     mine = np.flatnonzero((local >= 0) & (local < len(structure.coordinates)))
@@ -724,30 +727,33 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
         worst = int(np.argmax(distances))
         problem = (
             f"{name}.nodes: node {bore.nodes[mine[worst]]} of the part lies {distances[worst]:.1e} "
-            f"m from where {name}.coordinates has it: do the numbers begin at 0?"
+            f"m from its position in {name}.coordinates: do the node numbers begin at 0?"
         )
     agree(structure.comm, problem)
     if bore.reference is None:
         return
     moved = rigid_fields(bore.coordinates).reshape(bore.reference.shape)
     motion = np.einsum("ick,icl->kl", bore.reference, moved)
-    # Rotations are compared by displacements of the bore's surface.
+    # Rotations are multiplied by the radius: displacements of the surface are compared.
     lever = np.r_[np.ones(3), np.full(3, bore.radius)]
     defect = np.abs(motion * lever[:, None] / lever - np.eye(6)).max()
     _require(
         defect <= REFERENCE_TOLERANCE,
-        f"{name}.reference: the mean motion of a rigidly moved bore is off by {defect:.1e}, limit "
-        f"{REFERENCE_TOLERANCE:.0e}",
+        f"{name}.reference: the mean motion of a rigidly moved bore has a relative error of "
+        f"{defect:.1e}, limit {REFERENCE_TOLERANCE:.0e}",
     )
 
 
 def _check_load(structure: Structure, bore: Bore, name: str) -> None:
-    """The work of a uniform pressure on a growing bore must be that of its area, on bore nodes."""
+    """Refuse a load matrix with forces off the bore, or with a wrong sum of outward forces.
+
+    The work of a uniform pressure on a growing bore must be the pressure times the area.
+    """
     columns = bore.load.size[1]
     pressures = len(bore.pressure_coordinates)
     _require(
         columns == pressures,
-        f"{name}.load has {columns} columns, there are {pressures} pressure nodes",
+        f"{name}.load has {columns} columns, but there are {pressures} pressure nodes",
     )
     x = structure.coordinates - bore.centre
     comm = structure.comm
@@ -766,20 +772,21 @@ def _check_load(structure: Structure, bore: Bore, name: str) -> None:
     _require(
         abs(swept - 1) <= SWEPT_TOLERANCE,
         f"{name}.load: a uniform pressure pushes the bore outward with {swept:.3g} times the "
-        "force of radius, width and 2 pi: it must push outward, and units must agree",
+        "force on an area of 2 pi radius width: pressure must push outward, and units must agree",
     )
 
 
 def _check_centres(structure: Structure) -> None:
-    """The first bore must be at the origin, and every node must belong to one bore."""
+    """Refuse a first bore that is not at the origin, and nodes that belong to two bores."""
     first = structure.every_bore()[0]
     _require(
         np.abs(first.centre).max() <= CYLINDER_TOLERANCE * first.radius,
-        f"{next(iter(structure.bores))}.centre: the first bore's must be the origin of the part",
+        f"{next(iter(structure.bores))}.centre is {first.centre.tolist()} m: the centre of the "
+        "first bore must be the origin of the part",
     )
     numbers, uses = np.unique(structure.bore_nodes, return_counts=True)
     _require(
         uses.max() == 1,
-        f"{', '.join(structure.bores)}: node {numbers[np.argmax(uses)]} is named {uses.max()} "
-        "times among the nodes of the bores",
+        f"{', '.join(structure.bores)}: node {numbers[np.argmax(uses)]} occurs {uses.max()} times "
+        "among the nodes of the bores, but must belong to one bore",
     )

@@ -8,13 +8,13 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator, interp1d
 
 from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.multibody.body import Body, FlexibleBody, ground
+from fenics_ehd.multibody.body import Body, PlanarBody, ground
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import FIELDS_NAME, History
 from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
-from fenics_ehd.multibody.trust import bore_loads
+from fenics_ehd.multibody.trust import surface_loads
 from fenics_ehd.reduction.body import ReducedBody
 
 
@@ -109,9 +109,9 @@ class RecordedMotion:
 
     def part(self, body: str) -> ReducedBody:
         """Reduced part of a flexible body."""
-        flexible = self.bodies[body]
-        assert isinstance(flexible, FlexibleBody)
-        return flexible.reduced
+        reduced = self.bodies[body].reduced
+        assert reduced is not None
+        return reduced
 
     def elastic(self, body: str) -> tuple[np.ndarray, np.ndarray]:
         """Elastic coordinates of a flexible body and amplitudes of its residual patterns.
@@ -138,7 +138,7 @@ class RecordedMotion:
         part = self.part(body)
         (coordinates, amplitudes) = self.elastic(body)
         flexible = self.bodies[body]
-        assert isinstance(flexible, FlexibleBody)
+        assert isinstance(flexible, PlanarBody)
         rates = self.motion.rates[:, self.system.bodies[body]]
         rates = rates[:, rates.shape[1] - part.modes :]
         films = self.system.films
@@ -166,32 +166,37 @@ class RecordedMotion:
         Raises
         ------
         SettingsError
-            Pressures reach a bore by a mortar.
+            Pressures reach a surface by a mortar.
         """
         part = self.part(body)
-        joints = self._equations.contacts.joints
         forces = np.zeros((len(self.time), len(part.bore_basis), 3))
         for i, binding in enumerate(self.system.films):
-            bore = binding.film.bore
-            if binding.bore_body != body or bore is None:
-                continue
-            if bore.projected is not None:
-                raise SettingsError(
-                    f"joints.{binding.name}.transfer = 'mortar': forces on the bore are known of "
-                    "'conservative' alone"
-                )
-            pressing = binding.film.film.pressure_areas @ self.motion.pressures[binding.name].T
-            if bore.solid is not None:
-                pressing *= bore.solid.reshape(-1, 1)
-            if (joint := joints[i]) is not None:
-                gaps = self.observed[binding.name][:, : -self.nodes(binding)]
-                contact = np.array([joint.at_gap(gap).pressure for gap in gaps])
-                pressing += joint.area[:, None] * contact.T
-            nodal = (bore.normal.T @ pressing).T.reshape(len(forces), -1, 3)
-            forces[:, part.rows_of(binding.bore).nodes] = nodal
+            own_angles = np.transpose([binding.own_angles(z) for z in self.motion.coordinates])
+            for bound, angles in zip(binding.surfaces, own_angles, strict=True):
+                if bound.body != body or not bound.surface.elastic:
+                    continue
+                if bound.surface.mortar:
+                    raise SettingsError(
+                        f"joints.{binding.name}.transfer = 'mortar': forces on the bore are known "
+                        "of 'conservative' alone"
+                    )
+                pressure = self.motion.pressures[binding.name].T
+                nodal = bound.surface.nodal_forces(pressure, self._contact_forces(i), angles)
+                if nodal is not None:
+                    forces[:, part.rows_of(bound.point).nodes] = nodal
         angle = self.bodies[body].angle_index
         rates = self.motion.rates[:, self.system.bodies[body]]
         return forces, np.zeros(len(forces)) if angle is None else rates[:, angle]
+
+    def _contact_forces(self, i: int) -> np.ndarray | float:
+        """Contact forces at the Gauss points of film i, shape (g, t) [N]; 0: it has no contact."""
+        joint = self._equations.contacts.joints[i]
+        if joint is None:
+            return 0.0
+        binding = self.system.films[i]
+        gaps = self.observed[binding.name][:, : -self.nodes(binding)]
+        contact = np.array([joint.at_gap(gap).pressure for gap in gaps])
+        return joint.area[:, None] * contact.T
 
     @cached_property
     def gaps(self) -> dict[str, np.ndarray]:
@@ -229,4 +234,5 @@ class RecordedMotion:
         none = np.zeros(self.part(body).load_projection.shape[1])
         films = [self.motion.pressures[binding.name] for binding in self.system.films]
         steps = ([pressures[i] for pressures in films] for i in range(len(self.time)))
-        return np.array([bore_loads(self.system, step).get(body, none) for step in steps])
+        each = zip(steps, self.motion.coordinates, strict=True)
+        return np.array([surface_loads(self.system, *step).get(body, none) for step in each])

@@ -21,9 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import claim
-from fenics_ehd.film.transfer import interpolation_matrix
-from fenics_ehd.multibody.body import Body, FlexibleBody
-from fenics_ehd.multibody.elastic_bore import bore_surface
+from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import Mechanism
@@ -132,7 +130,7 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
     SettingsError
         A basis belongs to none of the bodies.
     """
-    reduced = {n: body.reduced for n, body in bodies.items() if isinstance(body, FlexibleBody)}
+    reduced = {n: body.reduced for n, body in bodies.items() if body.reduced is not None}
     parts: dict[str, PartFields] = {}
     for path in bases:
         with BasisFile(path) as file:
@@ -246,16 +244,14 @@ def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -
     angle = np.asarray(film.angle)
     height = np.asarray(film.height)
     local = np.column_stack([film.radius * np.cos(angle), film.radius * np.sin(angle), height])
-    point = binding.surfaces[0].marker.partition(".")[2]
-    poses = replay.marker(binding.bore_body, point)
+    bore, journal = binding.surfaces
+    poses = replay.marker(bore.body, bore.marker.partition(".")[2])
     bent = np.zeros((len(poses), *local.shape))
-    if binding.bore:
-        bore, bending = _bending(replay, binding, angle, height)
-        local[:, 2] += bore[2]
-        bent = np.tensordot(np.hstack(replay.elastic(binding.bore_body)), bending, (1, 2))
-    else:
-        journal, _, station = binding.joint.journal.partition(".")
-        local[:, 2] += height_at(replay, journal, station)
+    centre = bore.surface.centre
+    local[:, 2] += height_at(replay, journal.body, journal.point) if centre is None else centre[2]
+    displacement = bore.surface.displacement(angle, height)
+    if displacement is not None:
+        bent = np.tensordot(np.hstack(replay.elastic(bore.body)), displacement, (1, 2))
     fields = {PRESSURE: film.pressure, "gap_m": film.gap}
     if film.fluid_fraction is not None:
         fields["fluid_fraction"] = film.fluid_fraction
@@ -263,23 +259,10 @@ def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -
     return Block("films", binding.name, kind, film.cells[:, order], *there, fields)
 
 
-def _bending(
-    replay: RecordedMotion, binding: FilmBinding, angle: np.ndarray, height: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (3,) [m] of a flexible body's bore, displacement at nodes of its film (p, 3, n)."""
-    part = replay.part(binding.bore_body)
-    rows = part.rows_of(binding.bore)
-    surface = bore_surface(rows.surface.coordinates, rows.surface.cells, rows.surface.family)
-    fields = bore_fields(part)[rows.nodes]
-    share = interpolation_matrix(surface, angle, height)
-    moved = share @ fields.reshape(len(fields), -1)
-    return rows.surface.centre, moved.reshape(len(angle), 3, -1)
-
-
 def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     """Height of a point of a body [m]: 0, or for a shaft the distance from its first end.
 
-    A shaft in the bore of a flexible body has the height of this bore there.
+    A shaft in a bore of known height has this height there.
     """
     body = replay.bodies[name]
     if not isinstance(body, ShaftBody):
@@ -287,10 +270,9 @@ def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     length = body.length
     start = 0.0
     for binding in replay.system.films:
-        journal, _, station = binding.joint.journal.partition(".")
-        if journal == name and binding.bore:
-            centre = replay.part(binding.bore_body).rows_of(binding.bore).surface.centre
-            start = float(centre[2]) - length * body.points[station]
+        bore, journal = binding.surfaces
+        if journal.body == name and bore.surface.centre is not None:
+            start = float(bore.surface.centre[2]) - length * body.points[journal.point]
     return start + length * body.points.get(point, 0.0)
 
 

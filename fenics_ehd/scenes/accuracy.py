@@ -385,8 +385,10 @@ def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -
     free = set(choosable(scene)) - set(search.kept)
     refinements: dict[str, tuple[float, str, FilmBinding]] = {}
     for (joint, _), parts in errors.items():
-        keys = {component: _setting(component, films[joint]) for component in parts}
-        reducible = {component: parts[component] for component in parts if keys[component] in free}
+        keys = {
+            component: free.intersection(_settings(component, films[joint])) for component in parts
+        }
+        reducible = {component: parts[component] for component in parts if keys[component]}
         fixed = sum(parts.values()) - sum(reducible.values())
         total = max(AIM * search.asked - fixed, LITTLE * fixed)
         level = water_filling_level(reducible.values(), total)
@@ -394,11 +396,12 @@ def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -
             share = min(1.0, level / error) if error else 1.0
             if not trusted and component in ("step_size", "film_mesh"):
                 share = min(share, HALF)
-            former = refinements.get(keys[component], (1.0,))
-            if share < former[0]:
-                refinements[keys[component]] = share, component, films[joint]
+            for key in keys[component]:
+                if share < refinements.get(key, (1.0,))[0]:
+                    refinements[key] = share, component, films[joint]
     values = search.chosen | {
-        key: _value(search, scene, recorded, *refinement) for key, refinement in refinements.items()
+        key: _value(search, scene, recorded, key, *refinement)
+        for key, refinement in refinements.items()
     }
     if {"time.periodicity", "time.tolerance"} <= set(values):
         # Two cycles have different steps, and differ by the errors of these.
@@ -416,21 +419,29 @@ def water_filling_level(errors: Collection[float], total: float) -> float:
     return inf
 
 
-def _setting(component: str, film: FilmBinding) -> str:
-    """Key of the setting that reduces a component of a joint's errors."""
-    return {
-        "step_size": "time.tolerance",
-        "start": "time.periodicity",
-        "film_mesh": f"joints.{film.name}.cells",
-        "basis": f"bodies.{film.bore_body}.reduction",
-        "part_mesh": f"bodies.{film.bore_body}.geometry",
-    }[component]
+#: Keys of settings that reduce a component of a joint's errors, with the name of the joint or of a
+#: body whose surface deforms.
+SETTINGS = {
+    "step_size": "time.tolerance",
+    "start": "time.periodicity",
+    "film_mesh": "joints.{joint}.cells",
+    "basis": "bodies.{body}.reduction",
+    "part_mesh": "bodies.{body}.geometry",
+}
+
+
+def _settings(component: str, film: FilmBinding) -> set[str]:
+    """Keys of the settings that reduce a component of a joint's errors."""
+    elastic = [bound.body for bound in film.surfaces if bound.surface.elastic]
+    key = SETTINGS[component]
+    return {key.format(joint=film.name, body=body) for body in elastic or [""]}
 
 
 def _value(
     search: Search,
     scene: Scene,
     recorded: Recorder,
+    key: str,
     share: float,
     component: str,
     film: FilmBinding,
@@ -450,11 +461,11 @@ def _value(
         most = max(1.0, sqrt(MOST_CELLS / prod(grid.cells)))
         factor = min(share ** (-1.0 / FILM_ORDER[grid.family]), most)
         return [ceil(factor * cells - ROUNDING) for cells in grid.cells]
-    part = scene.bodies[film.bore_body]
+    part = scene.bodies[key.split(".")[1]]
     if component == "basis":
         modes = part.reduction.vibration_modes
         modes = max(modes, min(ceil(modes / share - ROUNDING), MOST_MODES))
-        return {**search.chosen.get(_setting(component, film), {}), "vibration_modes": modes}
+        return {**search.chosen.get(key, {}), "vibration_modes": modes}
     around = max((part.geometry[key] for key in part.cell_counts if "around" in key), default=1.0)
     return part.geometry_of(min(share ** (-1.0 / PART_ORDER), max(1.0, MOST_CELLS_AROUND / around)))
 

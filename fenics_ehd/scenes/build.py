@@ -189,9 +189,11 @@ def _joints(
     joints = dict(scene.joints)
     rate = reference_rate(scene)
     for name, joint in scene.films.items():
-        elastic = scene.elastic_bore(joint)
-        bore = parts[elastic[0]].bore(elastic[1], f"joints.{name}.bore") if elastic else None
-        joints[name] = lubricated_joint(scene, name, bore, rate, inputs)
+        meshes = [
+            parts[surface.body].bore(surface.point, f"joints.{name}.{surface.side}")
+            for surface in scene.elastic_surfaces(joint)
+        ]
+        joints[name] = lubricated_joint(scene, name, meshes[0] if meshes else None, rate, inputs)
     return joints
 
 

@@ -203,10 +203,10 @@ def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
     if settings.cells:
         around, along = settings.cells
         return around, along
-    elastic = scene.elastic_bore(settings)
-    if elastic is None or elastic[0] not in meshed(scene):
+    elastic = scene.elastic_surfaces(settings)
+    if not elastic or elastic[0].body not in meshed(scene):
         return DEFAULT_CELLS
-    part = scene.bodies[elastic[0]]
+    part = scene.bodies[elastic[0].body]
     if part.cells != "hex":
         return DEFAULT_CELLS
     names = ("bore_cells_around", "bore_cells_along")

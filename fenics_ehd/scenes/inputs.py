@@ -1,7 +1,7 @@
-"""Files and tables that a scene names, read and checked before anything is meshed.
+"""Files and tables to which a scene refers, read and checked before any part is meshed.
 
-One entry of a scene may become several forces or drives: a load over time has a component along x
-and one along y, a drive by a torque is a force.
+One entry of a scene may become several forces or drives. A load over time becomes two forces,
+along x and along y; a drive by a torque becomes a force.
 
 Imports inside functions: `fenics_ehd.scenes.part` imports all reductions.
 """
@@ -36,26 +36,26 @@ from fenics_ehd.scenes.scene import Scene, flexible
 from fenics_ehd.scenes.shape_tables import read_shape_table
 from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table, require_closed
 
-#: Settings with the shapes of a lubricated joint's surfaces.
+#: Settings of a lubricated joint that hold the shapes of its surfaces.
 SURFACES = ("bore_shape", "journal_shape")
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Values of all files and tables of a scene.
+    """Contents of all files and tables of a scene.
 
     Attributes
     ----------
     drives
-        Angles over time, by the body that they turn.
+        Imposed angles over time, by the name of the driven body.
     forces
-        Forces and torques by name, without gravity.
+        Forces and torques by name, except gravity.
     supplies
-        Supplies of every lubricated joint, by the joint's name.
+        Oil supplies of every lubricated joint, by the joint's name.
     shapes
-        Measured deviations of a bore or journal, by the key of their table.
+        Measured deviations of bores and journals, by the key of their table.
     bodies
-        Reduced bodies that need not be made, by body name.
+        Reduced bodies that exist already, by body name; the other parts must be meshed.
     """
 
     drives: Mapping[str, AngleOverTime]
@@ -66,7 +66,7 @@ class Inputs:
 
     @property
     def supply_curves(self) -> dict[str, Curve]:
-        """Pressures over time of the supplies that have a table, by key."""
+        """Supply pressures over time [Pa], by key, of the supplies that have a table."""
         curves = {
             f"joints.{joint}.supply.{supply.name}": supply.curve
             for joint, supplies in self.supplies.items()
@@ -76,19 +76,19 @@ class Inputs:
 
 
 def read_inputs(scene: Scene, bodies: Mapping[str, ReducedBody]) -> Inputs:
-    """Read every file and table of a scene.
+    """Read every file and table to which a scene refers.
 
     Parameters
     ----------
     scene
         The scene.
     bodies
-        Reduced bodies by body name that are used in place of models and files.
+        Reduced bodies by body name; they are used in place of the scene's models and files.
 
     Raises
     ------
     SettingsError, MeshError, BodyFileError
-        Naming the file or value that cannot be used.
+        A file or value cannot be used; the message names it.
     """
     drives = imposed_angles(scene)
     acting = forces(scene)
@@ -97,13 +97,13 @@ def read_inputs(scene: Scene, bodies: Mapping[str, ReducedBody]) -> Inputs:
 
 
 def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
-    """Drives that impose an angle over time, by body."""
+    """Drives that impose an angle over time, by the name of the driven body."""
     drives: dict[str, AngleOverTime] = {}
     for name, drive in scene.drives.items():
         if not isinstance(drive, Speed):
             continue
         if drive.speed and drive.table != NONE:
-            raise SettingsError(f"drives.{name}: give a speed or a table, one of them")
+            raise SettingsError(f"drives.{name}: give either a speed or a table")
         start = radians(scene.bodies[name].angle)
         curve = _curve(read_time_table, drive.table, f"drives.{name}.table", "speed", "rad_per_s")
         drives[name] = attrs.evolve(drive, start=start, curve=curve)
@@ -111,7 +111,7 @@ def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
 
 
 def forces(scene: Scene) -> dict[str, Force]:
-    """Forces by name, gravity left out, and torques of drives."""
+    """Forces by name, without gravity; torques of drives are included."""
     acting: dict[str, Force] = {}
     for name, entry in scene.forces.items():
         key = f"forces.{name}"
@@ -139,31 +139,31 @@ def forces(scene: Scene) -> dict[str, Force]:
 
 
 def _constant(size: float) -> Table:
-    """Function of time with one value [N] and the derivative zero."""
+    """Constant function of time: the force [N] and its derivative, 0."""
     return lambda _: (size, 0.0)
 
 
 def _curve(read: Callable[..., Curve], file: str, key: str, column: str, unit: str) -> Curve | None:
-    """Curve of the table that a key names; None if it names none."""
+    """Curve from the table file of a setting; None if the setting is "none"."""
     if file == NONE:
         return None
     return read(table_file(file, key), key, {column: {unit: 1.0}})
 
 
 def gravity(scene: Scene) -> tuple[float, float]:
-    """Sum of all gravities [m/s^2]."""
+    """Sum of the accelerations of all gravity entries of a scene [m/s^2]."""
     settings = [g for g in scene.forces.values() if isinstance(g, schema.GravitySettings)]
     x, y = np.sum([(0.0, 0.0), *(g.acceleration for g in settings)], axis=0)
     return float(x), float(y)
 
 
 def supplies_of(scene: Scene, name: str) -> tuple[Supply, ...]:
-    """Supplies of a lubricated joint with their names and tables.
+    """Oil supplies of a lubricated joint, with their names and pressure curves.
 
     Raises
     ------
     SettingsError
-        A pressure and a table are given, or the table cannot be used.
+        A supply has both a pressure and a table, or its table cannot be used.
     """
     supplies = []
     for label, supply in scene.joints[name].supply.items():
@@ -174,27 +174,27 @@ def supplies_of(scene: Scene, name: str) -> tuple[Supply, ...]:
 
 
 def _pressure_curve(supply: Supply, key: str, *, periodic: bool) -> Curve | None:
-    """Pressure over time of a supply with a table, repeated in a periodic scene; else None."""
+    """Supply pressure over time, periodic in a periodic scene; None if the supply has no table."""
     if supply.table == NONE:
         return None
     if supply.pressure:
-        raise SettingsError(f"{key}: give a pressure or a table, one of them")
+        raise SettingsError(f"{key}: give either a pressure or a table")
     path = table_file(supply.table, f"{key}.table")
     curve = read_time_table(path, f"{key}.table", {"pressure": {"Pa": 1.0, "bar": 1e5}})
     values = np.array([curve(row)[0] for row in curve.curve.x])
     if values.min() < 0.0:
         raise SettingsError(
-            f"{key}.table {path}: a pressure of {values.min():g} Pa, it must be at least 0, that "
-            "at which the film cavitates"
+            f"{key}.table {path} has a pressure of {values.min():g} Pa: pressures must be at least "
+            "0, where the film cavitates"
         )
     if periodic:
         ends = values[[0, -1]][:, None]
-        require_closed(f"{key}.table {path}", ends, "a periodic run needs a table that closes")
+        require_closed(f"{key}.table {path}", ends, "make the table periodic, or the run not")
     return replace(curve, periodic=periodic)
 
 
 def _shapes(scene: Scene) -> dict[str, ShapeTable]:
-    """Measured shapes of bores and journals, by key."""
+    """Measured deviations of bores and journals, by the key of their table."""
     files = {
         f"joints.{name}.{surface}.table": getattr(joint, surface).table
         for name, joint in scene.films.items()
@@ -204,7 +204,7 @@ def _shapes(scene: Scene) -> dict[str, ShapeTable]:
 
 
 def _bodies(scene: Scene, given: Mapping[str, ReducedBody]) -> dict[str, ReducedBody]:
-    """Reduced bodies of the caller and of files; models of the other bodies are looked for."""
+    """Reduced bodies that exist already, by name; for other bodies the model file must exist."""
     bodies: dict[str, ReducedBody] = {}
     for name in flexible(scene):
         settings = scene.bodies[name]

@@ -1,6 +1,6 @@
-"""Reduced bodies that a scene needs, and checksums of all that each of them depends on.
+"""Reduced bodies that a scene needs, with checksums of everything that a body depends on.
 
-Two bodies of equal checksums are equal: a body that was reduced for one scene serves another.
+Bodies with equal checksums are equal, so that a body reduced for one scene is used by others.
 """
 
 from __future__ import annotations
@@ -23,18 +23,21 @@ from fenics_ehd.scenes.scene import Scene, meshed
 
 @dataclass(frozen=True)
 class NeededBody:
-    """A body to mesh and reduce.
+    """A body of a scene that must be meshed and reduced.
 
     Attributes
     ----------
     key
-        Table of the scene with its settings, ``"bodies.rod"``.
-    settings, film_element, film_edges
-        Settings of the part, element of the pressures in its bores, and edges of their films.
+        Table of the scene with the settings of the body, ``"bodies.rod"``.
+    settings
+        Settings of the body.
+    film_element, film_edges
+        Element of the pressures in its bores, see `Scene.film_element`, and edges of the films
+        there, see `Scene.film_edges`.
     part
-        Checksum of all that the assembled structure depends on.
+        Checksum of everything that the assembled structure depends on.
     name
-        Checksum of all that the reduced body depends on; name of its file.
+        Checksum of everything that the reduced body depends on; name of the body's file.
     """
 
     key: str
@@ -46,18 +49,18 @@ class NeededBody:
 
 
 def needed_bodies(scene: Scene) -> dict[str, NeededBody]:
-    """Bodies to mesh and reduce, by body name; bodies that are read from files are left out.
+    """Bodies that a scene must mesh and reduce, by name; bodies read from files are omitted.
 
     Raises
     ------
     SettingsError, MeshError
-        A model does not exist or is no model.
+        The file of a model does not exist or is not a model.
     """
     return {name: _needed_body(scene, name) for name in meshed(scene)}
 
 
 def _needed_body(scene: Scene, name: str) -> NeededBody:
-    """Settings and checksums of one meshed body."""
+    """Settings and checksums of one body that has a model."""
     settings: schema.FlexibleSettings = scene.bodies[name]
     key = f"bodies.{name}"
     element = scene.film_element(name)
@@ -72,7 +75,7 @@ def _needed_body(scene: Scene, name: str) -> NeededBody:
     )
     reduction = reduction_provenance(settings.reduction)
     if "snapshots" in reduction:
-        # The pressures of a former run, not the path of its folder.
+        # The body depends on the pressures of the former run, not on the path of its folder.
         folder = settings.reduction.snapshots
         reduction["snapshots"] = content_of(folder) or folder
     reduction |= {"part": part, "estimate_error": str(settings.reduction.estimate_error)}
@@ -80,12 +83,12 @@ def _needed_body(scene: Scene, name: str) -> NeededBody:
 
 
 def checksum(values: Mapping[str, str]) -> str:
-    """First 16 digits of the SHA-256 checksum of all values by name."""
+    """First 16 hexadecimal digits of the SHA-256 checksum of texts by name."""
     return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()[:16]
 
 
 def content_of(name: str) -> str | None:
-    """Name and checksum of a file, or of a folder with the history of a run; None: neither."""
+    """Name and checksum of a file, or of the history in a folder; None if there is no file."""
     path = Path(name, FIELDS_NAME) if Path(name).is_dir() else Path(name)
     if not path.is_file():
         return None
@@ -95,6 +98,6 @@ def content_of(name: str) -> str | None:
 
 @functools.cache
 def _file_checksum(path: Path, _changed: int, _size: int) -> str:
-    """First 12 digits of a file's checksum, computed once: many cases name the same file."""
+    """First 12 digits of a file's checksum; cached, because many cases refer to the same file."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:12]

@@ -1,10 +1,10 @@
-"""Elastic parts of a scene: meshed or read from a file, reduced, and made again.
+"""Elastic parts of a scene: meshed or read from a file, reduced, and remade for a stored run.
 
-A part is a Gmsh model or the reduced body of a file. The provenance of a reduced body lists the
-settings and the model that it was made from: a run's folder holds neither mesh nor basis, and its
-parts are made again from these.
+A part comes from a Gmsh model, or from the file of a reduced body. A run's folder holds neither
+mesh nor basis of a part. To remake a part, the provenance in its reduced body lists the model and
+settings with which it was made.
 
-Imports inside functions: Gmsh and dolfinx are for scenes that mesh a part.
+Imports inside functions: Gmsh and dolfinx are needed only by scenes that mesh a part.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part_settings import ReductionSettings, method_keys
 from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
 
-#: Reductions by the name of their method: functions of the part, settings, and common options.
+#: Function of each reduction method, called with the part, its settings, and common options.
 METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]], ReducedBody]] = {
     "m1": lambda part, chosen, common: craig_bampton(part, chosen.modes, **common),
     "m2": lambda part, chosen, common: two_step_craig_bampton(
@@ -85,17 +85,18 @@ METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]],
 
 @dataclass(frozen=True, eq=False)
 class ReducedPart:
-    """A reduced part with the mesh and the basis of its displacement fields.
+    """A reduced part, together with its mesh and the basis of its displacement fields.
 
     Attributes
     ----------
     body
         The reduced body.
     structure
-        Assembled structure, distributed over the ranks that reduced the part.
+        Assembled structure of the part, distributed over the ranks that reduced it.
     columns
-        Basis of the whole part, shape (owned dofs, n), distributed likewise.
+        Basis of displacement fields of the complete part, shape (owned dofs, n), distributed alike.
     seconds
+        Duration of the reduction [s].
         Time of the reduction [s].
     """
 
@@ -106,42 +107,42 @@ class ReducedPart:
 
 
 def model_file(part: schema.FlexibleSettings, section: str) -> Path:
-    """File of the Gmsh model of a part; `section` is that of its settings, for messages.
+    """Path of a part's Gmsh model; messages name the `section` with the part's settings.
 
     Raises
     ------
     SettingsError
         The file does not exist.
     MeshError
-        The file is no model.
+        The file is not a model.
     """
     path = Path(part.model) if Path(part.model).suffix else model_path(part.model)
     if not path.is_file():
-        raise SettingsError(f"{section}.model = {part.model!r}: there is no file {path}")
+        raise SettingsError(f"{section}.model = {part.model!r}: file {path} does not exist")
     check_model(path)
     return path
 
 
 def require_snapshots(part: schema.FlexibleSettings, section: str) -> None:
-    """Refuse snapshots from a folder without a run, before anything is meshed.
+    """Refuse snapshots from a folder without a run, before any part is meshed.
 
     Raises
     ------
     SettingsError
-        Naming the key of the section.
+        The folder has no history of a run; the message names the key of the setting.
     """
     folder = part.reduction.snapshots
     if folder != NONE and not Path(folder, FIELDS_NAME).is_file():
         raise SettingsError(
-            f"{section}.reduction.snapshots = {folder!r} must be the folder of a run: it has no "
-            f"{FIELDS_NAME}"
+            f"{section}.reduction.snapshots = {folder!r} must be the folder of a run, but it has "
+            f"no {FIELDS_NAME}"
         )
 
 
 def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -> ReducedBody:
-    """Reduce a part by the method of the settings, and keep the basis of the whole part.
+    """Reduce a part by the method of its settings; the body keeps the basis of the complete part.
 
-    A `Reductor` keeps its own solver; the setting `solver` is for structures.
+    The setting `solver` is used for a structure; a `Reductor` has a solver already.
     """
     if isinstance(part, Structure):
         part = Reductor(part, solver=reduction.solver)
@@ -154,7 +155,10 @@ def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -
 def _trained(
     part: Reductor, reduction: ReductionSettings, common: Mapping[str, Any]
 ) -> ReducedBody:
-    """M3 with the main pressure patterns of a former run; the accuracy has the number added."""
+    """Reduce a part by M3 with the main pressure patterns of a former run.
+
+    The accuracy of the body has the number of patterns that were added to the requested ones.
+    """
     asked = reduction.residual_modes
     patterns = proper_orthogonal(_snapshots(part.structure, reduction), asked)
     body = load_dependent(
@@ -165,19 +169,25 @@ def _trained(
 
 
 def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray:
-    """Pressures of a former run, shape (k, steps) [Pa]."""
+    """Film pressures of a former run at the pressure nodes of a bore, shape (nodes, steps) [Pa].
+
+    Raises
+    ------
+    SettingsError
+        The part has several bores, or the former run another film; the message has both.
+    """
     if len(structure.bores) > 1:
         raise SettingsError(
-            f"reduction.snapshots = {reduction.snapshots!r}: a run's pressures are those of one "
-            f"bore, the part has {', '.join(structure.bores)}"
+            f"reduction.snapshots = {reduction.snapshots!r} needs a part with one bore, but the "
+            f"part has the bores {', '.join(structure.bores)}"
         )
     from fenics_ehd.multibody.history import load_history
 
     joints = load_history(reduction.snapshots).joints
     if len(joints) != 1:
         raise SettingsError(
-            f"reduction.snapshots = {reduction.snapshots!r}: a run with one lubricated joint is "
-            f"needed, it has {', '.join(joints) or 'none'}"
+            f"reduction.snapshots = {reduction.snapshots!r} must be a run with one lubricated "
+            f"joint, but it has {', '.join(joints) or 'none'}"
         )
     ((_, joint),) = joints.items()
     film = joint.film
@@ -189,7 +199,7 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
     if order is None:
         raise SettingsError(
             f"reduction.snapshots = {reduction.snapshots!r}: its {len(film_nodes)} film nodes are "
-            f"not the {len(nodes)} pressure nodes of this bore"
+            f"not at the {len(nodes)} pressure nodes of this bore: use a run with its mesh"
         )
     return np.asarray(film.pressure)[:, order].T
 
@@ -197,12 +207,12 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
 def structure_provenance(
     part: schema.FlexibleSettings, model: Path, film_element: str
 ) -> dict[str, str]:
-    """All that an assembled part depends on, as text by name."""
+    """Everything that an assembled part depends on, as text by name."""
     return {
         "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
         "element": part.element,
         "clamped": part.clamped,
-        # The cells of a stored mesh are not chosen.
+        # A stored mesh leaves no choice of cells.
         **({"cells": part.cells} if model.suffix == ".geo" else {}),
         **{name: repr(value) for name, value in attrs.asdict(part.material).items()},
         "film_element": film_element,
@@ -213,7 +223,7 @@ def structure_provenance(
 
 
 def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
-    """Method and the settings that it reads, as text by name."""
+    """Reduction method and the settings that it reads, as text by name."""
     names = ("method", *method_keys(reduction.method))
     return {name: str(getattr(reduction, name)) for name in names}
 
@@ -232,18 +242,18 @@ def require_provenance(
     Parameters
     ----------
     body
-        Body of a file.
+        Body read from a file.
     asked
-        Provenance of a body with the settings of the scene.
+        Provenance that a body made with the scene's settings would have.
     written
-        Names of the provenance that the scene file writes.
+        Names of the settings that the scene file contains; other settings are not compared.
     section
         Section of the part, for messages.
 
     Raises
     ------
     SettingsError
-        A value of the scene file differs from the body's.
+        A value in the scene file differs from the body's; the message has both.
     """
     made = dict(body.provenance)
     if "model" not in made:
@@ -256,13 +266,13 @@ def require_provenance(
     for name in sorted(written & {*asked, *made}):
         if asked.get(name) != made.get(name):
             raise SettingsError(
-                f"the body was made with {name} = {made.get(name, 'default')}, {section} has "
+                f"the body was made with {name} = {made.get(name, 'default')}, but {section} has "
                 f"{asked.get(name, 'default')}: reduce the part again or drop the key"
             )
 
 
 def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
-    """Settings of a part with the numbers of cells that its model has by default; serial."""
+    """Add the default numbers of cells of a part's model to its settings; on one rank."""
     from fenics_ehd.fem.gmsh_session import model_parameters  # Gmsh
 
     path = model_file(settings, key)
@@ -279,13 +289,13 @@ class ElasticPart:
     Attributes
     ----------
     settings
-        Settings of the body.
+        Settings of the body in the scene.
     source
-        Assembled structure, or reduced body.
+        Assembled structure, or reduced body from a file.
     film_element
-        Element of the pressures in its bores, see `Scene.film_element`.
+        Element of the pressures in the part's bores, see `Scene.film_element`.
     film_edges
-        Edges of the films in its bores, see `Scene.film_edges`.
+        Edges of the films in the part's bores, see `Scene.film_edges`.
     """
 
     settings: schema.FlexibleSettings
@@ -300,12 +310,12 @@ class ElasticPart:
         return Reductor(self.source, solver=solver, film_edges=self.film_edges)
 
     def bore(self, name: str, key: str) -> BoreSurface:
-        """A bore by its name; `key` is the setting that names it, for messages.
+        """Bore of the part by its name; `key` is the setting with the name, for messages.
 
         Raises
         ------
         SettingsError
-            The body's file has no bore of this name.
+            The part has no bore of this name; the message lists its bores.
         """
         bores = self.source.bores
         if name not in bores:
@@ -314,13 +324,13 @@ class ElasticPart:
 
     @property
     def held(self) -> bool:
-        """True for a part that is clamped: it deforms and does not move otherwise."""
+        """True if the part is clamped: it deforms, but has no rigid motion."""
         if isinstance(self.source, ReducedBody):
             return self.source.frame == "clamped"
         return self.settings.clamped != NONE
 
     def points(self) -> Mapping[str, tuple[float, float]]:
-        """Points by name, from the first bore's centre [m]; collective."""
+        """Positions of the part's points by name, from the first bore's centre [m]; collective."""
         if isinstance(self.source, ReducedBody):
             points = {name: field[:2, 0] for name, field in self.source.points.items()}
         else:
@@ -329,14 +339,14 @@ class ElasticPart:
         return {name: (float(x), float(y)) for name, (x, y) in (centres | points).items()}
 
     def reduce(self, reductor: Reductor | None = None, *, mesh_error: bool = False) -> ReducedPart:
-        """Reduce the assembled structure; collective.
+        """Reduce the assembled structure of the part; collective.
 
         Parameters
         ----------
         reductor
-            Reductor of the structure that other reductions of the part share.
+            Reductor of the structure that several reductions share; by default a new one.
         mesh_error
-            Whether the error of the mesh is estimated, if the model can be meshed otherwise.
+            Whether the error of the mesh is also estimated, from a second mesh of the model.
         """
         source = self.source
         settings = self.settings
@@ -347,7 +357,7 @@ class ElasticPart:
         columns = body.columns
         assert columns is not None
         if mesh_error:
-            with suppress(EhdError):  # the body is complete without a second mesh
+            with suppress(EhdError):  # the body is valid without an estimate from a second mesh
                 body = self._with_mesh_error(body, reductor)
         made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
         made |= reduction_provenance(settings.reduction)
@@ -357,7 +367,7 @@ class ElasticPart:
     def _with_mesh_error(self, body: ReducedBody, reductor: Reductor) -> ReducedBody:
         settings = self.settings
         part = reductor.structure
-        if settings.reduction.method == "rigid":  # no mesh makes it bend
+        if settings.reduction.method == "rigid":  # a rigid body has no flexibility on any mesh
             loads = SMOOTH * len(part.bores) + 2 * len(part.attachments)
             samples = sum(len(sampling_grid(bore).nodes) for bore in part.bores.values())
             return replace(body, mesh_flexibility=np.zeros((samples, loads)))
@@ -374,7 +384,7 @@ class ElasticPart:
         return replace(body, mesh_flexibility=moved, accuracy=accuracy)
 
     def _other_mesh(self, part: Structure, counted: schema.FlexibleSettings) -> Structure:
-        """The part on a finer mesh, or a coarser one if this mesh is large or the model refuses."""
+        """The part on a finer mesh; on a coarser one if this mesh is large or the model refuses."""
 
         def made(factor: float) -> Structure:
             settings = attrs.evolve(counted, geometry=counted.geometry_of(factor))
@@ -382,7 +392,7 @@ class ElasticPart:
             return _assembled("body", settings, self.film_element, part.comm, size)
 
         if part.size <= MOST_REFINED:
-            with suppress(MeshError):  # a model has limits to its numbers of cells
+            with suppress(MeshError):  # the model limits its numbers of cells
                 return made(FINER)
         return made(1.0 / FINER)
 
@@ -390,17 +400,25 @@ class ElasticPart:
 def missed(
     part: Structure, own: SmoothResponses, other: Structure, there: SmoothResponses
 ) -> tuple[dict[str, float], np.ndarray]:
-    """Errors of a part's mesh by another mesh of the same part; collective.
+    """Mesh error of a part, estimated from a second mesh of the same part; collective.
+
+    Parameters
+    ----------
+    part, own
+        Structure of the part, and its responses to smooth loads.
+    other, there
+        Structure and responses on the second mesh.
 
     Returns
     -------
     tuple
-        Errors of the flexibility, see `compliance_errors`, and `ReducedBody.mesh_flexibility`.
+        Errors of the flexibility, see `compliance_errors`, and displacement errors as in
+        `ReducedBody.mesh_flexibility`.
 
     Raises
     ------
     StructureError
-        The meshes are too much alike.
+        The numbers of unknowns of the meshes are too similar.
     """
     share, between = (excess(part.size, other.size, order) for order in (ORDER, BETWEEN_NODES))
     wanted = [sampling_grid(bore).node_positions for bore in part.bores.values()]
@@ -416,7 +434,7 @@ def missed(
 
 
 def _sampled(part: Structure, outward: np.ndarray, wanted: Sequence[np.ndarray]) -> np.ndarray:
-    """Displacements at the nodes of all bores, interpolated to angles and heights in each bore."""
+    """Interpolate displacements at the nodes of all bores to wanted angles and heights."""
     blocks = []
     for bore, positions in zip(part.bores.values(), wanted, strict=True):
         surface = bore_surface(bore.coordinates, bore.cells, bore.family)
@@ -425,8 +443,8 @@ def _sampled(part: Structure, outward: np.ndarray, wanted: Sequence[np.ndarray])
 
 
 def _mean_position(structure: Structure, name: str) -> np.ndarray:
-    """Mean position of a boundary point, shape (2,) [m]; collective."""
-    # The fraction of a unit force at a node is its weight in the mean position.
+    """Mean position of a boundary point along x and y, shape (2,) [m]; collective."""
+    # The weight of a node in the mean is its fraction of a unit force on the point.
     weights = structure.attachments[name][0].array.reshape(-1, 3)[:, 0]
     return structure.comm.allreduce(weights @ structure.coordinates)[:2]
 
@@ -438,12 +456,12 @@ def elastic_part(
     comm: MPI.Comm,
     film_edges: Mapping[str, Sequence[float]] | None = None,
 ) -> ElasticPart:
-    """Mesh and assemble a part, or read its reduced body; collective.
+    """Mesh and assemble a part, or read its reduced body from a file; collective.
 
     Raises
     ------
     SettingsError, MeshError, BodyFileError
-        The model or file cannot be used.
+        The model or the file cannot be used.
     """
     source: Structure | ReducedBody
     if settings.body != NONE:
@@ -461,7 +479,7 @@ def _assembled(
     comm: MPI.Comm,
     size: float = 1.0,
 ) -> Structure:
-    # Gmsh and dolfinx are for scenes that mesh a part.
+    # Only scenes that mesh a part need Gmsh and dolfinx.
     from fenics_ehd.fem.structure import assemble_structure, build_mesh
 
     mesh = build_mesh(
@@ -485,9 +503,10 @@ def _assembled(
 
 
 def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[str]) -> ReducedPart:
-    """Mesh and reduce a body of a recorded run again, in the coordinates of the record; serial.
+    """Mesh and reduce a body of a recorded run again, in the coordinates of the record; one rank.
 
-    Settings and model must be those that the body was made with, or nothing is meshed.
+    The settings and the model must be those with which the body was made; otherwise it is refused
+    before it is meshed.
 
     Parameters
     ----------
@@ -498,18 +517,18 @@ def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[s
     body
         Reduced body of the run.
     programs
-        Models that may be executed: the scene of a run's folder may be from another person.
+        Models that may be executed; others are refused, since the folder may be another person's.
 
     Raises
     ------
     SettingsError, MeshError
-        The model is missing, has changed, or is a program that is not among `programs`.
+        The model does not exist, has changed, or is a program that is not in `programs`.
     VerificationError
-        From `basis_of`.
+        The new basis does not reproduce the body, see `basis_of`.
     """
     settings = scene.bodies[name]
     key = f"bodies.{name}"
-    # Coordinates do not depend on the estimate.
+    # The coordinates do not depend on the error estimate.
     reduction = attrs.evolve(settings.reduction, estimate_error=False)
     settings = attrs.evolve(settings, reduction=reduction)
     element = scene.film_element(name)
@@ -519,14 +538,14 @@ def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[s
         former = body.provenance.get(made, value)
         if former != value:
             raise SettingsError(
-                f"{key} was made with {made} = {former}, which is {value} now: restore the former "
-                "value, or run the scene again"
+                f"{key} was made with {made} = {former}, but the value is {value} now: restore the "
+                "former value, or run the scene again"
             )
     program = model.suffix == ".geo" and not is_shipped(model)
     if program and not any(model.samefile(known) for known in programs):
         raise SettingsError(
-            f"{key}.model = {settings.model!r} is a program, named by the scene of the run: if you "
-            f"trust it, allow it to run by --model {model}"
+            f"{key}.model = {settings.model!r} is a program, to which the scene of the run refers: "
+            f"if you trust it, allow it to run by --model {model}"
         )
     edges = scene.film_edges(name)
     part = elastic_part(settings, key, element, MPI.COMM_SELF, edges).reduce()
@@ -534,29 +553,29 @@ def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[s
 
 
 def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
-    """The scene with the reduced body of a file.
+    """Replace the flexible body of a scene by the reduced body in a file.
 
     Parameters
     ----------
     scene
         Scene with one flexible body.
     file
-        File made by ``fenics-ehd reduce``.
+        File written by ``fenics-ehd reduce``.
     written
-        Tables as the user wrote them: the body must have been made with their values.
+        Tables of the scene file; the body must have been made with the values in them.
 
     Raises
     ------
     SettingsError
-        There are several flexible bodies or none, or the body was made with other values.
+        The scene has several flexible bodies or none, or the body was made with other values.
     BodyFileError
         The file cannot be read.
     """
     names = flexible(scene)
     if len(names) != 1:
         raise SettingsError(
-            f"--body {file}: scene {scene.name} has {len(names)} flexible bodies, not one: "
-            "give body = FILE in [bodies.NAME]"
+            f"--body {file}: scene {scene.name} has {len(names)} flexible bodies, but must have "
+            "one: give body = FILE in [bodies.NAME]"
         )
     (name,) = names
     settings = scene.bodies[name]
@@ -581,7 +600,7 @@ def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
 
 
 def with_method(scene: Scene, method: str) -> Scene:
-    """The scene with another reduction method for every part that it meshes.
+    """Replace the reduction method of every part that the scene meshes.
 
     Raises
     ------
@@ -590,5 +609,5 @@ def with_method(scene: Scene, method: str) -> Scene:
     """
     names = meshed(scene)
     if not names:
-        raise SettingsError(f"--method {method}: scene {scene.name} has no model to reduce")
+        raise SettingsError(f"--method {method}: scene {scene.name} has no part with a model")
     return changed(scene, {f"bodies.{name}.reduction.method": method for name in names})

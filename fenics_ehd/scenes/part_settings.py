@@ -1,6 +1,6 @@
-"""Settings of a part's reduction, their choices, and settings of the output.
+"""Settings of the reduction of a part, and settings of the output of a run.
 
-The module is imported by ``--help``, and imports nothing that is slow.
+``--help`` imports this module, which therefore imports nothing that is slow.
 """
 
 from __future__ import annotations
@@ -25,24 +25,32 @@ SELECTIONS = (
 
 @attrs.frozen
 class ReductionSettings:
-    """Reduction of an elastic part."""
+    """Reduction of an elastic part to modes."""
 
-    method: str = choice("m4", METHODS, "the last one without elasticity")
+    method: str = choice("m4", METHODS, "reduction method, rigid: no elasticity")
     modes: int = only_with(
-        count(37, "fixed-boundary modes (m1, m2)", least=1), "method", among=("m1", "m2")
+        count(37, "number of fixed-boundary modes (m1, m2)", least=1), "method", among=("m1", "m2")
     )
     interior_modes: int = only_with(
-        count(20, "fixed-interface modes of the first step (m2)"), "method", among=("m2",)
+        count(20, "number of fixed-interface modes in the first step (m2)"),
+        "method",
+        among=("m2",),
     )
     vibration_modes: int = only_with(
-        count(6, "free-floating vibration modes n_v (m3, m4, full)"),
+        count(6, "number of free-floating vibration modes n_v (m3, m4, full)"),
         "method",
         among=("m3", "m4", "full"),
     )
-    residual_modes: int = only_with(count(31, "residual modes n_r (m3)"), "method", among=("m3",))
+    residual_modes: int = only_with(
+        count(31, "number of residual modes n_r (m3)"), "method", among=("m3",)
+    )
     pressure_set: str = not_with(
         only_with(
-            choice("pc2", PRESSURE_SETS, "unit pressures (34), shapes (35) (m3)"),
+            choice(
+                "pc2",
+                PRESSURE_SETS,
+                "pressures for residual modes: pc1 unit pressures (34), others shapes (35) (m3)",
+            ),
             "method",
             among=("m3",),
         ),
@@ -51,15 +59,15 @@ class ReductionSettings:
     snapshots: str = only_with(
         text(
             NONE,
-            "folder of a former run, whose main pressure patterns are kept in place of "
-            "pressure_set and selection, or none (m3)",
+            "folder of a former run; its main pressure patterns replace pressure_set and "
+            "selection (m3)",
         ),
         "method",
         among=("m3",),
     )
     selection: str = not_with(
         only_with(
-            choice("lowest-frequency", SELECTIONS, "which residual modes are kept (m3)"),
+            choice("lowest-frequency", SELECTIONS, "criterion for the residual modes kept (m3)"),
             "method",
             among=("m3",),
         ),
@@ -76,12 +84,14 @@ class ReductionSettings:
         "method",
         among=("m4",),
     )
-    solver: str = choice("auto", SOLVERS, "of the static responses, by size or as named")
-    estimate_error: bool = flag(True, "also solve for the bore flexibility that the basis lacks")
+    solver: str = choice("auto", SOLVERS, "solver for static responses, auto: chosen by size")
+    estimate_error: bool = flag(
+        True, "whether the part of the bore flexibility that the basis lacks is also computed"
+    )
 
 
 def method_keys(method: str) -> tuple[str, ...]:
-    """Keys of [reduction] that this method reads, of those that not all methods read."""
+    """Keys of [reduction] that this method reads and that other methods do not all read."""
     conditions = (
         (field.name, condition)
         for field in attrs.fields(ReductionSettings)
@@ -96,15 +106,15 @@ def method_keys(method: str) -> tuple[str, ...]:
 
 @attrs.frozen
 class OutputSettings:
-    """Files that a run writes in addition to history and summary, and its accuracy."""
+    """Files that a run writes besides history and summary, error estimates, required accuracy."""
 
-    plots: bool = flag(True, "curves as pictures")
-    error_budget: bool = flag(True, "whether the errors of the run's figures are estimated")
+    plots: bool = flag(True, "whether curves are drawn as pictures")
+    error_budget: bool = flag(True, "whether errors of the results are estimated")
     error_limit: float = only_with(
         number(
             0.2,
-            "largest estimated error of a peak pressure or thinnest film of a run that is "
-            "complete; above it the run is untrustworthy",
+            "largest allowed relative error of a peak pressure or thinnest film; a run with a "
+            "larger estimate has the status untrustworthy",
             above=0,
             example="0.1 for 10 %",
         ),
@@ -112,12 +122,12 @@ class OutputSettings:
         among=(True,),
     )
     part_mesh_error: bool = flag(
-        True, "whether parts are meshed again, more finely, to estimate the errors of their meshes"
+        True, "whether parts are also meshed more finely, to estimate the errors of their meshes"
     )
     accuracy: float = number(
         0.0,
-        "that estimated errors of peak pressures and thinnest films must meet: meshes, steps and "
-        "modes are chosen for it, 0: as written",
+        "required relative error of peak pressures and thinnest films: meshes, steps and modes are "
+        "chosen to meet it; 0: used as written",
         least=0,
         below=0.5,
         usual=(1e-3, 0.1),
@@ -125,9 +135,12 @@ class OutputSettings:
     )
     accuracy_keeps: tuple[str, ...] = only_with(
         names(
-            "keys that stay as written, of those that accuracy chooses: tolerance, joints.pin.cells"
+            "keys that accuracy would choose, but that are kept as written: tolerance, "
+            "joints.pin.cells"
         ),
         "accuracy",
     )
-    paraview: bool = flag(False, "ParaView series of bodies and films")
-    frames: int = only_with(count(60, "of the series", least=2), "paraview", among=(True,))
+    paraview: bool = flag(False, "whether a ParaView series of bodies and films is written")
+    frames: int = only_with(
+        count(60, "number of instants in the ParaView series", least=2), "paraview", among=(True,)
+    )

@@ -1,6 +1,6 @@
-"""Runs of a scene into a folder, with everything that is needed to resume them.
+"""Runs of a scene that are stored in a folder, with everything that is needed to resume them.
 
-A scene that requires an accuracy is run again, with other settings, until a run meets it.
+A scene that requires an accuracy is run again with other settings until a run meets the accuracy.
 
 Imports inside functions: rigid scenes do without static responses.
 """
@@ -66,30 +66,30 @@ if TYPE_CHECKING:
 def run(
     scene: Scene, folder: str | Path, *, resume: bool = False, overwrite: bool = False
 ) -> History:
-    """Run a scene into a folder as ``fenics-ehd run`` does, without pictures; serial.
+    """Run a scene and store it in a folder, as ``fenics-ehd run`` does without pictures; one rank.
 
     Parameters
     ----------
     scene
-        Scene as read; a run is resumed with the scene that it was started with.
+        Scene as read. To resume a run, give the scene with which it was started.
     folder
-        Folder of the results, which is created if it is missing.
+        Folder of the results; it is created if it does not exist.
     resume
-        Resume the run that was interrupted in the folder.
+        Whether the interrupted run in the folder is resumed.
     overwrite
-        Replace a complete result in the folder.
+        Whether a complete result in the folder may be replaced.
 
     Returns
     -------
     History
-        History as `load_history` reads it from the folder; its summary has the status.
+        History as `load_history` reads it from the folder; its summary has the status of the run.
 
     Raises
     ------
     InputError, InUseError
-        The folder cannot be used.
+        The folder cannot be used, or another process uses it.
     SettingsError, MeshError, BodyFileError, SolverError
-        From the scene, its parts and the run.
+        The scene or a part of it cannot be used, or the run failed.
     """
     require_class("scene", scene, Scene)
     require_class("folder", folder, str, Path)
@@ -98,7 +98,7 @@ def run(
     if resume:
         with RunFolder(directory, resume=True) as held:
             _require_same(scene, held.path)
-            # A periodic solution keeps its last cycle, and no checkpoint.
+            # A folder with a complete periodic solution has its last cycle, but no checkpoint.
             if "cycles" not in (complete_result(held.path) or {}):
                 stored_run = stored_scene(held.path)
                 former = load_run_state(held.path)
@@ -112,7 +112,13 @@ def run(
 
 
 def _require_same(scene: Scene, directory: Path) -> None:
-    """Refuse to resume a run of another scene; an accuracy chooses some values itself."""
+    """Refuse to resume a run of another scene, unless a search for an accuracy changed it.
+
+    Raises
+    ------
+    SettingsError
+        A setting differs from that of the run; the message names its key.
+    """
     if scene.output.accuracy:
         return
     asked = dict(by_key(stored(scene).tables))
@@ -120,8 +126,9 @@ def _require_same(scene: Scene, directory: Path) -> None:
     for key in {**asked, **recorded}:
         if asked.get(key) != recorded.get(key):
             raise SettingsError(
-                f"{key} = {asked.get(key)!r}: the run in {directory} has {recorded.get(key)!r}: "
-                f"resume it with read_scene of its {SCENE_NAME}, or choose another folder"
+                f"{key} = {asked.get(key)!r}, but the run in {directory} has "
+                f"{recorded.get(key)!r}: resume it with read_scene of its {SCENE_NAME}, or choose "
+                "another folder"
             )
 
 
@@ -136,24 +143,25 @@ def run_scene(
     multiplier: bool = False,
     search: Search | None = None,
 ) -> dict[str, Any]:
-    """Integrate a scene and write its results into a folder; serial.
+    """Integrate a scene and write its results into a folder; on one rank.
 
     Parameters
     ----------
     scene, built
-        Scene as read with `as_stored`, and its mechanism.
+        Scene as read by `as_stored`, and the machine built from it.
     directory
-        Existing folder of the results.
+        Existing folder for the results.
     interval
         Time between two checkpoints [s].
     former
-        Checkpoint of the run in this folder to resume.
+        Checkpoint in this folder from which the run is resumed; None for a new run.
     alone
-        Whether progress is shown, and the error budget estimated if the scene has one: runs of a
-        study are compared with one another instead.
+        Whether progress is shown, and the error budget estimated if the scene requires one. Runs of
+        a study do neither, because they are compared with one another.
     multiplier
-        Whether the largest multiplier of a periodic solution is computed.
+        Whether the largest Floquet multiplier of a periodic solution is computed.
     search
+        Search for settings that meet an accuracy, to which the run is added; None without one.
         Search for settings that meet an accuracy, to which the run is added.
 
     Returns
@@ -164,7 +172,7 @@ def run_scene(
     Raises
     ------
     InputError, SolverError
-        See `record_run`.
+        Raised by `record_run`.
     """
     if former is None:
         clear(directory)
@@ -207,7 +215,7 @@ def _judged(
     search: Search | None,
     parts: Mapping[str, Responding],
 ) -> tuple[Budgets, dict[str, Any]]:
-    """Error budgets of a run, and entries of its summary on them and on the search."""
+    """Estimate the errors of a run: its budgets, and summary entries on errors and the search."""
     budgets, entries = estimate_errors(recorded, directory, parts)
     limit = scene.output.error_limit
     if search is not None:
@@ -236,7 +244,10 @@ def _responding(scene: Scene, built: Machine) -> dict[str, Responding]:
 
 
 def _reductions(built: Machine) -> dict[str, Any]:
-    """Method and number of modes of every flexible body; of at most one body also by themselves."""
+    """Summary entries with method and number of modes of every flexible body.
+
+    A scene with at most one flexible body has the two entries also outside the entry ``bodies``.
+    """
     by_body = {
         name: {"method": body.method, "modes": body.modes} for name, body in built.bodies.items()
     }
@@ -247,14 +258,14 @@ def _reductions(built: Machine) -> dict[str, Any]:
 
 
 def stored_scene(directory: Path, *, forces: bool = True) -> tuple[Scene, Machine]:
-    """Scene and mechanism of a run from its folder; without `forces`, no loads act on it.
+    """Read scene and machine of a run from its folder; without `forces`, no loads act on it.
 
-    Nothing is meshed or reduced: a model, which is a program, is not run again.
+    Nothing is meshed or reduced, so that a model, which is a program, is not executed.
 
     Raises
     ------
     SettingsError, BodyFileError
-        From the files of the folder.
+        The scene or a body in the folder cannot be used.
     """
     scene = as_stored(directory / SCENE_NAME)
     if not forces:
@@ -263,7 +274,7 @@ def stored_scene(directory: Path, *, forces: bool = True) -> tuple[Scene, Machin
 
 
 def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
-    """Flexible bodies of a run from its folder.
+    """Read the flexible bodies of a run from its folder, by name.
 
     Raises
     ------
@@ -274,10 +285,10 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
 
 
 def _fingerprints(scene: Scene, built: Machine) -> dict[str, str]:
-    """Checksums of scene, tables and bodies: a run is resumed only with the same ones."""
+    """Checksums of scene, tables and bodies by file name, which must be equal to resume a run."""
     hashes = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
     for path in dict.fromkeys(csv_files(scene.tables)):
-        # A name in HDF5 has no slash, and files of several folders may have the same name.
+        # Names in HDF5 have no slash, and files in several folders may have the same name.
         hashes.setdefault(path.name, hashlib.sha256()).update(path.read_bytes())
     digests = {name: digest.hexdigest() for name, digest in hashes.items()}
     return digests | {
@@ -296,23 +307,25 @@ def run_accurately(
     multiplier: bool = False,
     announce: Callable[[Search], None] = lambda search: None,
 ) -> tuple[Scene, Machine, dict[str, Any]]:
-    """Run a scene as `run_scene` does, and again while its search wants other settings; serial.
+    """Run a scene as `run_scene` does, and repeat it while the search proposes new settings.
+
+    The function runs on one rank.
 
     Parameters
     ----------
     scene, built
-        Scene and mechanism of the first run, see `fenics_ehd.scenes.accuracy.start_search`.
+        Scene and machine of the first run, see `fenics_ehd.scenes.accuracy.start_search`.
     directory, interval, former, multiplier
-        As of `run_scene`; the folder has the last run.
+        Passed to `run_scene`; the folder keeps the last run only.
     search
-        Search for settings; None: there is one run.
+        Search for settings that meet an accuracy; None for a single run.
     announce
-        Called with the search before every further run.
+        Function that is called with the search before every further run.
 
     Returns
     -------
     scene, built, summary
-        Scene, mechanism and summary of the last run.
+        Scene, machine and summary of the last run.
     """
     while True:
         summary = run_scene(
@@ -330,7 +343,7 @@ def run_accurately(
             search.store(directory)
             return scene, built, summary
         announce(search)
-        # The folder never holds results of another scene than its own.
+        # The folder must not hold results of a scene other than the one stored in it.
         for name in (SUMMARY, FIELDS_NAME):
             (directory / name).unlink(missing_ok=True)
         former = None

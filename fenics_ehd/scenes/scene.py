@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
@@ -60,6 +60,26 @@ from fenics_ehd.scenes.part_settings import ELEMENTS, OutputSettings
 GROUND = "ground"
 
 
+#: Sides of a joint on which a flexible body has a surface that deforms (`Body.surface`).
+ELASTIC_SIDES = ("bore",)
+
+
+class ElasticSurface(NamedTuple):
+    """Surface of a joint that deforms.
+
+    Attributes
+    ----------
+    side
+        ``"bore"`` or ``"journal"``, a key of the joint.
+    body, point
+        Flexible body, and its point.
+    """
+
+    side: str
+    body: str
+    point: str
+
+
 @attrs.frozen(eq=False, kw_only=True)
 class Scene:
     """Settings of a scene, checked.
@@ -100,40 +120,45 @@ class Scene:
         lubricated = schema.LubricatedSettings
         return {name: joint for name, joint in self.joints.items() if isinstance(joint, lubricated)}
 
-    def elastic_bore(self, joint: schema.LubricatedSettings) -> tuple[str, str] | None:
-        """Flexible body and bore of a joint, None for a rigid bore."""
-        name, _, point = joint.bore.partition(".")
-        body = self.bodies.get(name)
-        elastic = isinstance(body, schema.FlexibleSettings) and point in body.bores
-        return (name, point) if elastic else None
+    def elastic_surfaces(self, joint: schema.LubricatedSettings) -> list[ElasticSurface]:
+        """Surfaces of a joint that deform; none between rigid surfaces."""
+        surfaces = []
+        for side in ELASTIC_SIDES:
+            name, _, point = getattr(joint, side).partition(".")
+            body = self.bodies.get(name)
+            if isinstance(body, schema.FlexibleSettings) and point in body.bores:
+                surfaces.append(ElasticSurface(side, name, point))
+        return surfaces
 
     def film_element(self, body: str) -> str:
         """Element of the pressures on a flexible body: that of the film in its first bore with one.
 
         It is 9-node if that film has bilinear elements. Pressures of other films are transferred.
         """
-        by_bore = {self.elastic_bore(joint): joint.element for joint in self.films.values()}
-        elements = (by_bore.get((body, bore), "") for bore in self.bodies[body].bores)
+        by_point = {
+            (surface.body, surface.point): joint.element
+            for joint in self.films.values()
+            for surface in self.elastic_surfaces(joint)
+        }
+        elements = (by_point.get((body, point), "") for point in self.bodies[body].bores)
         element = next(filter(None, elements), "lagrange")
         return element if element in ELEMENTS else "lagrange"
 
     def film_edges(self, body: str) -> dict[str, tuple[float, ...]]:
-        """Heights at which pressures on a flexible body have edges along z, by name of its bore.
+        """Heights at which pressures on a flexible body have edges along z, by name of its surface.
 
-        Edges are those of supplies, and infinite ones for the ends of a bore with rough surfaces,
-        see `fenics_ehd.reduction.pressure_family` [m]. Holes in the mesh of the bore are left out.
+        Edges are those of supplies, and infinite ones for the ends of rough surfaces, see
+        `fenics_ehd.reduction.pressure_family` [m]. Holes in the mesh of a bore are left out.
         """
-        edges = {}
+        edges: dict[str, tuple[float, ...]] = {}
         for joint in self.films.values():
-            elastic = self.elastic_bore(joint)
-            if elastic is None or elastic[0] != body:
-                continue
             reaches = [supply.reach for supply in joint.supply.values()]
             if joint.contact.roughness:
                 reaches.append((-np.inf, np.inf))
             heights = np.unique([reach for reach in reaches if reach[0] < reach[1]])
-            if len(heights):
-                edges[elastic[1]] = tuple(heights.tolist())
+            for surface in self.elastic_surfaces(joint):
+                if surface.body == body and len(heights):
+                    edges[surface.point] = tuple(heights.tolist())
         return edges
 
     @property
@@ -290,7 +315,8 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
         joint.eccentricity, rough=bool(joint.contact.roughness), key=f"{key}.eccentricity"
     )
     _check_contact(joint, key)
-    if joint.transfer != schema.TRANSFERS[0] and not scene.elastic_bore(joint):
+    elastic = scene.elastic_surfaces(joint)
+    if joint.transfer != schema.TRANSFERS[0] and not elastic:
         raise no_effect(f"{key}.transfer", joint.transfer, "without a flexible bore")
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
@@ -300,7 +326,7 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
         bores = ", ".join(f"{body}.{bore}" for bore in bored.bores)
         raise SettingsError(f"{key}.bore = {joint.bore!r}: the bores of {body} are {bores}")
     for size in ("radius", "width"):
-        if not scene.elastic_bore(joint) and not getattr(joint, size):
+        if not elastic and not getattr(joint, size):
             raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
 
 
@@ -359,8 +385,8 @@ def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> lis
     """A line if the Reynolds number of a film, at the speeds of the start, exceeds laminar flow."""
     lubricant = joint_lubricant(scene, joint)
     radius = joint.radius
-    if not radius and (elastic := scene.elastic_bore(joint)):
-        radius = float(scene.bodies[elastic[0]].geometry.get("bore_radius", 0.0))
+    if not radius and (elastic := scene.elastic_surfaces(joint)):
+        radius = float(scene.bodies[elastic[0].body].geometry.get("bore_radius", 0.0))
     journal, bore = (scene.speed_of(at.partition(".")[0]) for at in (joint.journal, joint.bore))
     flow = lubricant.density * abs(journal - bore) * radius * joint.clearance
     number = flow / lubricant.viscosity

@@ -1,13 +1,13 @@
-"""Measured deviations of a bore or journal from a circular cylinder, in a CSV file.
+"""Measured deviations of a bore or journal from a circular cylinder, read from a CSV file.
 
-    # anything
+    # comment
     angle_deg,height_m,deviation_m
     0,-0.01,1.2e-6
     0,0.01,1.0e-6
     15,-0.01,...
 
-Every angle is listed with every height, in any order. Angles lie within one turn; a last angle may
-be the first one again, with the same deviations.
+The file has a row for every combination of an angle and a height, in any order. The angles lie
+within one turn. The last angle may be the first one plus 360 degrees, with the same deviations.
 """
 
 from __future__ import annotations
@@ -21,37 +21,37 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.kinematics import FEWEST_ANGLES, ShapeTable
 from fenics_ehd.scenes.tables import Units, read_columns
 
-#: Units of a table's columns.
+#: Factors to SI units of the units that a column may have, by column.
 _LENGTH: Mapping[str, float] = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 UNITS: Units = {"angle": {"deg": 1.0}, "height": _LENGTH, "deviation": _LENGTH}
 
-#: Share of the bearing's width that heights of a table need not cover at each end: rounding.
+#: Part of the width at each end that the heights need not cover, because they may be rounded.
 UNCOVERED = 1e-3
 
-#: Most widths that heights of a table may span: in another unit they are 1000 times as large.
+#: Largest range of the heights over the width: a height in a wrong unit is 1000 times too large.
 WIDEST = 10.0
 
-#: Most clearances that a deviation of a table may have, for the same reason.
+#: Largest deviation over the clearance: a deviation in a wrong unit is 1000 times too large.
 HIGHEST = 30.0
 
-#: Digits of an angle [degrees], and of a height over the largest, in which rows of a table agree.
+#: Digits to which angles [degrees], and heights over the largest height, are rounded.
 DIGITS = 6
 
 
 def read_shape_table(path: str | Path, key: str) -> ShapeTable:
-    """Shape of a CSV file.
+    """Measured shape of a surface, read from a CSV file.
 
     Parameters
     ----------
     path
         The file; lines that start with ``#`` are comments.
     key
-        Setting that names the file, for messages.
+        Setting with the path of the file, for messages.
 
     Raises
     ------
     SettingsError
-        Naming setting, file and the row or column that cannot be used.
+        A row or column cannot be used; the message names it, the setting and the file.
     """
     where = f"{key} {path}"
     _, rows = read_columns(path, where, UNITS, FEWEST_ANGLES, ascending=False)
@@ -65,8 +65,8 @@ def read_shape_table(path: str | Path, key: str) -> ShapeTable:
     values[i, k] = rows[:, 2]
     if len(rows) != values.size or np.isnan(values).any():
         raise SettingsError(
-            f"{where}: {len(rows)} rows for {len(angles)} angles and {len(levels)} heights: every "
-            "angle needs every height, once"
+            f"{where}: {len(rows)} rows for {len(angles)} angles and {len(levels)} heights: give "
+            "one row for every angle and height"
         )
     span = float(angles[-1] - angles[0])
     if abs(span - 360.0) < 10.0**-DIGITS:
@@ -75,7 +75,7 @@ def read_shape_table(path: str | Path, key: str) -> ShapeTable:
         angles = angles[:-1]
         values = values[:-1]
     elif span > 360.0:
-        raise SettingsError(f"{where}: the angles span {span:g} deg, at most 360 are a turn")
+        raise SettingsError(f"{where}: the angles span {span:g} deg, but 360 deg at most are valid")
     try:
         return ShapeTable(np.radians(angles), levels * largest, values)
     except SettingsError as error:
@@ -83,28 +83,28 @@ def read_shape_table(path: str | Path, key: str) -> ShapeTable:
 
 
 def require_covering(table: ShapeTable, where: str, width: float, clearance: float) -> None:
-    """Refuse measured heights that do not cover a bearing, and values in another unit.
+    """Refuse measured heights that do not cover a bearing, and values in a wrong unit.
 
     Parameters
     ----------
     table
-        Measured shape; one height holds for the whole width.
+        Measured shape; with a single height it holds for the full width.
     where
-        Setting and file, for messages.
+        Setting and path of the file, for messages.
     width, clearance
         Width and radial clearance of the bearing [m].
 
     Raises
     ------
     SettingsError
-        Naming the heights or deviations, and their limit.
+        Heights or deviations are outside their limits; the message has both.
     """
     levels = table.heights
     extent = (0.5 - UNCOVERED) * width
     if len(levels) > 1 and not (levels[0] <= -extent and levels[-1] >= extent):
         raise SettingsError(
             f"{where}: heights from {levels[0]:g} to {levels[-1]:g} m must cover the bearing's "
-            f"width, {-0.5 * width:g} to {0.5 * width:g} m; a table of one height holds for all"
+            f"width, {-0.5 * width:g} to {0.5 * width:g} m, or be one height for the full width"
         )
     for name, size, limit in (
         ("height", 2 * float(np.abs(levels).max()), WIDEST * width),
@@ -112,6 +112,6 @@ def require_covering(table: ShapeTable, where: str, width: float, clearance: flo
     ):
         if size > limit:
             raise SettingsError(
-                f"{where}: {name}s of {size:g} m, more than {limit:g} m: name the column by its "
-                f"unit, {name}_m, {name}_mm or {name}_um"
+                f"{where}: {name}s of {size:g} m are above the limit of {limit:g} m: give the "
+                f"column the unit of its values, {name}_m, {name}_mm or {name}_um"
             )

@@ -1,7 +1,7 @@
 """Start of a mechanism: positions and velocities of its bodies that satisfy every joint.
 
-Elastic parts take part as rigid bodies. A mechanism that cannot be assembled, jams on its way, or
-can move freely without inertia is refused here, before a part is reduced.
+Elastic parts are replaced by rigid bodies. A mechanism is refused here, before a part is reduced,
+if it cannot be assembled, jams during its first revolution, or can move without inertia.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from fenics_ehd.multibody.joints import AngleOverTime
 from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_inertia
 from fenics_ehd.multibody.shaft import ShaftBody
 
-#: Fewest instants after the start at which a driven mechanism is assembled.
+#: Least number of instants after the start at which a driven mechanism is assembled.
 FEWEST_INSTANTS = 4
 
-#: Angle of the fastest drive between two of these instants [rad].
+#: Rotation of the fastest drive between two such instants [rad].
 ANGLE_BETWEEN = radians(10.0)
 
-#: Size below which assembled coordinates and rates are round-off of zero; keys have none so small.
+#: Limit below which assembled coordinates and rates are set to 0, because they are round-off.
 ROUND_OFF = 1e-20
 
 
 def assembled_bodies(
     mechanism: Mechanism, turning: Mapping[str, AngleOverTime], span: float
 ) -> dict[str, Body]:
-    """Bodies of a rigid mechanism with positions and velocities that satisfy every joint.
+    """Bodies of a mechanism with positions and velocities that satisfy every joint.
 
     Parameters
     ----------
     mechanism
-        Mechanism without elasticity.
+        Mechanism whose elastic parts are replaced by rigid bodies.
     turning
-        Angles of the bodies that torques drive, from their values at the start; they are kept if
-        joints leave them free.
+        Angles over time of the bodies that are driven by torques. A body starts with its angle and
+        speed if the joints do not determine them.
     span
         End or period of the run [s].
 
@@ -48,7 +48,7 @@ def assembled_bodies(
     ------
     SettingsError
         The mechanism cannot be assembled, at the start or at a later angle of its drives, or a
-        body moves freely without inertia.
+        body can move without inertia.
     """
     system = System(mechanism)
     z, rates = assemble(system)
@@ -59,7 +59,7 @@ def assembled_bodies(
         try:
             z, rates = assemble(pinned)
         except SettingsError:
-            pass  # Joints or other drives hold these angles already.
+            pass  # joints or other drives determine these angles
     z = np.where(np.abs(z) < ROUND_OFF, 0.0, z)
     rates = np.where(np.abs(rates) < ROUND_OFF, 0.0, rates)
     return {
@@ -85,7 +85,7 @@ def _require_passage(system: System, z: np.ndarray, span: float) -> None:
 
 
 def _with_start(body: Body, z: np.ndarray, rates: np.ndarray) -> Body:
-    """A body that starts at given coordinates and rates."""
+    """Body with the given coordinates and rates as its state at the start."""
     if isinstance(body, ShaftBody):
         return attrs.evolve(body, angle=degrees(z[0]), speed=float(rates[0]))
     if not isinstance(body, PlanarBody) or not body.size:

@@ -1,41 +1,43 @@
-"""Tables of a scene from CSV files: over time, over an angle, of periodic loads.
+"""Tables of a scene from CSV files: over an angle, over time, and of periodic loads.
 
-A header names columns and units, rows of numbers follow; lines that start with ``#`` are comments.
+A header line gives columns and units, followed by rows of numbers. Lines that start with ``#`` are
+comments.
 
 **Over an angle, periodic:**
 
-    # anything
+    # comment
     angle_deg,force_N
     0,120
     ...
     720,120
 
-Angles ascend from any first angle and span one period, 360 or 720 degrees; the last value is the
-first one. The curve between the rows is a periodic cubic spline with limited slopes (F. N. Fritsch
-and R. E. Carlson, SIAM J. Numer. Anal. 17, 1980): it never leaves the range of two neighbouring
-rows, whereas the spline itself falls below zero next to an ignition of a few rows. Close rows of a
-smooth curve change slopes at extremes only. The slope is continuous, as Newton's method needs it.
+Angles ascend from any first angle and span one period, 360 or 720 degrees. The last value must be
+the first value. The curve between the rows is a periodic cubic spline with limited slopes (F. N.
+Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17, 1980). It never leaves the range of two
+neighbouring rows, whereas the spline without limits falls below zero next to an ignition of a few
+rows. If the rows of a smooth curve are close, the limits change slopes at extremes only. The slope
+is continuous, as Newton's method needs.
 
 **Over time:**
 
-    # anything
+    # comment
     time_s,speed_rad_per_s
     0.0,0.0
     ...
 
 The curve between the rows is cubic and never leaves the range of two neighbouring rows (F. N.
-Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5, 1984). It is constant before the first row and
-after the last.
+Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5, 1984). Before the first row and after the
+last row it is constant.
 
 **A periodic load over time:**
 
-    # anything
+    # comment
     time_s,Fx_N,Fy_N
     0.0,120.0,-3400.0
     ...
 
-Times begin at zero and ascend.
-The load of the last row is that of the first, unless a longer period is given.
+Times start at zero and ascend. The load of the last row must be that of the first row, unless a
+longer period is given.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import scipy  # whose interpolation, slow to import, comes when it is used
+import scipy  # scipy.interpolate, which is slow to import, is imported when it is used
 
 from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import SettingsError
@@ -54,29 +56,29 @@ from fenics_ehd.base.files import read_text
 from fenics_ehd.base.units import parse_number
 from fenics_ehd.multibody.tabulated import Curve
 
-#: Beyond any force [N], torque, time or angle; squares and sums of such numbers stay finite.
+#: Limit of a number in a table; squares and sums of smaller numbers stay finite.
 LARGEST = 1e15
 
-#: ``time_s``, ``time [s]`` or ``time (s)``.
+#: Pattern of a column's title: ``time_s``, ``time [s]`` or ``time (s)``.
 HEADER = re.compile(r"\s*([A-Za-z]+)\s*(?:_\s*|\[\s*|\(\s*)([A-Za-z_]+)\s*[\])]?\s*")
 
-#: Factors to SI of the units that a header may name, by column; messages name the first unit.
+#: Type for units of columns: factor to SI units by column and unit; messages name the first unit.
 Units = Mapping[str, Mapping[str, float]]
 
-#: Largest difference of the last row of a closed table from the first, over the largest: rounding.
+#: Largest difference of the first and last row of a periodic table, over the largest row; rounding.
 CLOSING_TOLERANCE = 1e-3
 
-#: Rows that a periodic table needs.
+#: Least number of rows of a periodic table.
 FEWEST_ROWS = 3
 
 
 def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
-    """Entries of all lines but empty ones and comments, each with its file and line for messages.
+    """Entries of each line that has data, with the name of the file and line for messages.
 
     Raises
     ------
     SettingsError
-        The file cannot be read, or separates its entries by something else than commas.
+        The file cannot be read, or its entries are not separated by commas.
     """
     try:
         text = read_text(path)
@@ -91,14 +93,21 @@ def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
             continue
         if ";" in line or "\t" in line:
             raise SettingsError(
-                f"{line_name}, has {line.strip()[:40]!r}: separate by commas, decimals with a point"
+                f"{line_name}, has {line.strip()[:40]!r}: separate entries by commas, and use "
+                "decimal points"
             )
         lines.append((line_name, [entry.strip(' "') for entry in line.split(",")]))
     return lines
 
 
 def _finite(where: str, entry: str) -> float:
-    """An entry as a number; refused if it is none, or `LARGEST` or more."""
+    """Convert an entry to a number; refuse texts, and numbers of size `LARGEST` or more.
+
+    Raises
+    ------
+    SettingsError
+        The entry is not such a number; the message has the entry.
+    """
     try:
         value = parse_number(entry)
     except ValueError:
@@ -116,30 +125,32 @@ def read_columns(
     *,
     ascending: bool = True,
 ) -> tuple[list[str], np.ndarray]:
-    """Names of all rows for messages, and their numbers in the order of `units`, in SI units.
+    """Read a CSV file: names of its rows for messages, and its numbers in SI units.
+
+    The numbers have the shape (rows, columns), with the columns in the order of `units`.
 
     Parameters
     ----------
     path
         The file; lines that start with ``#`` are comments.
     where
-        Names file and setting in messages.
+        Name of the setting and file, for messages.
     units
-        Required columns.
+        Required columns, with the units that each may have.
     fewest
-        Fewest rows.
+        Least number of rows.
     ascending
-        Whether the first column must ascend.
+        Whether the numbers of the first column must ascend.
 
     Raises
     ------
     SettingsError
-        Naming setting, file, line and value.
+        The file cannot be used; the message names setting, file, line and value.
     """
     lines = _entries(path, where)
     wanted = ",".join(f"{name}_{next(iter(known))}" for name, known in units.items())
     if not lines:
-        raise SettingsError(f"{where}: no header {wanted}")
+        raise SettingsError(f"{where}: the file is empty: it must begin with the header {wanted}")
     (header_name, header), *body = lines
     columns = _columns(header_name, header, units, wanted)
     values = np.empty((len(body), len(columns)))
@@ -152,8 +163,8 @@ def read_columns(
         if ascending and row and not here > former:
             name, unit = wanted.partition(",")[0].split("_", 1)
             raise SettingsError(
-                f"{line_name}: the {name} {here:g} {unit} must be above {former:g} {unit} of "
-                "the row before"
+                f"{line_name}: the {name} {here:g} {unit} must be above {former:g} {unit}, that of "
+                "the previous row"
             )
     if len(body) < fewest:
         raise SettingsError(f"{where}: {len(body)} rows of numbers, at least {fewest} are needed")
@@ -163,17 +174,17 @@ def read_columns(
 def _columns(
     line_name: str, header: list[str], units: Units, wanted: str
 ) -> list[tuple[int, float]]:
-    """Index of every column and its factor to SI units, in the order of `units`."""
+    """Index of each required column in the file, and its factor to SI units."""
     columns: dict[str, tuple[int, float]] = {}
     for index, title in enumerate(header):
         match = HEADER.fullmatch(title)
         name, unit = match.groups() if match else (title, "")
         if name not in units or name in columns:
             reason = "appears twice" if name in columns else f"is not one of {', '.join(units)}"
-            raise SettingsError(f"{line_name}: column {title!r} {reason}, with a unit: {wanted}")
+            raise SettingsError(f"{line_name}: column {title!r} {reason}: give {wanted}")
         if unit not in units[name]:
             known = " or ".join(f"{name}_{known}" for known in units[name])
-            raise SettingsError(f"{line_name}: column {title!r} needs a unit: {known}")
+            raise SettingsError(f"{line_name}: column {title!r} needs a unit: give {known}")
         columns[name] = index, units[name][unit]
     if missing := [name for name in units if name not in columns]:
         raise SettingsError(f"{line_name}: no column {', '.join(missing)}; needed: {wanted}")
@@ -181,12 +192,12 @@ def _columns(
 
 
 def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
-    """Refuse a periodic table whose last row (n, k) is not the first.
+    """Refuse a periodic table whose last row differs from the first; `values` has the shape (n, k).
 
     Raises
     ------
     SettingsError
-        Naming both rows and what to do.
+        The rows differ; the message has both of them and ends with `remedy`.
     """
     first = values[0]
     last = values[-1]
@@ -200,22 +211,22 @@ def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
         )
 
 
-#: Periods of a machine with two and with four strokes [degrees].
+#: Periods of two-stroke and four-stroke machines [degrees].
 PERIODS = (360.0, 720.0)
 
-#: Rounding of the angles in the file [degrees].
+#: Tolerance on the period of the angles in a file, which may be rounded [degrees].
 ANGLE_TOLERANCE = 1e-3
 
 
 def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
-    """Periodic function of an angle.
+    """Periodic curve over an angle, with the limited slopes of `limited`.
 
     Parameters
     ----------
     angles
-        Ascending over one period, shape (n,) [rad].
+        Angles in ascending order over one period, shape (n,) [rad].
     values
-        Values, the last one equal to the first, shape (n,).
+        Values at the angles, the last one equal to the first, shape (n,).
     """
     closed = np.append(values[:-1], values[0])  # SciPy requires equal bits
     slopes = scipy.interpolate.CubicSpline(angles, closed, bc_type="periodic")(angles, 1)
@@ -226,7 +237,7 @@ def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
 
 
 def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
-    """Slopes with which a cubic curve stays between the rows of a closed table.
+    """Slopes limited so that a cubic curve stays between neighbouring rows of a periodic table.
 
     Parameters
     ----------
@@ -244,21 +255,21 @@ def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
 
 
 def read_angle_table(path: Path, key: str, column: Units) -> Curve:
-    """Periodic curve over an angle from a CSV file; lines that start with ``#`` are comments.
+    """Read a periodic curve over an angle from a CSV file.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file; lines that start with ``#`` are comments.
     key
-        Setting that names the file, for messages.
+        Setting with the path of the file, for messages.
     column
-        Name and unit of the values, see `read_columns`.
+        Name and units of the values, see `read_columns`.
 
     Raises
     ------
     SettingsError
-        Naming setting, file, line and value.
+        The file cannot be used; the message names setting, file, line and value.
     """
     where = f"{key} {path}"
     row_names, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column})
@@ -267,36 +278,36 @@ def read_angle_table(path: Path, key: str, column: Units) -> Curve:
     period = min(PERIODS, key=lambda p: abs(p - span))
     if not abs(span - period) <= ANGLE_TOLERANCE:
         raise SettingsError(
-            f"{where}: the angles span {span:g} deg, from {angles[0]:g} to {angles[-1]:g}, they "
-            "must span 360 or 720"
+            f"{where}: the angles span {span:g} deg, from {angles[0]:g} to {angles[-1]:g}: they "
+            "must span 360 or 720 deg"
         )
-    require_closed(row_names[-1], rows[:, 1:], "close the period")
-    # The exact period: a rounded one would shift the table over many revolutions.
+    require_closed(row_names[-1], rows[:, 1:], "make the last value equal to the first")
+    # The exact period is used: a rounded one would shift the curve over many revolutions.
     return angle_table(np.radians(np.append(angles[:-1], angles[0] + period)), values)
 
 
 def read_time_table(path: Path, key: str, column: Units) -> Curve:
-    """Curve over time from a CSV file; lines that start with ``#`` are comments.
+    """Read a curve over time from a CSV file.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file; lines that start with ``#`` are comments.
     key
-        Setting that names the file, for messages.
+        Setting with the path of the file, for messages.
     column
-        Name and unit of the values, see `read_columns`.
+        Name and units of the values, see `read_columns`.
 
     Raises
     ------
     SettingsError
-        Naming setting, file, line and value.
+        The file cannot be used; the message names setting, file, line and value.
     """
     _, rows = read_columns(path, f"{key} {path}", {"time": {"s": 1.0}, **column}, 2)
     return Curve(scipy.interpolate.PchipInterpolator(*rows.T), periodic=False)
 
 
-#: Factors to SI of the units a header may name.
+#: Factors to SI units of the units that a column of a load table may have, by column.
 UNITS = {
     "time": {"s": 1.0, "ms": 1e-3},
     "Fx": {"N": 1.0, "kN": 1e3},
@@ -307,21 +318,21 @@ UNITS = {
 def load_curves(
     times: np.ndarray, forces: np.ndarray, interpolation: str = "cubic"
 ) -> tuple[Curve, Curve]:
-    """Components along x and y of a periodic load.
+    """Components along x and y of a periodic load [N], as curves over time.
 
     Parameters
     ----------
     times
-        From zero to the period, ascending, shape (n,) [s].
+        Times from zero to the period, in ascending order, shape (n,) [s].
     forces
         Forces, the last row equal to the first, shape (n, 2) [N].
     interpolation
-        ``"cubic"``: periodic spline, or ``"linear"``.
+        ``"cubic"`` for a periodic cubic spline, or ``"linear"``.
 
     Raises
     ------
     SettingsError
-        An unknown interpolation.
+        The interpolation is unknown.
     """
     require_word("interpolation", interpolation, INTERPOLATIONS)
     closed = np.vstack([forces[:-1], forces[:1]])  # SciPy requires equal bits
@@ -345,26 +356,26 @@ def read_load(
     period: float = 0.0,
     section: str = "load",
 ) -> tuple[Curve, Curve]:
-    """Components along x and y of the load of a CSV file.
+    """Read the components along x and y of a periodic load [N] from a CSV file.
 
     Parameters
     ----------
     path
-        The file; lines that start with ``#`` are comments.
+        Path of the file; lines that start with ``#`` are comments.
     scale
         Factor on the forces.
     interpolation
-        See `load_curves`.
+        ``"cubic"`` or ``"linear"``, see `load_curves`.
     period
-        Period beyond the last time [s]; zero: the last time is the period, with the load of the
-        first.
+        Period [s], above the last time in the file, with the first load at its end; 0: the last
+        time is the period.
     section
-        Section of the scene that names the file, for messages.
+        Section of the scene with the path of the file, for messages.
 
     Raises
     ------
     SettingsError
-        Naming file, line and value.
+        The file cannot be used; the message names file, line and value.
     """
     require_class("path", path, str, Path)
     scale = require_number("scale", scale)
@@ -374,16 +385,18 @@ def read_load(
     times = values[:, 0]
     forces = scale * values[:, 1:]
     if times[0] != 0.0:
-        raise SettingsError(f"{row_names[0]}: the first time is {times[0]:g} s, it must be 0")
+        raise SettingsError(f"{row_names[0]}: the first time is {times[0]:g} s: it must be 0")
     if not forces.any():
-        raise SettingsError(f"{where}: the load is 0 throughout")
+        raise SettingsError(f"{where}: the load is 0 in all rows: give one that is not")
     if period:
         if not period > times[-1]:
             raise SettingsError(
-                f"{section}.period = {period:g} s must be above {times[-1]:g} s, the last time of "
+                f"{section}.period = {period:g} s must be above {times[-1]:g} s, the time of "
                 f"{row_names[-1]}"
             )
         times = np.append(times, period)
         forces = np.vstack([forces, forces[:1]])
-    require_closed(row_names[-1], forces, f"close the cycle or set {section}.period")
+    require_closed(
+        row_names[-1], forces, f"make the last load equal to the first, or set {section}.period"
+    )
     return load_curves(times, forces, interpolation)

@@ -1,4 +1,4 @@
-"""Cases of a sweep or a study: a scene with some keys replaced, and the bodies that it needs.
+"""Cases of a sweep or a study: a scene with some values replaced, and the bodies that it needs.
 
 Keys are dotted names of a scene's settings; values are written as on the command line. The identity
 of a case is a checksum of all data on which its results depend.
@@ -31,7 +31,7 @@ from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
 
 
 def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
-    """Values by dotted key, ``joints.big_end.clearance``, and keys of tables with free names."""
+    """Values of a scene's settings by dotted key, and keys of tables with free names."""
     values: dict[str, Any] = {}
     free: list[str] = []
     for key, attribute, value in walk(scene):
@@ -44,13 +44,13 @@ def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
 
 
 def resolve_key(scene: Scene, name: str) -> str:
-    """Full key of an abbreviated one, which must be the end of exactly one key.
+    """Full key of a setting from the end of its key, which must be unique.
 
     Raises
     ------
     SettingsError
-        No key or several keys end with the name, or the key is a table with free names and the name
-        of an entry is missing.
+        No key or several keys end with the name; or the key is a table, and the name of an entry
+        in it is missing.
     """
     values, free = scene_values(scene)
     name = today(name)
@@ -69,57 +69,57 @@ def resolve_key(scene: Scene, name: str) -> str:
 
 
 def _ending(keys: Any, name: str) -> list[str]:
-    """The key of that name, or all keys that end with the name."""
+    """The key that is equal to a name, or all keys that end with it."""
     return [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
 
 
 def with_values(scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()) -> Scene:
-    """A scene with values of full keys replaced, checked, and in the form of its file.
+    """Replace values of a scene by their full keys, check it, and round it as its file does.
 
     Parameters
     ----------
     scene
         Scene as stored.
     values
-        Values by full key; file names are relative to the working directory.
+        New values by full key; file names are relative to the working directory.
     optional
-        Keys that may have no effect, see `changed`.
+        Keys that are dropped instead of refused if they have no effect, see `changed`.
 
     Raises
     ------
     SettingsError
-        The message names the key that cannot be used.
+        A key or value cannot be used; the message names the key.
     """
     return stored(changed(scene, values, optional))
 
 
-#: Largest number of cases of a sweep, and so of values of a key.
+#: Largest number of cases of a sweep, and of values in a range.
 MOST_CASES = 10_000
 
 
 def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
-    """Values for a key, in the order given.
+    """Values for a swept key from a text, in the order of the text.
 
     Parameters
     ----------
     key
-        Key, for messages.
+        The key, for messages.
     text
-        ``a:b:n``, `n` numbers from `a` to `b` with equal distances, ``a:b:n:log`` with
-        equal ratios; numbers and ranges, or words, with commas between; lists with
-        semicolons between.
+        Numbers, ranges or words with commas between them; lists with semicolons between them. A
+        range ``a:b:n`` has `n` numbers from `a` to `b` at equal distances, ``a:b:n:log`` at equal
+        ratios.
     like
-        A value of the type of the key. A text of another type is returned unchanged, so that the
-        check of the setting refuses it.
+        A value of the key's type. A text of another type is returned unchanged, so that the check
+        of the setting refuses it.
 
     Raises
     ------
     SettingsError
-        A range or list is malformed, or a value is missing or repeated.
+        A range or list is malformed, or a value is missing or repeated; the message has the text.
     """
     items = [item.strip() for item in text.split(";" if isinstance(like, tuple) else ",")]
     if not all(items):
-        raise SettingsError(f"{key} = {text!r}: a value is missing")
+        raise SettingsError(f"{key} = {text!r}: a value is missing between separators")
     values: list[Any] = []
     for item in items:
         if isinstance(like, tuple):
@@ -135,17 +135,17 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
             values.append(item if number is None else _plain(number, like))
     value, times = Counter(map(as_text, values)).most_common(1)[0]
     if times > 1:
-        raise SettingsError(f"{key} = {value}: the value is given twice")
+        raise SettingsError(f"{key} = {value}: the value is given twice: drop one of them")
     return tuple(values)
 
 
 def as_text(value: object) -> str:
-    """A value as text in a table: words unchanged, others as JSON, floats with all digits."""
+    """Text of a value in a table: words are unchanged, others are JSON with all digits."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> None:
-    """Write a table; the file is complete or absent. Missing values give empty cells."""
+    """Write a CSV table; the file is complete or absent. Missing values give empty cells."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
@@ -154,21 +154,21 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
 
 
 def read_table(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Rows of a table.
+    """Read the rows of a CSV table, as texts by column.
 
     Raises
     ------
     ValueError
-        The table has other columns.
+        The table has other columns than `columns`.
     """
     reader = csv.DictReader(io.StringIO(read_text(path)))
     if tuple(reader.fieldnames or ()) != tuple(columns):
-        raise ValueError("its columns are others")
+        raise ValueError("its columns are not those of this version")
     return list(reader)
 
 
 def finite(value: Any) -> Any:
-    """The value itself; None for a number that is not finite."""
+    """Replace a number that is not finite by None; other values are unchanged."""
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
@@ -178,24 +178,24 @@ def _list(key: str, item: str) -> list[Any]:
         if isinstance(value, list):
             return value
     raise SettingsError(
-        f"{key} = {item!r} must be a list, [20, 5] say; put semicolons between several"
+        f"{key} = {item!r} must be a list, [20, 5] for instance; separate lists by semicolons"
     )
 
 
 def _number(item: str) -> float | None:
-    """Number of a text; None if the text is no number."""
+    """Convert a text to a number; None if it is not a number."""
     with suppress(ValueError):
         return parse_number(item)
     return None
 
 
 def _plain(number: float, like: object) -> float | int:
-    """The number, as an int if it is whole and the key has whole numbers."""
+    """Convert a whole number to int if the value `like` of its key is an int."""
     return int(number) if isinstance(like, int) and number.is_integer() else number
 
 
 def _range(key: str, item: str) -> list[float]:
-    """Numbers of ``a:b:n`` or ``a:b:n:log``; both ends are included exactly."""
+    """Numbers of a range ``a:b:n`` or ``a:b:n:log``; `a` and `b` are included exactly."""
     first_text, last_text, *counted = [part.strip() for part in item.split(":")]
     logarithmic = counted[1:] == ["log"]
     if len(counted) != 1 and not logarithmic:
@@ -219,18 +219,18 @@ def _range(key: str, item: str) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A case of a sweep or study.
+    """A case of a sweep or study: one scene to run.
 
     Attributes
     ----------
     name
-        Name in the sweep or study.
+        Name of the case in the sweep or study.
     scene
-        Scene to be run.
+        Scene to run.
     bodies
-        Bodies to be reduced, by their names in the scene.
+        Bodies that must be reduced for the scene, by their names in the scene.
     values
-        Values of the swept keys.
+        Values of the swept keys, in the order of the keys.
     """
 
     name: str
@@ -240,7 +240,7 @@ class Case:
 
     @functools.cached_property
     def identity(self) -> str:
-        """Checksum of all data on which the results depend."""
+        """Checksum of all data on which the results of the case depend."""
         bodies = {name: body.name for name, body in self.bodies.items()}
         return checksum(identity(self.scene) | bodies)
 
@@ -248,24 +248,24 @@ class Case:
 def make_case(
     name: str, scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()
 ) -> Case:
-    """A case of a scene with full keys replaced, see `with_values`.
+    """Make a case of a scene, with values replaced by their full keys, see `with_values`.
 
     Raises
     ------
     SettingsError, MeshError
-        A value cannot be used, or the model does not exist.
+        A value cannot be used, a model does not exist, or the case requires an accuracy.
     """
     varied = with_values(scene, values, optional)
     if varied.output.accuracy:
         raise SettingsError(
-            f"output.accuracy = {varied.output.accuracy:g}: cases are compared with the settings "
-            "that they have: drop it"
+            f"output.accuracy = {varied.output.accuracy:g}: cases run with the settings that they "
+            "are given, so that they can be compared: drop the key"
         )
     return Case(name, varied, needed_bodies(varied), tuple(values.values()))
 
 
 def identity(scene: Scene) -> dict[str, str]:
-    """All data on which results depend, as text by dotted key."""
+    """All data on which the results of a scene depend, as text by dotted key."""
     values = {
         key: described(value) if _names_file(key, value) else as_text(value)
         for key, value in by_key(scene.tables)
@@ -274,11 +274,11 @@ def identity(scene: Scene) -> dict[str, str]:
 
 
 def _names_file(key: str, value: object) -> bool:
-    """True if a value names a file or a run's folder; a word such as ``hex`` is no file name."""
+    """True if a value is the path of a file or of a run's folder; ``hex``, for instance, is not."""
     return key.endswith(".snapshots") or Path(str(value)).suffix in FILES
 
 
 def described(value: object) -> str:
-    """A value as text; for a file, or the history in a run's folder, name and checksum."""
+    """Text of a value; for a file, or the folder of a run, its name and checksum."""
     content = content_of(value) if isinstance(value, str) else None
     return content or as_text(value)

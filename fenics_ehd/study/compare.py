@@ -1,14 +1,14 @@
-"""Runs of a study and their comparison: differences of curves, files and tables.
+"""Comparison of the runs of a study: differences of curves, files and tables.
 
-A run is compared at its own steps, and the run with far more steps is interpolated. The fields are
-interpolated point by point before extremes are computed, because curves of extremes have kinks
-where the extreme moves from one point to another. Periodic runs are compared over their last
-cycles, as functions of the time within the cycle.
+Two runs are compared at the steps of one of them; the other, which has far more steps, is
+interpolated. Fields are interpolated point by point before extremes are computed, because curves of
+extremes have kinks where the extreme moves from one point to another. Periodic runs are compared
+over their last cycles, as functions of the time within the cycle.
 
-Bodies are reduced first. Then the reference is run, then all others. ``study.json`` has settings,
-versions and machine of the study; ``errors-AGAINST.npz`` in the folder of a run its errors over
-time; ``reference.json`` the errors of the reference itself; ``table.csv`` a row for every run,
-joint and group.
+Bodies are reduced first. Then the reference is run, then all other runs. ``study.json`` has the
+settings, versions and machine of the study; ``errors-AGAINST.npz`` in the folder of a run has its
+errors over time; ``reference.json`` has the errors of the reference itself; ``table.csv`` has a row
+for every run, joint and group.
 """
 
 from __future__ import annotations
@@ -44,32 +44,34 @@ from fenics_ehd.study.cases import Case, finite, write_table
 from fenics_ehd.study.plan import REFERENCE, Row, Study
 from fenics_ehd.study.pool import RunsFolder, run_cases
 
-#: Differences of the curves of peak pressure and minimum film thickness of two runs. Largest ones:
-#: relative to the largest peak, and to the film. Root mean square over time: relative to that of
-#: the curve.
+#: Names of the errors of a run: of peak pressure and minimum film thickness. The largest errors
+#: over time are relative to the reference's largest peak, and to the film thickness. The errors in
+#: root mean square are relative to the root mean square of the reference's curve.
 ERRORS = ("pressure_max", "pressure_l2", "film_max", "film_l2")
 
-#: Largest difference of the gap anywhere in the bearing [m].
+#: Name of the largest error of the gap, over all points and times [m].
 GAP = "gap"
 
-#: `ERRORS` and `GAP` of two runs by joint.
+#: Type for the errors of two runs: values of `ERRORS` and `GAP` by joint.
 Errors = Mapping[str, Mapping[str, float]]
 
 
 class StoredRun:
-    """Curves and coordinates of a run on disk.
+    """A run that is read from its folder, for comparison with other runs.
 
     Parameters
     ----------
-    directory, scene
-        Folder of the results, and scene of the run.
+    directory
+        Folder of the run.
+    scene
+        Scene of the run.
     start
-        Time from which errors are evaluated [s].
+        Time after which errors are evaluated [s].
 
     Raises
     ------
     InputError
-        A file is missing or damaged, or fewer than two steps follow the start.
+        A file is missing or damaged, or the run has fewer than two steps after `start`.
     """
 
     def __init__(self, directory: Path, scene: Scene, start: float):
@@ -80,15 +82,15 @@ class StoredRun:
         self.joints = tuple(scene.films)
         self.counted = self.times >= start
         if np.count_nonzero(self.counted) < 2:
-            raise InputError(f"{directory}: fewer than two steps after {start:g} s")
+            raise InputError(f"{directory}: the run has fewer than two steps after {start:g} s")
 
     @cached_property
     def filmed(self) -> History:
-        """The same run with pressures at all nodes, for comparisons with other runs."""
+        """History of the run with film pressures at all nodes, which comparisons need."""
         return load_history(self.directory)
 
     def estimates(self) -> dict[str, float]:
-        """Largest error of the gap that the run estimated itself, after the start, by joint [m]."""
+        """Largest error of the gap by joint [m], as the run itself estimated it after the start."""
         joints = self.result.joints
         return {
             joint: float(joints[joint].basis_error_estimate[self.counted].max(initial=0.0))
@@ -97,7 +99,7 @@ class StoredRun:
         }
 
     def gaps(self, motion: History, films: Scene) -> dict[str, np.ndarray]:
-        """Gap by joint [m], shape (steps, points), from a motion, at nodes of a scene's films."""
+        """Gap [m] by joint, shape (steps, points), for a motion, on the film meshes of a scene."""
         meshes: dict[str, Any] = {}
         for name in self.joints:
             joint = films.joints[name]
@@ -111,19 +113,19 @@ class StoredRun:
     def differences(
         self, run: StoredRun
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
-        """Differences of another run from this one, at that run's steps after the start.
+        """Errors of another run relative to this one, at the other run's steps after the start.
 
         Returns
         -------
         curves
-            Arrays for `read_errors`.
+            Times and errors over time by column, as `read_errors` returns them.
         errors
-            See `Errors`.
+            Errors by joint and name, see `Errors`.
         """
         known = (run.times >= self.times[0]) & (run.times <= self.times[-1])
         inside = known & run.counted
         times = run.times[inside]
-        # Times of a periodic cycle are measured from its start.
+        # Times in a periodic run's history are measured from the start of the cycle.
         exact = between_steps(self.filmed, times + (self.result.run.time[0] - self.times[0]))
         right = self.gaps(exact, self.scene)
         ours = run.gaps(run.result.each(lambda values: values[inside]), self.scene)
@@ -133,7 +135,7 @@ class StoredRun:
             joint_result = run.result.joints[joint]
             peak = self.result.joints[joint].max_pressure[self.counted].max()
             film = exact.joints[joint].film
-            # The gap is observed at Gauss points, then at nodes.
+            # The gap is observed at the Gauss points first, and at the nodes last.
             nodal_gap = right[joint][:, -len(film.angle) :]
             rows = FilmRows.of(film.angle, film.height)
             peaks, thinnest = rows.film_extremes(film.pressure, nodal_gap)
@@ -151,17 +153,17 @@ class StoredRun:
 
 
 def _mean(times: np.ndarray, values: np.ndarray) -> float:
-    """Root mean square over time."""
+    """Root mean square of values over time, for steps of any size."""
     return float(np.sqrt(trapezoid(values**2, times) / (times[-1] - times[0])))
 
 
 def errors_path(directory: Path, against: str) -> Path:
-    """File with the errors of a run relative to another one, in the folder of the run."""
+    """Path of the file with the errors of a run relative to the run `against`."""
     return directory / f"errors-{against}.npz"
 
 
 def write_errors(path: Path, curves: Mapping[str, np.ndarray]) -> None:
-    """Write errors at the run's steps; the file is complete or absent, and reproducible."""
+    """Write errors at the steps of a run; the file is complete or absent, and reproducible."""
     content = io.BytesIO()
     np.savez(content, **curves)
     claim(path.parent, [path.name])
@@ -169,7 +171,10 @@ def write_errors(path: Path, curves: Mapping[str, np.ndarray]) -> None:
 
 
 def read_errors(path: Path) -> dict[str, np.ndarray]:
-    """Times [s], and signed relative errors of peak pressure and minimum film thickness.
+    """Read the errors of a run over time, by column.
+
+    The columns are the times [s], and for each joint the signed relative errors of peak pressure
+    and minimum film thickness.
 
     Raises
     ------
@@ -180,42 +185,42 @@ def read_errors(path: Path) -> dict[str, np.ndarray]:
         with np.load(path) as file:
             return {name: file[name] for name in file.files}
     except Exception as error:  # a damaged archive may raise any exception
-        raise InputError(f"{path}: not the errors of a run ({error})") from None
+        raise InputError(f"{path}: not a file with the errors of a run ({error})") from None
 
 
-#: Files of a study and its report, besides reduced bodies; the first one identifies the folder.
+#: Files of a study and its report, except reduced bodies; the first one identifies the folder.
 STUDY = "study.json"
 MADE = (STUDY, "table.csv", "reference.json", "report.html", "report.md", "figures/", "runs/")
 
-#: Share of the simulated time by which the history of a complete run may be short: rounding.
+#: Largest relative difference of the end of a complete history from the simulated time; rounding.
 ROUND_OFF = 1e-9
 
 
-#: Errors of the reference that limit a comparison with runs on the same film mesh.
+#: Errors of the reference below which errors of runs on the same film mesh have no meaning.
 LIMITING = ("step", "basis")
 
 
 class StudyFolder(RunsFolder):
-    """Folder of one study: compares its runs and stores their errors.
+    """Folder of a study: it compares the runs and stores their errors.
 
     Parameters
     ----------
     directory
-        Path of the folder, which is created if it is missing.
+        Path of the folder; it is created if it does not exist.
     study
-        Study of the folder.
+        Study to which the folder belongs.
     overwrite
-        Remove all runs, tables and the report; reduced bodies, named by checksum, are kept.
+        Whether all runs, tables and the report are removed; reduced bodies are kept.
 
     Attributes
     ----------
     runs
-        Complete runs by name.
+        Runs that are complete, by name.
 
     Raises
     ------
     InputError
-        The folder cannot be written to, or holds the study of another scene.
+        The folder cannot be written to, or has the study of another scene.
     InUseError
         Another process uses the folder.
     """
@@ -230,7 +235,7 @@ class StudyFolder(RunsFolder):
         super().__init__(directory, study.cases.values(), MADE, about, overwrite=overwrite)
 
     def take_stock(self) -> list[Case]:
-        """Read complete runs and remove their stored errors; the cases that are not complete."""
+        """Read complete runs, and remove stored errors; returns the cases that are not complete."""
         self.runs.clear()
         self._errors.clear()
         for name in self.cases:
@@ -239,7 +244,7 @@ class StudyFolder(RunsFolder):
         return super().take_stock()
 
     def read(self, name: str) -> None:
-        """Read a complete run; its files must exist and have all steps."""
+        """Read a complete run; refuse it if files or its last steps are missing."""
         scene = self.cases[name].scene
         stored_bodies(scene, self.run(name))
         run = StoredRun(self.run(name), scene, self.study.start)
@@ -248,13 +253,13 @@ class StudyFolder(RunsFolder):
         self.runs[name] = run
 
     def status(self, name: str) -> str:
-        """Status of a run; a text if it has not run yet."""
+        """Status of a run, ``"not run"`` if it has not ended."""
         return self.outcomes[name].status if name in self.outcomes else "not run"
 
     def errors(self, run: str, against: str) -> Errors | None:
-        """Errors of a run relative to another; None if one is incomplete, or both are the same run.
+        """Errors of a run relative to another run, which are also stored in a file.
 
-        The errors are stored in a file as well.
+        The result is None if one of the runs is not complete, or if both are the same run.
         """
         if run == against or not {run, against} <= self.runs.keys():
             return None
@@ -265,28 +270,28 @@ class StudyFolder(RunsFolder):
         return self._errors[run, against]
 
     def why_not(self, run: str, against: str) -> str:
-        """Reason why two runs cannot be compared."""
+        """Reason why two runs cannot be compared; empty if both are complete."""
         missing = (name for name in (run, against) if name not in self.runs)
         return next((f"{name}: {self.status(name)}" for name in missing), "")
 
     def own_error(self, kind: str) -> Errors | None:
-        """Error of the reference of one kind: step, film or basis."""
+        """Error of the reference itself; `kind` is ``"step"``, ``"film"`` or ``"basis"``."""
         return self.errors(self.study.checks[kind][0], REFERENCE)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Rows of the table."""
+        """Rows of ``table.csv``, by column."""
         return [table_row(row, j, self) for row in self.study.rows for j in self.study.joints]
 
     def write_tables(self) -> None:
-        """Write tables of all runs that have ended."""
+        """Write ``table.csv`` and ``reference.json`` for the runs that have ended."""
         write_table(self.path / "table.csv", COLUMNS, self.rows())
         self.write("reference.json", describe_reference(self))
 
     def floor(self, row: Row, joint: str) -> tuple[float | None, float | None]:
-        """Errors of pressure and film below which those of a row have no meaning; None: unknown.
+        """Pressure and film error below which the errors of a row have no meaning; None if unknown.
 
-        On the film mesh of the reference, the larger known one of its step error and basis error.
-        On other meshes, the error of the finest mesh but one.
+        On the film mesh of the reference, this is the larger known one of the reference's step and
+        basis errors. On other film meshes, it is the error of the second finest mesh.
         """
         if row.against == REFERENCE:
             candidates = [self.own_error(kind) for kind in LIMITING]
@@ -299,12 +304,12 @@ class StudyFolder(RunsFolder):
         return max(e["pressure_max"] for e in known), max(e["film_max"] for e in known)
 
 
-#: Reason for which static columns are dropped.
+#: Reason why static columns of a basis are dropped.
 DROPPED = f"they depend on the others to {RANK_TOLERANCE:g} of the largest strain energy"
 
 
 def describe_reference(folder: StudyFolder) -> dict[str, Any]:
-    """Method, basis, steps and errors of the reference; errors are the largest of all joints.
+    """Content of ``reference.json``: method, steps and own errors of the reference.
 
     Parameters
     ----------
@@ -340,7 +345,7 @@ def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     return largest | about | {"joints": joints}
 
 
-#: Columns of errors, and columns of the run's figures.
+#: Columns of the table: errors, errors of the reference, and results of the run.
 ERROR_COLUMNS = ("pressure_error_max", "pressure_error_l2", "film_error_max", "film_error_l2")
 FLOORS = ("pressure_floor", "film_floor")
 STEPS = ("steps", "rejected_steps", "newton_iterations")
@@ -381,7 +386,7 @@ COLUMNS = (
 
 
 def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
-    """A row of the table; unknown values are None. A run in progress has only its settings."""
+    """Row of the table for a run and joint; None for unknown values."""
     outcome = folder.outcomes.get(row.run)
     values: dict[str, Any] = dict.fromkeys(COLUMNS)
     values |= {"run": row.run, "group": row.group, "joint": joint, "against": row.against or None}
@@ -409,7 +414,7 @@ def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
 
 
 def _settings(case: Case, joint: str) -> dict[str, Any]:
-    """Columns that depend on settings only; of a reduction those that its method reads."""
+    """Columns of the table that follow from settings; of the reduction only those that are used."""
     reduction = next(iter(case.bodies.values())).settings.reduction
     time = case.scene.time
     cells = case.scene.joints[joint].cells
@@ -422,12 +427,12 @@ def _settings(case: Case, joint: str) -> dict[str, Any]:
     return values | {"body": " ".join(body.name for body in case.bodies.values())}
 
 
-#: Kind of the times in the table.
+#: Meaning of the times in the table.
 CLOCK = "processor time of one core with one thread, compilation left out"
 
 
 def describe_study(study: Study) -> dict[str, object]:
-    """Scene, settings, versions and machine of a study."""
+    """Content of ``study.json``: scene, settings, versions and machine of a study."""
     with interrupt_kept():  # Gmsh may be imported for its version
         program_versions = versions(installed=True)
     return {
@@ -445,7 +450,7 @@ def describe_study(study: Study) -> dict[str, object]:
 
 
 def machine() -> dict[str, object]:
-    """Processor, cores that this process may use, memory [GB] and operating system."""
+    """Processor, number of cores that this process may use, memory [GB], and operating system."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     return {
@@ -459,22 +464,22 @@ def machine() -> dict[str, object]:
 def run_study(
     folder: StudyFolder, pool: Executor, *, executor: Executor | None = None
 ) -> list[dict[str, Any]]:
-    """Run what is missing and write ``study.json``, ``reference.json`` and ``table.csv``.
+    """Run cases that are not complete; write ``study.json``, ``reference.json``, ``table.csv``.
 
-    A run that fails, or whose files cannot be compared, has a row with the reason; the others are
-    run. The table has a row for every run from the beginning, and is rewritten after each run.
+    If a run fails, or if its files cannot be compared, its row has the reason, and the other cases
+    are run. The table has a row for every run from the beginning, and is rewritten after each run.
 
     Parameters
     ----------
     folder
         Folder of the study.
     pool, executor
-        Workers, see `run_cases`.
+        Executors for reductions and for cases, see `run_cases`.
 
     Returns
     -------
     list of dict
-        Rows of the table.
+        Rows of ``table.csv``, by column.
     """
     missing = folder.take_stock()
     path = folder.path / STUDY
@@ -490,7 +495,7 @@ def run_study(
         calls.append(call)
     folder.write(STUDY, describe_study(folder.study) | {"calls": calls})
     folder.write_tables()
-    # Runs with the shortest steps take longest and begin first.
+    # Runs with the shortest steps take longest, and are started first.
     missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))
     run_cases(folder, missing, pool, executor=executor)
     return folder.rows()

@@ -1,7 +1,7 @@
-"""Plan of a study: variants of a scene, the scope, and the run that each is compared with.
+"""Plan of a study: variants of a scene, and the run that each of them is compared with.
 
-A variant has a name, and the settings in which it differs from the scene. The scope has methods and
-numbers of modes, tolerances, film meshes and the reference.
+A variant has a name, and settings that differ from those of the scene. The scope of a study has the
+variants for methods and numbers of modes, for tolerances and for film meshes, and the reference.
 
 Numbers of modes are close to those of Krinner and Rixen, sections 4.2 and 5.2, with some added: M1
 and M2 have as many modes as M3 has vibration and residual modes together.
@@ -21,7 +21,7 @@ from fenics_ehd.scenes.scene import Scene, as_stored, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS
 from fenics_ehd.study.cases import Case, make_case, with_values
 
-#: Key of the film mesh in a variant: a factor on the scene's numbers of cells in both directions.
+#: Key of the film meshes in a variant; its value is a factor on the scene's numbers of cells.
 FILM = "film"
 
 #: Default tolerance of M4.
@@ -30,32 +30,32 @@ M4_TOLERANCE = ReductionSettings().flexibility_tolerance
 
 @dataclass(frozen=True)
 class Variant:
-    """Settings under a name that is also a file name.
+    """A name, which is also a file name, and settings that differ from those of the scene.
 
-    `values` are given by full key, by ``reduction.KEY`` for all parts with the same reduction, and
-    by `FILM` for all films.
+    Keys of `values` are full keys, ``reduction.KEY`` for all parts of the scene, or `FILM` for the
+    film meshes of all joints.
     """
 
     name: str
     values: Mapping[str, Any]
 
     def but(self, suffix: str, values: Mapping[str, Any]) -> Variant:
-        """The variant with more settings, and a suffix to its name."""
+        """The variant with additional settings, and a suffix to its name."""
         return Variant(f"{self.name}-{suffix}", {**self.values, **values})
 
 
 def m1(modes: int) -> Variant:
-    """Craig-Bampton with a number of fixed-boundary modes."""
+    """Variant with method M1, Craig-Bampton, with a number of fixed-boundary modes."""
     return _reduction(f"m1-{modes}", method="m1", modes=modes)
 
 
 def m2(modes: int) -> Variant:
-    """Two Craig-Bampton steps with a final number of modes."""
+    """Variant with method M2, two Craig-Bampton steps, with a number of modes after the second."""
     return _reduction(f"m2-{modes}", method="m2", modes=modes)
 
 
 def m3(pressure_set: str, selection: str, modes: int) -> Variant:
-    """Load-dependent reduction with a number of residual modes."""
+    """Variant with method M3, load-dependent reduction, with a number of residual modes."""
     return _reduction(
         f"m3-{pressure_set}-{selection}-{modes}",
         method="m3",
@@ -67,7 +67,7 @@ def m3(pressure_set: str, selection: str, modes: int) -> Variant:
 
 
 def m4(vibration_modes: int, tolerance: float = M4_TOLERANCE) -> Variant:
-    """Residual-flexibility completion, verified to a tolerance; 0: with every nodal pressure."""
+    """Variant with method M4, residual flexibility; tolerance 0: with every nodal pressure."""
     return _reduction(
         f"m4-{vibration_modes}-{tolerance:.0e}",
         method="m4",
@@ -77,12 +77,12 @@ def m4(vibration_modes: int, tolerance: float = M4_TOLERANCE) -> Variant:
 
 
 def full(vibration_modes: int) -> Variant:
-    """Every column of ``P_c1`` (34)."""
+    """Variant with the full interface: every column of ``P_c1`` (34)."""
     return _reduction(f"full-{vibration_modes}", method="full", vibration_modes=vibration_modes)
 
 
 def rigid() -> Variant:
-    """No elasticity."""
+    """Variant without elasticity."""
     return _reduction("rigid", method="rigid")
 
 
@@ -91,17 +91,17 @@ def _reduction(name: str, **values: Any) -> Variant:
 
 
 def steps(tolerance: float) -> dict[str, Any]:
-    """Settings of the time integration."""
+    """Settings of a variant with a step tolerance."""
     return {"time.tolerance": tolerance}
 
 
 def film(factor: float) -> dict[str, Any]:
-    """Settings of the film meshes: numbers of cells multiplied in both directions."""
+    """Settings of a variant with film meshes refined by a factor in both directions."""
     return {FILM: factor}
 
 
 def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of a variant by full key."""
+    """Settings of a variant by full key of the scene."""
     by_key: dict[str, Any] = {}
     for key, value in values.items():
         if key.startswith("reduction."):
@@ -115,7 +115,7 @@ def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _times(scene: Scene, joint: str, factor: float) -> list[int]:
-    """Numbers of cells of a film, multiplied; unchanged for a factor of 1."""
+    """Numbers of film cells around and along, times a factor; as in the scene for a factor of 1."""
     if factor == 1.0:
         return list(scene.joints[joint].cells)
     scene_cells = planned_cells(scene, joint)
@@ -125,39 +125,39 @@ def _times(scene: Scene, joint: str, factor: float) -> list[int]:
     ]
 
 
-#: Selections of residual modes, see (31)-(32): most flexible, slowest, and literally as printed.
+#: Selections of residual modes, see (31)-(32): most flexible, slowest, and as printed in the paper.
 SELECTIONS = ("largest-eigenvalue", "lowest-frequency", "smallest-eigenvalue")
 
-#: Numbers of residual modes, as multiples of the scene's number.
+#: Numbers of residual modes in a study, over the scene's number.
 SIZES = (0.5, 1, 2, 4)
 
 
 @dataclass(frozen=True)
 class Scope:
-    """Runs of a study.
+    """Variants of a study, and its reference.
 
     Attributes
     ----------
     methods
-        Variants of the reduction, integrated with the scene's settings.
+        Variants of the reduction, with the time steps of the scene.
     tolerances, stepped
         Step tolerances, and the variants that are run with each of them.
     films, meshed
-        Factors on the cells of every film, finest last, and the variants run with each of them.
+        Factors on the film cells, finest last, and the variants that are run with each of them.
     finest_steps
-        Very fine steps: the same bodies with these steps are the reference of step errors.
+        Settings for very fine steps, with which `stepped` variants are run to show step errors.
     reference, reference_steps
-        Reference of all variants, the full interface, and its steps.
+        Variant of the reference, the full interface, and its steps.
     step_check, film_check
-        Settings that replace those of the reference for its own step and film error.
-        Without a `step_check` the other steps of `basis_check` show the sum of both errors.
+        Settings with which the reference is run again, to show its own step and film error.
+        If `step_check` is None, the run of `basis_check` shows the sum of step and basis error.
     basis_check
         Variant with another basis for the reference's parts, and its settings.
     loose
-        Further variants run with the first of the tolerances: their errors are too large to need
-        finer steps.
+        Further variants, run only with the first of the tolerances, because their errors are too
+        large to need finer steps.
     settings
-        Settings that replace those of the scene.
+        Settings that replace those of the scene in all runs.
     """
 
     methods: tuple[Variant, ...]
@@ -176,9 +176,9 @@ class Scope:
 
 
 def usual_scope(scene: Scene, *, quick: bool) -> Scope:
-    """The scope of any scene: its number of vibration modes, its M3, its tolerance.
+    """Scope for any scene, made from its number of vibration modes, its M3 and its tolerance.
 
-    If the scene has several parts, these values are those of the first one.
+    If the scene has several parts, the settings of the first one are used.
     """
     reduction = scene.bodies[meshed(scene)[0]].reduction
     n = reduction.vibration_modes
@@ -245,20 +245,20 @@ def usual_scope(scene: Scene, *, quick: bool) -> Scope:
     )
 
 
-#: Name of the run that all variants are compared with.
+#: Name of the run with which all variants are compared.
 REFERENCE = "reference"
 
-#: Share of the simulated time after which errors are evaluated: before, the film builds up from
-#: zero pressure. Errors of a periodic cycle are evaluated from its beginning.
+#: Start of the errors over the simulated time: before, the film builds up from zero pressure. In a
+#: periodic run, errors start with the cycle.
 START = 0.02
 
-#: Smallest factor on the cells, in both directions, that shows the error of a film mesh.
+#: Smallest factor on the film cells in both directions with which the error of a mesh is visible.
 FINER = 1.2
 
-#: Number of largest steps between the start of errors and the end: at least three steps.
+#: Least number of largest steps between the start of the errors and the end of the run.
 LEAST_STEPS = 2
 
-#: Groups of rows, in the order of the table.
+#: Groups of rows in the table, in this order.
 METHODS = "methods"
 TOLERANCE = "tolerance"
 FILMS = "film"
@@ -267,16 +267,16 @@ OWN = "reference"
 
 @dataclass(frozen=True)
 class Row:
-    """Row of the table for one run.
+    """Row of the table: one run in one group.
 
     Attributes
     ----------
     run, group
         Name of the run; ``"methods"``, ``"tolerance"``, ``"film"`` or ``"reference"``.
     against
-        Run that errors are relative to; empty for the finest run.
+        Run to which errors are relative; empty for the finest run.
     fine_run
-        Run of the same bodies with very fine steps, which shows the step error; empty: none.
+        Run of the same bodies with very fine steps, which shows the step error; empty if none.
     """
 
     run: str
@@ -287,21 +287,21 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Cases of a study and the rows of its table.
+    """Plan of a study: its cases, and the rows of its table.
 
     Attributes
     ----------
     scene, quick
-        Scene common to all runs, and whether the scope is the short one.
+        Scene common to all runs, and whether the scope is the small one.
     start
-        Time from which errors are evaluated [s].
+        Time after which errors are evaluated [s].
     cases
-        Cases by name; the reference has the name `REFERENCE`.
+        Cases by name; the reference is named `REFERENCE`.
     rows
         Rows of the table.
     checks
-        Runs that show the reference's errors of ``"step"``, ``"film"``, ``"basis"``: name of the
-        run, and the settings in which it differs.
+        Runs that show the reference's own error, by ``"step"``, ``"film"`` or ``"basis"``: name of
+        the run, and text with its settings.
     """
 
     scene: Scene
@@ -313,12 +313,12 @@ class Study:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Lubricated joints."""
+        """Names of the lubricated joints of the scene."""
         return tuple(self.scene.films)
 
 
-#: Function that adds the case of a variant to a study, unless a case with the same settings exists,
-#: and returns its name.
+#: Type of a function that adds a variant's case to a study and returns its name. If a case with the
+#: same settings exists, its name is returned.
 Add = Callable[[Variant], str]
 
 
@@ -329,38 +329,38 @@ def make_study(
     scope: Scope | None = None,
     start: float | None = None,
 ) -> Study:
-    """Study of a scene.
+    """Plan the study of a scene.
 
     Parameters
     ----------
     source
-        Name of a shipped scene, or path of a scene file, with the settings that are not varied.
+        Name of a shipped scene or path of a scene file; it has the settings that are not varied.
     quick
-        Use the small scope, for a first try.
+        Whether the small scope is used.
     scope
         Scope that replaces the usual one.
     start
-        Time from which errors are evaluated [s]; None: after 2 % of the simulated time, or from the
-        beginning of a periodic cycle.
+        Time after which errors are evaluated [s]; by default 2 % of the simulated time, and 0 for a
+        periodic scene.
 
     Raises
     ------
     SettingsError
-        The scene has no film or no part to reduce, or settings cannot be used.
+        The scene has no lubricated joint or no part to reduce, or a setting cannot be used.
     """
     scene = as_stored(source)
     if not (meshed(scene) and scene.films):
         raise SettingsError(
-            f"scene {scene.name}: there is nothing to study, it needs a flexible body with a "
-            "model and a lubricated joint"
+            f"scene {scene.name} cannot be studied: it needs a flexible body with a model and a "
+            "lubricated joint"
         )
     if scope is not None:
         scene = with_values(scene, values_in(scene, scope.settings))
     scope = scope or usual_scope(scene, quick=quick)
     if scope.film_check.get(FILM, 1.0) < FINER:
         raise SettingsError(
-            f"film_check: {scope.film_check.get(FILM, 1.0):g} times the cells of the films show "
-            f"nothing of their error: take film({FINER:g}) or more"
+            f"film_check: {scope.film_check.get(FILM, 1.0):g} times the film cells are too few to "
+            f"show the error of the film mesh: use film({FINER:g}) or more"
         )
     if start is None:
         start = 0.0 if scene.time.periodic else START * scene.span
@@ -391,8 +391,8 @@ def _require_long_enough(scene: Scene, start: float) -> None:
     step = time.largest_step * scene.span / (time.revolutions or 1.0)
     if not 0.0 <= start <= scene.span - LEAST_STEPS * step:
         raise SettingsError(
-            f"errors count from start = {start:.3g} s, a step may take {step:.3g} s, and the scene "
-            f"ends at {scene.span:.3g} s: choose another start or simulate more"
+            f"errors start at {start:.3g} s, a step may take {step:.3g} s, and the run ends at "
+            f"{scene.span:.3g} s: choose an earlier start or simulate more"
         )
 
 

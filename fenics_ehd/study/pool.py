@@ -1,7 +1,7 @@
-"""Many runs: their folder, their workers, and the order of reductions and runs.
+"""Folder of many runs, their worker processes, and the order of reductions and runs.
 
-Cases are run by any `concurrent.futures.Executor`. Processes of this machine are the default, and
-do all reductions. If a process dies, only its task is lost.
+Cases are run by any `concurrent.futures.Executor`. Worker processes on this machine are the
+default, and do all reductions. If a process dies, only its task is lost.
 """
 
 from __future__ import annotations
@@ -63,29 +63,29 @@ from fenics_ehd.study.worker import (
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: Time after which Ctrl-C is noticed [s].
+#: Interval at which Ctrl-C is checked [s].
 POLL = 0.2
 
 
 class WorkerDiedError(EhdError):
-    """The process of a worker ended in the middle of its work."""
+    """The process of a worker ended during a task."""
 
 
 class FailedCasesError(EhdError):
-    """Some cases failed; the rows of all others are complete."""
+    """Some cases failed; the results of all others are stored."""
 
 
 def open_pool(workers: int | None) -> ProcessPool:
-    """Context with worker processes of this machine; one for each core if no number is given.
+    """Context with worker processes on this machine, one for each core by default.
 
     Raises
     ------
     SettingsError
-        The program runs on several ranks.
+        The program runs on several ranks of MPI.
     """
     if MPI.COMM_WORLD.size > 1:
         raise SettingsError(
-            f"{MPI.COMM_WORLD.size} ranks: cases run in processes, --workers of them: leave mpirun"
+            f"{MPI.COMM_WORLD.size} ranks: cases run in processes: give --workers, not mpirun"
         )
     return ProcessPool(workers or len(os.sched_getaffinity(0)))
 
@@ -96,18 +96,20 @@ def outcomes(
     tasks: Iterable[T],
     check: Callable[[], None],
 ) -> Iterator[tuple[T, R | Outcome]]:
-    """Results of tasks in the order in which they end; an error gives a failed `Outcome`.
+    """Run tasks, and yield each with its result in the order in which they end.
+
+    An exception in a task gives a failed `Outcome` as its result.
 
     Parameters
     ----------
     executor
         Executor that runs the tasks.
     function
-        Function called with every task; a function of a module, so that it can be pickled.
+        Function that is called with every task; a module's function, so that it can be pickled.
     tasks
         Arguments of the function.
     check
-        Called a few times a second; may raise `KeyboardInterrupt`.
+        Function that is called several times a second, and may raise `KeyboardInterrupt`.
     """
     waiting: dict[Future[R], T] = {}
     try:
@@ -128,25 +130,26 @@ def outcomes(
 
 
 def _result(future: Future[R]) -> R | Outcome:
-    """Result of a task that ended, or its error as an `Outcome`."""
+    """Result of a task that has ended; an exception gives a failed `Outcome`."""
     try:
         return future.result()
     except BrokenExecutor:
-        return failed(WorkerDiedError("its process ended: the machine may lack memory"))
+        return failed(WorkerDiedError("the worker process ended: the machine may lack memory"))
     except Exception as error:
         return failed(error)
 
 
 class ProcessPool(Executor):
-    """Processes of this machine: each has an executor of its own, and a thread that waits for it.
+    """Executor with worker processes on this machine, which survives the death of a process.
 
-    An executor loses all of its processes when one dies, so each has one only. Processes are
-    spawned: MPI and PETSc do not survive a fork. They end with this process, even if it is killed.
+    If a process of a `ProcessPoolExecutor` dies, all of its processes are lost. Each process here
+    therefore has its own executor, and a thread that waits for it. Processes are spawned, because
+    MPI and PETSc do not survive a fork. They end with this process, even if it is killed.
 
     Attributes
     ----------
     width
-        Number of processes.
+        Number of worker processes.
     """
 
     def __init__(self, width: int):
@@ -157,13 +160,13 @@ class ProcessPool(Executor):
         self._others = set(multiprocessing.active_children())
 
     def submit(self, function: Callable[..., R], /, *arguments: Any, **keywords: Any) -> Future[R]:
-        """Call a function in the next process that is free."""
+        """Call a function in the next free process; returns the future result."""
         future = self._threads.submit(self._call, function, *arguments, **keywords)
         self._futures.append(future)
         return future
 
     def _call(self, function: Callable[..., R], *arguments: Any, **keywords: Any) -> R:
-        """Result of a call in this thread's process."""
+        """Call a function in the process of this thread, which is started if necessary."""
         thread = threading.get_ident()
         try:
             future = self._executors[thread].submit(function, *arguments, **keywords)
@@ -175,10 +178,10 @@ class ProcessPool(Executor):
         return future.result()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes, after their tasks or, if these are cancelled, at once."""
+        """End the processes: after their tasks, or at once if these are cancelled."""
         self._threads.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
         while cancel_futures and not all(future.done() for future in self._futures):
-            # PETSc prints a page of advice when it is only terminated: the process is killed.
+            # PETSc prints a page of advice if it is only terminated, so the process is killed.
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
             sleep(POLL)
@@ -190,9 +193,9 @@ class ProcessPool(Executor):
 
 
 def _block_interrupts() -> None:
-    """Hide Ctrl-C and the end of the terminal from processes that this thread starts.
+    """Block signals of Ctrl-C and of a closed terminal in processes that this thread starts.
 
-    The terminal signals all processes; the parent process ends its workers.
+    A terminal signals all processes, but the parent process must end its workers itself.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
 
@@ -200,7 +203,7 @@ def _block_interrupts() -> None:
 def reduce_missing(
     cases: Iterable[Case], directory: Path, pool: Executor, check: Callable[[], None]
 ) -> Mapping[str, Outcome]:
-    """Reduce the bodies whose files are missing or damaged; outcomes of failures, by name."""
+    """Reduce bodies whose files are missing or damaged; outcomes of failed ones, by file name."""
     needed = {body.name: body for case in cases for body in case.bodies.values()}
     parts: dict[str, list[NeededBody]] = {}
     for body in needed.values():
@@ -218,7 +221,7 @@ def reduce_missing(
 
 
 def in_turn(bodies: Iterable[NeededBody]) -> Sequence[NeededBody]:
-    """Bodies in an order in which reductions that share most are neighbours, see `Reductor`."""
+    """Sort bodies so that reductions that share most are neighbours, see `Reductor`."""
 
     def order(body: NeededBody) -> Any:
         r = body.settings.reduction
@@ -236,50 +239,52 @@ def _is_usable(path: Path) -> bool:
 
 
 class OtherFolderError(InputError):
-    """A folder holds another study or sweep, or files that this program did not write."""
+    """The folder has another study or sweep, or files that this program did not write."""
 
     def __init__(self, path: Path, reason: str):
         super().__init__(
-            f"{path} is of another study or sweep ({reason}): choose another folder or --overwrite"
+            f"{path} belongs to another study or sweep ({reason}): choose another folder or use "
+            "--overwrite"
         )
 
 
-#: Errors raised by damaged files: the last two if a key is missing or numbers do not fit.
+#: Exceptions caused by damaged files; KeyError for a missing key, ValueError for wrong numbers.
 DAMAGE = (EhdError, KeyError, ValueError)
 
 
 class RunsFolder(ExitStack):
-    """Folder of many runs, ``runs/NAME`` each, and their bodies, locked by one process at a time.
+    """Folder of many runs, with a folder ``runs/NAME`` for each, and of their reduced bodies.
 
-    A complete run with the same settings and version is not repeated.
+    One process at a time can use the folder. A complete run with the same settings and version is
+    not repeated.
 
     Parameters
     ----------
     directory
-        Created if it is missing.
+        Path of the folder; it is created if it does not exist.
     cases
-        Cases of the folder.
+        Cases that are run in the folder.
     made
-        Names of files and folders there, without reduced bodies, whose names are checksums and
-        which are kept. The first is a JSON file that describes the study or sweep.
+        Names of the files and folders that the study or sweep makes, except reduced bodies. The
+        first is a JSON file that describes the study or sweep.
     about
-        Entries that an existing JSON file must have.
+        Entries that this JSON file must have if it exists.
     overwrite
-        Remove the files of a former study or sweep.
+        Whether the files of a former study or sweep are removed; reduced bodies are kept.
 
     Attributes
     ----------
     command
-        Name of the command that makes such folders.
+        Name of the command to which the folder belongs, ``"study"`` or ``"sweep"``.
     cases, outcomes
-        Cases by name, and outcomes of the runs that ended.
+        Cases by name, and outcomes of the runs that have ended.
 
     Raises
     ------
     OtherFolderError
-        The folder is of another study or sweep.
+        The folder belongs to another study or sweep.
     InputError
-        The folder cannot be written to, or has foreign files under these names.
+        The folder cannot be written to, or has foreign files with these names.
     InUseError
         Another process uses the folder.
     """
@@ -311,38 +316,40 @@ class RunsFolder(ExitStack):
             self.push(held.pop_all())
 
     def write_tables(self) -> None:
-        """Write tables of the runs that ended."""
+        """Write the tables for the runs that have ended; subclasses define it."""
 
     def _require_same(self, path: Path, about: Mapping[str, Any]) -> None:
-        """Refuse a JSON file of another study or sweep."""
+        """Refuse the folder if its JSON file describes another study or sweep."""
         if not path.exists():
             return
         try:
             stored = dict(read_json(path))
         except (OSError, ValueError, TypeError):
-            raise OtherFolderError(path, "it is unreadable") from None
+            raise OtherFolderError(path, "it cannot be read") from None
         for key, value in about.items():
             if stored.get(key) != value:
-                raise OtherFolderError(path, f"{key} = {stored.get(key)} there, {value} here")
+                raise OtherFolderError(
+                    path, f"{key} is {stored.get(key)} in the folder, but {value} here"
+                )
 
     @property
     def bodies(self) -> Path:
-        """Folder of the reduced bodies."""
+        """Path of the folder of reduced bodies."""
         return self.path / "bodies"
 
     def run(self, name: str) -> Path:
-        """Folder of a run."""
+        """Path of the folder of a run."""
         return self.path / "runs" / name
 
     def write(self, name: str, values: Mapping[str, Any]) -> None:
-        """Write a JSON file; it is complete or absent."""
+        """Write values to a JSON file, which is complete or absent."""
         write_whole(self.path / name, to_json(values) + "\n")
 
     def read(self, name: str) -> None:
-        """Read the files of a complete run that the tables need."""
+        """Read files of a complete run for the tables; subclasses define it."""
 
     def stored(self, name: str) -> Outcome | None:
-        """Outcome of a former run; None if there is none of these settings and this version."""
+        """Outcome of a former run; None without a readable one of the same settings and version."""
         try:
             record = read_json(self.run(name) / OUTCOME)
             if record["identity"] != self.cases[name].identity:
@@ -355,14 +362,17 @@ class RunsFolder(ExitStack):
         return outcome
 
     def take_stock(self) -> list[Case]:
-        """Read the outcomes of former runs; cases that are not complete."""
+        """Read the outcomes of former runs; returns the cases that are not complete."""
         stored = {name: self.stored(name) for name in self.cases}
         self.outcomes = {name: outcome for name, outcome in stored.items() if outcome is not None}
         complete = {name for name, outcome in self.outcomes.items() if outcome.complete}
         return [case for name, case in self.cases.items() if name not in complete]
 
     def tasks(self, cases: Iterable[Case], keep: bool, *, travel: bool) -> Iterator[CaseTask]:
-        """Tasks of cases; bodies are read once and sent as bytes if cases run on other machines."""
+        """Make the tasks of cases; if they travel to other machines, bodies are sent as bytes.
+
+        The file of each body is read once.
+        """
         contents: dict[Path, bytes] = {}
         for case in cases:
             bodies = {}
@@ -374,7 +384,7 @@ class RunsFolder(ExitStack):
             yield CaseTask(case, bodies, self.command, keep)
 
     def add(self, case: Case, result: CaseResult) -> None:
-        """Record a run that ended, on the disk too; a run with unusable files has failed."""
+        """Store a run that has ended; a run whose files cannot be read has failed."""
         outcome = result.outcome
         try:
             self._write_run(case, result.files)
@@ -393,7 +403,7 @@ class RunsFolder(ExitStack):
         self.write_tables()
 
     def _write_run(self, case: Case, files: Mapping[str, bytes]) -> None:
-        """Replace the files of a run, its bodies among them; the summary comes last."""
+        """Replace the files of a run, and add its reduced bodies; the summary is written last."""
         directory = self.run(case.name)
         clear(directory)
         if not files:
@@ -414,18 +424,20 @@ def run_cases(
     executor: Executor | None = None,
     keep: bool = True,
 ) -> None:
-    """Run cases as ``fenics-ehd run`` does, those whose body fails first; Ctrl-C between two.
+    """Run cases as ``fenics-ehd run`` does; cases whose body could not be reduced are failed first.
+
+    Ctrl-C takes effect between two cases.
 
     Parameters
     ----------
     folder
-        Folder of all cases, which records each case that ends.
+        Folder of all cases, which stores each case that ends.
     cases
-        Cases in the order in which they begin.
+        Cases in the order in which they are started.
     pool
-        Processes of this machine, for reductions, and for cases without an executor.
+        Worker processes on this machine; they do the reductions, and run the cases by default.
     executor
-        Executor that runs the cases; bodies are sent as bytes.
+        Executor that runs the cases instead; bodies are sent to it as bytes.
     keep
         Whether the files of each run are kept in its folder.
     """
@@ -455,7 +467,7 @@ def run_cases(
 
 
 def _share(file: Path, copy: Path) -> None:
-    """Link a body's file into a run's folder: many runs share a body."""
+    """Link a body's file into the folder of a run, since many runs share a body; else copy it."""
     link = new_part(copy)
     link.unlink()
     try:

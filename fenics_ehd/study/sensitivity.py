@@ -33,29 +33,29 @@ from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.scene import Scene, changed
 from fenics_ehd.study.cases import resolve_key, scene_values
 
-#: Keys of an elastic body that affect neither its mesh nor its reduction.
+#: Keys of an elastic body on which neither its mesh nor its reduction depends.
 MOVING = ("damping_time", "position", "angle", "velocity", "speed")
 
-#: Components of a pair.
+#: Names of the components of a pair in a parameter's key.
 COMPONENTS = ("x", "y")
 
 
 @dataclass(frozen=True)
 class ParameterPath:
-    """A parameter: one number of a scene, identified by its key.
+    """A parameter: one number of a scene with respect to which results are differentiated.
 
     Attributes
     ----------
     key
-        Full key; the key of a pair's component ends with ``.x`` or ``.y``.
+        Full key of the number; for a component of a pair it ends with ``.x`` or ``.y``.
     value
         Value in the scene.
     scale
-        Reference for relative changes, in the unit of the value.
+        Size that changes are relative to, in the unit of the value; of a pair, its length.
     setting
-        Key of the setting, without a component.
+        Full key of the setting, without a component.
     component
-        Index of the component of a pair; None: the setting is one number.
+        Index of the component in a pair; None if the setting is one number.
     unit
         Unit of the value; empty for a ratio.
     """
@@ -69,11 +69,11 @@ class ParameterPath:
 
     @property
     def relative(self) -> bool:
-        """True if relative changes of the value have a meaning: not those of temperatures in C."""
+        """False for a temperature in C, whose relative change has no meaning; else True."""
         return self.unit not in SCALES
 
     def change(self, scene: Scene, share: float) -> Scene:
-        """The scene with the number changed by `share` times its scale."""
+        """Change the number in a scene by `share` times its scale; returns the changed scene."""
         value = self.value + share * self.scale
         if self.component is None:
             return changed(scene, {self.setting: value})
@@ -84,26 +84,26 @@ class ParameterPath:
 
 @dataclass(frozen=True, eq=False)
 class SceneSensitivity:
-    """Derivatives of objectives of a scene.
+    """Derivatives of the results of a scene with respect to some of its settings.
 
     Attributes
     ----------
     objectives
-        Extremes and means that are differentiated.
+        Results that are differentiated: extremes and means of joints.
     values
         Values of the objectives in the run.
     parameters
         Numbers of the scene with respect to which the objectives are differentiated.
     derivatives
-        Derivatives by objective and key, on the scene's film meshes.
+        Derivatives by objective and key of the parameter, on the scene's film meshes.
     finer
-        Derivatives on finer film meshes; values that do not exist are missing.
+        Derivatives on finer film meshes, likewise; those that could not be computed are missing.
     reduced
-        Keys for which a body was reduced again.
+        Keys of the parameters for which a body was reduced again.
     seconds
-        Processor time of the run and of the derivatives [s].
+        Processor time [s] of the ``"run"`` and of the ``"derivatives"``.
     trajectory
-        Trajectory of the scene's run, or of its last cycle.
+        Trajectory of the scene's run; of a periodic run, of its last cycle.
     """
 
     objectives: Sequence[Objective]
@@ -116,7 +116,7 @@ class SceneSensitivity:
     trajectory: Trajectory
 
     def elasticity(self, objective: Objective, parameter: ParameterPath) -> float | None:
-        """``d ln q / d ln p``; None if a value is 0, or the parameter is a temperature."""
+        """Elasticity ``d ln q / d ln p``; None if q or p is 0, or if p is a temperature."""
         value = self.values[objective]
         if not value or not parameter.value or not parameter.relative:
             return None
@@ -124,14 +124,14 @@ class SceneSensitivity:
 
 
 def parameter_path(scene: Scene, name: str) -> ParameterPath:
-    """Parameter of a scene, by its key or by the end of its key.
+    """Parameter of a scene, from its key or the end of its key.
 
     Raises
     ------
     SettingsError
-        No key, or several, end with the name.
+        No key or several keys end with the name.
     SensitivityError
-        No derivative exists: the value is a word, a whole number, a switch, a run setting, or 0.
+        The value has no derivative: it is a word, whole number, switch, run setting, or not set.
     """
     stem, _, last = name.rpartition(".")
     try:
@@ -145,37 +145,37 @@ def parameter_path(scene: Scene, name: str) -> ParameterPath:
     value = scene_values(scene)[0][key]
     if key.partition(".")[0] in ("time", "output"):
         raise SensitivityError(
-            f"{key} is a setting of the run, not of the machine: ask along numbers of bodies, "
-            "joints, drives, forces or lubricants"
+            f"{key} is a setting of the run: give a number of bodies, joints, drives, forces or "
+            "lubricants instead"
         )
     pair = isinstance(value, tuple | list) and len(value) == len(COMPONENTS)
     numbers = list(value) if pair else [value]
     small = all(isinstance(number, float) for number in numbers)
     if pair and small and component is None:
-        raise SensitivityError(f"{key} = {numbers} is a pair: ask along {key}.x or {key}.y")
+        raise SensitivityError(f"{key} = {numbers} is a pair: give {key}.x or {key}.y")
     if not small or pair != (component is not None):
         raise SensitivityError(
-            f"{key} = {value!r} is not a continuous parameter: no derivative exists along it"
+            f"{key} = {value!r} is not a continuous parameter: no derivative exists"
         )
     scale = float(np.linalg.norm(numbers))
     unit = _unit(scene, key)
     if not scale or (unit in SCALES and value == NO_TEMPERATURE):
         raise SensitivityError(
-            f"{key} = {value!r} means that the setting is off or not given, and has no size that a "
-            "small change could be a share of: give it another value"
+            f"{key} = {value!r} means that the setting is not used: give a value to which a small "
+            "change can be relative"
         )
     full = key if component is None else f"{key}.{last}"
     return ParameterPath(full, numbers[component or 0], scale, key, component, unit)
 
 
 def _unit(scene: Scene, key: str) -> str:
-    """Unit of a setting, or of all values in its table; empty for a ratio."""
+    """Unit of a setting from its help text or from that of its table; empty for a ratio."""
     helps = {name: field.metadata.get("help", "") for name, field, _ in walk(scene)}
     return unit_of(helps.get(key) or helps.get(key.rpartition(".")[0], ""))
 
 
 def reduced_anew(scene: Scene, parameter: ParameterPath) -> str:
-    """Name of the elastic body whose reduction depends on a parameter; empty: none."""
+    """Elastic body that must be reduced again for a parameter, by name; empty if none."""
     table, _, rest = parameter.setting.partition(".")
     name, _, setting = rest.partition(".")
     if table != "bodies" or setting in MOVING:
@@ -192,27 +192,28 @@ def scene_sensitivity(
     bodies: Mapping[str, ReducedBody] | None = None,
     finer: bool = False,
 ) -> SceneSensitivity:
-    """Run a scene, and compute derivatives of its objectives; on one rank only.
+    """Run a scene, and compute derivatives of its results; on one rank.
 
     Parameters
     ----------
     scene
         Scene as read.
     of
-        Names of objectives, ``big_end.min_film_thickness``.
+        Names of the results, ``big_end.min_film_thickness``.
     to
         Keys of the parameters.
     bodies
-        Reduced bodies of the scene that exist already.
+        Reduced bodies of the scene that exist already, by name.
     finer
         Whether derivatives are also computed on finer film meshes.
 
     Raises
     ------
     SettingsError, SensitivityError
-        A key is invalid, before any reduction; or an objective, after the first step.
+        A key cannot be used, which is found before any reduction; or the name of a result, which
+        is found after the first step.
     SolverError
-        A run or a derivative fails.
+        A run fails.
     """
     paths = [parameter_path(scene, name) for name in dict.fromkeys(to)]
     clock = process_time()
@@ -238,7 +239,7 @@ def scene_sensitivity(
         computed = derivatives(trajectory, parameter, objectives)
         slopes |= {(objective, name): slope for objective, slope in computed.items()}
         if finer:
-            with suppress(EhdError):  # no finer film exists, or its run has no cycle
+            with suppress(EhdError):  # there is no finer film mesh, or its run has no cycle
                 computed = derivatives(trajectory, parameter, objectives, finer=True)
                 fine |= {(objective, name): slope for objective, slope in computed.items()}
     seconds["derivatives"] = process_time() - clock
@@ -250,7 +251,10 @@ def scene_sensitivity(
 def mechanism_parameter(
     scene: Scene, path: ParameterPath, parts: Mapping[str, ReducedBody]
 ) -> Parameter:
-    """Parameter of the scene's mechanism; bodies that do not depend on it are reused."""
+    """Parameter for `derivatives`, from a number of a scene.
+
+    `parts` are the reduced bodies of the scene; those that do not depend on the number are reused.
+    """
     touched = reduced_anew(scene, path)
     kept = {name: body for name, body in parts.items() if name != touched}
 

@@ -1,8 +1,8 @@
-"""Parameter sweeps: one scene over the product of given values.
+"""Parameter sweeps: one scene is run for all combinations of given values.
 
-``sweep.csv`` has a row for every case that ended, in the order of the product, and is rewritten
-after each case. ``sweep.json`` has the scene and the values of the sweep. Complete cases are not
-run again.
+``sweep.csv`` has a row for every case that has ended, in the order of the combinations. It is
+rewritten after each case. ``sweep.json`` has the scene and the values of the sweep. Complete cases
+are not run again.
 """
 
 from __future__ import annotations
@@ -35,10 +35,20 @@ from fenics_ehd.study.pool import RunsFolder, run_cases
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A sweep: its scene, swept keys, lubricated joints, and cases in the order of the product.
+    """A sweep of a scene over values of some keys.
 
-    `identity` has all data on which the rows depend, as text by name. Two sweeps are the same if
-    their identities are equal.
+    Attributes
+    ----------
+    scene
+        Name of the scene.
+    keys
+        Full keys of the swept settings.
+    joints
+        Names of the lubricated joints.
+    cases
+        Cases in the order of the combinations; the last key changes fastest.
+    identity
+        All data on which the rows depend, as text by name; equal for equal sweeps.
     """
 
     scene: str
@@ -54,13 +64,15 @@ def make_sweep(source: str, assignments: Sequence[str]) -> Sweep:
     Raises
     ------
     SettingsError
-        Keys or values cannot be used: the message names all of them.
+        Keys or values cannot be used; the message names all of them.
     """
     scene = as_stored(source)
     axes = _axes(scene, assignments)
     size = math.prod(len(values) for values in axes.values())
     if size > MOST_CASES:
-        raise SettingsError(f"the sweep has {size} cases, at most {MOST_CASES}: give fewer values")
+        raise SettingsError(
+            f"the sweep has {size} cases, above the limit of {MOST_CASES}: give fewer values"
+        )
     swept = {key: ", ".join(map(described, values)) for key, values in axes.items()}
     swept["swept"] = ", ".join(axes)
     return Sweep(
@@ -73,13 +85,15 @@ def make_sweep(source: str, assignments: Sequence[str]) -> Sweep:
 
 
 def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]]:
-    """Values of the sweep by full key."""
+    """Values of each swept key from the assignments, by full key."""
     axes: dict[str, tuple[Any, ...]] = {}
     like, _ = scene_values(scene)
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
         if not equals:
-            raise SettingsError(f"--set {assignment!r} must be key=values, clearance=1e-5,2e-5 say")
+            raise SettingsError(
+                f"--set {assignment!r} must be KEY=VALUES, for instance clearance=1e-5,2e-5"
+            )
         key = resolve_key(scene, name.strip())
         if key in axes:
             raise SettingsError(f"--set {assignment}: {key} is given twice")
@@ -88,12 +102,12 @@ def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]
 
 
 def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
-    """Cases of all combinations; a value may have no effect in some of them.
+    """Cases for all combinations of values; a value may be without effect in some of them.
 
     Raises
     ------
     SettingsError
-        The message names the values that cannot be used.
+        Some combinations cannot run; the message has the reasons.
     """
     combinations = [
         dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())
@@ -109,8 +123,7 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
             made[n] = _made(f"{n + 1:04d}", scene, values, optional)
     complaints = [case for case in made if isinstance(case, str)]
     if complaints:
-        # A section reports only its first invalid value: each value is checked alone for the
-        # others.
+        # A section reports only its first invalid value; checks of single values show the others.
         alone = [_made("", scene, {key: v}) for key, values in axes.items() for v in values]
         every = dict.fromkeys([*complaints, *(case for case in alone if isinstance(case, str))])
         raise SettingsError(
@@ -122,14 +135,14 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
 def _made(
     name: str, scene: Scene, values: Mapping[str, Any], optional: Sequence[str] = ()
 ) -> Case | str:
-    """A case, or the reason why it cannot run."""
+    """Make a case; if it cannot run, the result is the reason as text."""
     try:
         return make_case(name, scene, values, optional)
     except InputError as error:
         return str(error)
 
 
-#: Figures of every lubricated joint, and of the run, with their names in ``summary.json``.
+#: Columns of a sweep's table from ``summary.json``: for every lubricated joint, and for the run.
 JOINT_FIGURES = (
     "max_pressure_Pa",
     "min_film_thickness_m",
@@ -147,37 +160,37 @@ FIGURES = (
 )
 
 
-#: Files of a sweep; reduced bodies, which are named by checksum, are kept.
+#: Files of a sweep that --overwrite removes; reduced bodies, named by checksum, are kept.
 OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
-    """Columns of figures; columns of a lubricated joint begin with its name."""
+    """Columns of results in a sweep's table; columns of a lubricated joint begin with its name."""
     return (*(f"{joint}.{name}" for joint in joints for name in JOINT_FIGURES), *FIGURES)
 
 
 class SweepFolder(RunsFolder):
-    """Folder of one sweep; its table is written after each case.
+    """Folder of a sweep; its table is written after each case.
 
     Parameters
     ----------
     directory
-        Path of the folder, which is created if it is missing.
+        Path of the folder; it is created if it does not exist.
     sweep
-        Sweep to be run.
+        Sweep to run.
     resume
-        Require rows of a former attempt.
+        Whether the folder must have rows of a former attempt.
     overwrite
-        Replace the files of a former sweep.
+        Whether the files of a former sweep are replaced.
 
     Raises
     ------
     OtherFolderError
-        The folder holds the rows of another sweep.
+        The folder has the rows of another sweep.
     InUseError
         Another process uses the folder.
     InputError
-        The folder cannot be written to, or has nothing to resume.
+        The folder cannot be written to, or `resume` is set and it has no rows.
     """
 
     command = "sweep"
@@ -188,15 +201,15 @@ class SweepFolder(RunsFolder):
         self.sweep = sweep
         self.table = Path(directory) / "sweep.csv"
         if resume and not self.table.is_file():
-            raise InputError(f"--resume: {self.table} does not exist, there is nothing to resume")
+            raise InputError(f"--resume: {self.table} does not exist: there is nothing to resume")
         super().__init__(directory, sweep.cases, OWN, sweep.identity, overwrite=overwrite)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Rows of the cases that ended, by number; None for empty cells."""
+        """Rows of the cases that have ended, by column, in the order of the cases."""
         return [self._row(case) for case in self.sweep.cases if case.name in self.outcomes]
 
     def _row(self, case: Case) -> dict[str, Any]:
-        """Row of a case; a figure that is no finite number is empty."""
+        """Row of a case by column; a result that is missing or not finite is None."""
         outcome = self.outcomes[case.name]
         figures = dict(outcome.figures)
         for joint, joint_figures in outcome.figures.get("joints", {}).items():
@@ -207,7 +220,7 @@ class SweepFolder(RunsFolder):
         return row | {name: finite(figures.get(name)) for name in columns}
 
     def write_tables(self) -> None:
-        """Write ``sweep.csv``, and ``sweep.json`` before it."""
+        """Write ``sweep.json``, and then ``sweep.csv``."""
         self.write("sweep.json", self.sweep.identity)
         columns = "case", *self.sweep.keys, "status", *figure_columns(self.sweep.joints)
         write_table(self.table, columns, self.rows())
@@ -220,21 +233,21 @@ def run_sweep(
     executor: Executor | None = None,
     keep: bool = False,
 ) -> list[dict[str, Any]]:
-    """Run every case that is not complete, and add its row.
+    """Run every case that is not complete, and write its row.
 
     Parameters
     ----------
     folder
         Folder of the sweep.
     pool, executor
-        Workers, see `run_cases`.
+        Executors for reductions and for cases, see `run_cases`.
     keep
         Whether the results of every case are kept, in ``runs/0001`` and so on.
 
     Returns
     -------
     list of dict
-        The row of every case.
+        Rows of all cases, by column.
     """
     missing = folder.take_stock()
     folder.write_tables()

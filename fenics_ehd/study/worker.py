@@ -1,16 +1,16 @@
 """Tasks of the workers of a study or sweep: reduce the bodies of one part, or run one case.
 
-A case is a function of values that returns values, so that any `concurrent.futures.Executor` can
-run it. Bodies are files of this machine, or bytes of files; files of the run are returned as bytes,
-which the caller writes. A case runs on one process (``MPI.COMM_SELF``) with one BLAS thread, and a
-process runs one case at a time. Files that a scene names, tables for example, are read on the
-machine that runs the case.
+A case is run by a function of plain values that returns plain values, so that any
+`concurrent.futures.Executor` can call it. Bodies are passed as paths of files or as their bytes;
+files of the run are returned as bytes, which the caller writes. A case runs on one process
+(``MPI.COMM_SELF``) with one BLAS thread, and a process runs one case at a time. Files to which a
+scene refers, such as tables, are read on the machine that runs the case.
 
-Errors return as text in one line: exceptions may not survive pickling, and the error of a film
-carries its arrays.
+Errors are returned as one line of text, because exceptions may not survive pickling, and the error
+of a film holds arrays.
 
-The time of a reduction is in the body's provenance. The time of a part's first body includes mesh
-and matrices; later bodies of the part reuse factors, modes and responses.
+The duration of a reduction is stored in the body's provenance. That of a part's first body includes
+mesh and matrices; later bodies of the part reuse factors, modes and responses.
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ from fenics_ehd.scenes.run import run_scene
 from fenics_ehd.scenes.scene import flexible
 from fenics_ehd.study.cases import Case
 
-#: Status of a run whose figures can be trusted.
+#: Status of a run whose results can be trusted.
 COMPLETE = "complete"
 
-#: Entries of a body's provenance: wall time and processor time of its reduction [s].
+#: Keys of a body's provenance with the wall time and the processor time of its reduction [s].
 SECONDS = "reduction_time_s"
 PROCESSOR_SECONDS = "reduction_processor_time_s"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a run.
+    """Outcome of a run: its status, and its results.
 
     Attributes
     ----------
     status
-        ``"complete"``, or the reason for which the run has failed.
+        ``"complete"``, or the reason why the run has failed.
     figures
-        Figures of a run that reached its end, by name.
+        Results of a run that reached its end, by name.
     """
 
     status: str
@@ -64,34 +64,34 @@ class Outcome:
 
     @property
     def complete(self) -> bool:
-        """True if the run is complete and its figures can be trusted."""
+        """True if the run is complete and its results can be trusted."""
         return self.status == COMPLETE
 
 
 def failed(error: BaseException) -> Outcome:
-    """Outcome of an error: its name and message."""
+    """Outcome of a run that an exception ended; the status is its class and message."""
     return Outcome("failed: " + " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split()))
 
 
 def body_path(directory: Path, body: NeededBody) -> Path:
-    """Path of a reduced body's file in the folder of all bodies."""
+    """Path of a body's file in the folder of all reduced bodies."""
     return directory / f"{body.name}.h5"
 
 
 def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outcome]:
-    """Reduce bodies of one part on this process alone and save them.
+    """Reduce bodies of one part in this process, and save each of them to a file.
 
     Parameters
     ----------
     bodies
-        Bodies of the same part, in the order of their reductions.
+        Bodies of the same part, in the order in which they are reduced.
     directory
-        Folder of all bodies; each is saved as soon as it is reduced.
+        Folder of all reduced bodies; a body is saved as soon as it is reduced.
 
     Returns
     -------
     dict
-        Outcomes of the bodies that failed, by name.
+        Outcomes of the bodies whose reduction failed, by the checksum that names their file.
     """
     wall_start = perf_counter()
     processor_start = process_time()
@@ -123,26 +123,26 @@ def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outc
 
 @dataclass(frozen=True)
 class StoredBody:
-    """File of a reduced body, on a disk that the worker reads or as its bytes.
+    """File of a reduced body, as a path or as its bytes.
 
     Attributes
     ----------
     path
         Path of the file on the caller's machine.
     content
-        Bytes of that file; None if the worker reads the same disk.
+        Bytes of the file; None if the worker can read the path.
     """
 
     path: Path
     content: bytes | None = None
 
     def load(self, directory: Path) -> ReducedBody:
-        """Load the body; bytes are first written to a file in the folder.
+        """Load the body; bytes are first written to a file in the folder `directory`.
 
         Raises
         ------
         BodyFileError
-            See `load_body`.
+            The file cannot be read, see `load_body`.
         """
         if self.content is None:
             return load_body(self.path)
@@ -153,16 +153,16 @@ class StoredBody:
 
 @dataclass(frozen=True)
 class CaseTask:
-    """A case with all data that its run needs.
+    """A case together with all data that its run needs.
 
     Attributes
     ----------
     case
-        The case.
+        Case to run.
     bodies
-        Reduced bodies of the case, by their names in the scene.
+        Files of its reduced bodies, by their names in the scene.
     command
-        Name of the command that makes the run's folder.
+        Command that owns the run's folder, ``"study"`` or ``"sweep"``.
     keep
         Whether the files of the run are returned.
     """
@@ -175,26 +175,26 @@ class CaseTask:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """Result of a case.
+    """Result of running a case.
 
     Attributes
     ----------
     outcome
-        Outcome with figures of the summary, of the bodies, and ``film_cells`` by joint.
+        Outcome, with the run's summary, the results of `part_figures`, and ``film_cells`` by joint.
     files
-        Files of the run by name, without its bodies, the summary last; empty if none are kept.
+        Contents of the run's files by name, summary last, without bodies; empty if not kept.
     """
 
     outcome: Outcome
     files: Mapping[str, bytes] = field(default_factory=dict)
 
 
-#: Lock for one case at a time in a process: PETSc, form cache and working folder are shared.
+#: Lock so that a process runs one case at a time: PETSc, form cache and working folder are shared.
 _ALONE = threading.Lock()
 
 
 def run_case(task: CaseTask) -> CaseResult:
-    """Run a case as ``fenics-ehd run`` does; the status of the outcome has an error, if any."""
+    """Run a case as ``fenics-ehd run`` does; an error becomes the status of the outcome."""
     with (
         _ALONE,
         one_blas_thread(),
@@ -210,7 +210,7 @@ def run_case(task: CaseTask) -> CaseResult:
 
 
 def _summary(task: CaseTask, directory: Path) -> dict[str, Any]:
-    """Summary of the run, and figures of its bodies and films."""
+    """Run a case; its summary, together with results on its bodies and film meshes."""
     scene = task.case.scene
     bodies = {name: body.load(directory.parent) for name, body in task.bodies.items()}
     built = build(scene, bodies=bodies)
@@ -222,7 +222,7 @@ def _summary(task: CaseTask, directory: Path) -> dict[str, Any]:
 
 
 def _files(directory: Path) -> dict[str, bytes]:
-    """Contents of the files in a run's folder by name, without bodies, the summary last."""
+    """Contents of the files in a run's folder by name, summary last, without reduced bodies."""
     bodies = BODY_FILE.partition("{")[0]
     names = [
         name
@@ -234,13 +234,14 @@ def _files(directory: Path) -> dict[str, bytes]:
 
 
 def part_figures(bodies: Collection[ReducedBody]) -> dict[str, float]:
-    """Figures of the bodies of a run, all together.
+    """Sums and extremes over the reduced bodies of a run.
 
     Returns
     -------
     dict
-        ``coordinates``, ``highest_frequency_Hz``, ``offline_s`` (processor time that they added),
-        ``pressure_columns`` and ``dropped_columns`` (columns that depend on the others).
+        Number of ``coordinates``, ``highest_frequency_Hz``, processor time ``offline_s`` of the
+        reductions, numbers of ``pressure_columns`` and of ``dropped_columns``, which depend on
+        others.
     """
     return {
         "coordinates": sum(body.modes for body in bodies),
@@ -256,7 +257,7 @@ def part_figures(bodies: Collection[ReducedBody]) -> dict[str, float]:
 
 
 def _film_cells(mechanism: Mechanism) -> dict[str, str]:
-    """Cells around and along of the film in every lubricated joint, ``"20x5"``."""
+    """Numbers of film cells around and along by lubricated joint, as text ``"20x5"``."""
     grids = {
         name: joint.film.parameters.grid
         for name, joint in mechanism.joints.items()

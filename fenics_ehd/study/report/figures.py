@@ -1,8 +1,8 @@
-"""Figures of a study's report: errors against cost, tolerance, film mesh, over time; the bores.
+"""Figures of a study's report: errors against cost, tolerance and film mesh, and over time; bores.
 
 Every method has a colour and a marker. Black and the yellow, red and blue of Paul Tol's
 high-contrast scheme are distinct for colour-blind readers and in grey print; markers and lines
-distinguish the rest. Errors below that of the reference, a grey band, are not drawn.
+distinguish the rest. Errors below the reference's own error, a grey band, are not drawn.
 """
 
 from __future__ import annotations
@@ -41,23 +41,23 @@ from fenics_ehd.study.report.study_data import (
 COLOURS = {"m1": YELLOW, "m2": RED, "m3": BLUE, "m4": BLACK}
 MARKERS = {"m1": "s", "m2": "^", "m3": "o", "m4": "D"}
 
-#: Markers of M3 by pressure set; the fill of a marker shows the selection of modes.
+#: Markers of M3 by pressure set; the fill of the marker shows the selection of modes.
 PRESSURE_MARKERS = {"pc1": "p", "pc2-long": ">", "pc2-short": "<", "journal": "P"}
 
-#: Marker of an error for which only a bound is known.
+#: Marker of an error that is below the reference's own error.
 BOUND = "v"
 
-#: Label of such an error in the legend.
-BOUND_LABEL = "at most this, where the reference cannot tell"
+#: Label of such errors in the legend.
+BOUND_LABEL = "below the reference's own error, an upper limit"
 FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
 
 #: Default tolerance of M4, which labels do not mention.
 TOLERANCE = ReductionSettings().flexibility_tolerance
 
-#: Colour of the reference's curve, a broad band behind all others.
+#: Colour of the reference's curve, which is a broad band behind all others.
 GREY = "#BBBBBB"
 
-#: Colour of the band of the reference's errors.
+#: Colour of the band of the reference's own errors, and its label.
 FLOOR = "#DDDDDD"
 FLOOR_LABEL = "reference's own error"
 
@@ -74,7 +74,7 @@ LEGEND_COLUMNS = 3
 
 
 def family(row: StudyRow) -> str:
-    """Method and all settings that distinguish a run, except the number of modes."""
+    """Name of a family of runs: the method and its settings, except the number of modes."""
     name = {"full": "full interface", "rigid": "rigid"}.get(row["method"], row["method"].upper())
     if row["method"] == "m3":
         return f"{name} {row['pressure_set']}, {selection(row)[0]}"
@@ -85,22 +85,22 @@ def family(row: StudyRow) -> str:
 
 
 def sized(row: StudyRow) -> str:
-    """Family of a run with its number of coordinates."""
+    """Name of a run: its family, and its number of coordinates."""
     return f"{family(row)}, {row['coordinates']:.0f} coordinates"
 
 
 def selection(row: StudyRow) -> tuple[str, Any]:
-    """Selection of the residual modes of M3, in words, and the dashes of its lines."""
+    """Selection of the residual modes of M3: name in words, and line style."""
     return SELECTIONS.get(row["selection"], (row["selection"], "-"))
 
 
 def tightened(row: StudyRow) -> bool:
-    """True of an M4 with a smaller tolerance than by default."""
+    """True if a run by M4 has a smaller tolerance than by default."""
     return row["method"] == "m4" and row["flexibility_tolerance"] < TOLERANCE
 
 
 def line_style(row: StudyRow) -> dict[str, Any]:
-    """Arguments of `Axes.plot` for a family of runs."""
+    """Arguments of `Axes.plot` for the curve of a run's family."""
     marker = MARKERS.get(row["method"], "x")
     fill = FILLS.get(row["selection"], "full")
     if tightened(row):
@@ -117,7 +117,7 @@ def line_style(row: StudyRow) -> dict[str, Any]:
 def families(
     rows: Iterable[StudyRow], name: Callable[[StudyRow], str] = family
 ) -> dict[str, list[StudyRow]]:
-    """Runs of each family: sorted by coordinates, then tolerance, then number of cells."""
+    """Runs by the name of their family, sorted by coordinates, tolerance and number of cells."""
 
     def order(row: StudyRow) -> tuple[str, float, float, int]:
         return name(row), row["coordinates"], row["tolerance"], cells(row)
@@ -129,12 +129,12 @@ def families(
 
 
 def colour(row: StudyRow) -> str:
-    """Colour of a run's method."""
+    """Colour of a run, which is that of its method."""
     return COLOURS.get(row["method"], "0.4")
 
 
 def percent_axes(axes: Axes, xlabel: str, ylabel: str) -> None:
-    """Set logarithmic axes, with errors in percent along y."""
+    """Set logarithmic axes with labels; errors in per cent are along y."""
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
     plain_figures(axes.yaxis)
 
@@ -147,7 +147,7 @@ def plain_figures(axis: Axis, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
 
 
 def draw_floor(axes: Axes, floor: float, label: str = FLOOR_LABEL) -> None:
-    """Draw the band of errors [%] below the reference's error, in which the axis ends."""
+    """Draw a grey band below the reference's own error `floor` [%]; the axis ends in the band."""
     if floor > 0:
         axes.axhspan(floor / 10, floor, color=FLOOR, zorder=0, linewidth=0, label=label)
         axes.set_ylim(bottom=floor / 1.6)
@@ -159,20 +159,20 @@ def joint_figure(
     draw: Callable[[Axes, Any, JointData, Curve], None],
     curves: Sequence[Curve] = CURVES,
 ) -> Figure | None:
-    """Figure with a row of panels for each joint: peak pressure and minimum film thickness.
+    """Figure with a row of panels for each joint, one panel for each curve.
 
-    None if a joint has nothing to show, or there is no joint.
+    None if there is no joint, or if a joint has no data.
 
     Parameters
     ----------
     shown
-        Data of a panel row, by joint.
+        Data for the panels of a joint, by joint.
     height
         Height of a row [inches].
     draw
-        Function that draws one panel.
+        Function that draws one panel from its axes, the data, the joint and the curve.
     curves
-        Curves, one for each panel of a row.
+        Curves of the panels in a row, by default peak pressure and minimum film thickness.
     """
     if not shown or not all(shown.values()):
         return None
@@ -189,7 +189,7 @@ def joint_figure(
 
 
 def legend_below(figure: Figure) -> None:
-    """Place one legend below all panels, in added space; every label appears once."""
+    """Add one legend below all panels, in added space; every label appears once."""
     handles = {
         label: handle
         for axes in figure.axes
@@ -210,7 +210,7 @@ def legend_below(figure: Figure) -> None:
     )
 
 
-#: Columns of costs, and their names on an axis.
+#: Columns of the table with costs, and their labels on an axis.
 ONLINE = "online_s"
 COORDINATES = "coordinates"
 LABELS = {
@@ -218,20 +218,20 @@ LABELS = {
     COORDINATES: "elastic coordinates",
 }
 
-#: Style of runs whose step tolerance differs from the study's.
+#: Style of markers for runs with other step tolerances than the scene's.
 SMALL = {"linestyle": "", "alpha": 0.55, "markersize": 4, "zorder": 1.5}
 
-#: Smallest distance of labelled hull points: the larger of the ratios of cost and of error.
+#: Smallest ratio of the costs or of the errors of two labelled points of the Pareto front.
 LABEL_DISTANCE = 1.6
 
-#: Cost, error [%] and row of a run.
+#: Type for a run in a diagram: cost, error [%], row of the table.
 Point = tuple[float, float, StudyRow]
 
 
 def lower_left(points: Sequence[Point]) -> list[Point]:
-    """Pareto front: points for which no other point has less cost and no more error, or vice versa.
+    """Points of the Pareto front: no other point has both a lower cost and a lower error.
 
-    The points are sorted by ascending cost, and so by descending error.
+    The points are sorted by ascending cost, and therefore by descending error.
     """
     hull: list[Point] = []
     for point in sorted(points, key=lambda p: (p[0], p[1])):
@@ -241,9 +241,9 @@ def lower_left(points: Sequence[Point]) -> list[Point]:
 
 
 def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
-    """Error of both curves against a cost, in logarithmic axes; with a hull if the cost is a time.
+    """Draw the errors of both curves against a cost; against a time with the Pareto front.
 
-    None if there are no points.
+    None if there are no runs to show.
     """
     groups = ("methods", "tolerance") if cost == ONLINE else ("methods",)
 
@@ -260,17 +260,17 @@ def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
 
 
 def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) -> None:
-    """Draw runs of a method joined from few modes to many, small markers at other tolerances.
+    """Draw runs as lines from few modes to many, and small markers for runs at other tolerances.
 
-    Runs for which only a bound is known are at the edge of the grey band, with a marker of their
-    own.
+    A run whose error is below the reference's own error is drawn at the edge of the grey band, with
+    the marker `BOUND`.
     """
     for label, members in families([r for r in rows if r["group"] == "methods"]).items():
         errors = [100 * row.visible_error(curve) for row in members]
         seen = [i for i, row in enumerate(members) if not row.bounded(curve)]
         style = line_style(members[0]) | {"linewidth": 1.2}
         axes.plot([row[cost] for row in members], errors, label=label, markevery=seen, **style)
-    others = "small signs: other step tolerances"
+    others = "small markers: other step tolerances"
     for row in rows:
         style = line_style(row)
         point = (row[cost], 100 * row.visible_error(curve))
@@ -281,7 +281,7 @@ def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) 
 
 
 def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
-    """Draw the runs of the Pareto front, labelled with coordinates and tolerance."""
+    """Draw the Pareto front, with labels for method, coordinates and tolerance of its runs."""
     hull = lower_left(points)
     costs, errors, _ = zip(*hull, strict=True)
     axes.plot(
@@ -293,20 +293,20 @@ def _draw_hull(axes: Axes, points: Sequence[Point]) -> None:
         alpha=0.35,
         zorder=1,
         solid_capstyle="round",
-        label="lower left hull: nothing is both faster and more accurate",
+        label="Pareto front: no run is both faster and more accurate",
     )
     for x, y, row in _apart(hull):
         words = f"{row['method'].upper()}, {row['coordinates']:.0f}, {row['tolerance']:.0e}"
-        # Labels are below and to the left of the hull, where no points are.
+        # Labels are below and to the left of the Pareto front, where there are no points.
         label = axes.annotate(words.replace("e-0", "e-"), (x, y), xytext=(-4, -4), fontsize=7.5,
                               textcoords="offset points", ha="right", va="top")  # fmt: skip
         label.set_in_layout(False)
-    # The axis is extended for the labels on the left.
+    # The axis is extended to the left for the labels.
     axes.set_xlim(costs[0] / 2.5, 1.3 * max(x for x, _, _ in points))
 
 
 def _apart(hull: Sequence[Point]) -> list[Point]:
-    """Points that are far enough apart for labels, the more accurate ones first."""
+    """Points of the Pareto front that are far enough apart for labels, most accurate first."""
     kept = [hull[-1]]
     for x, y, row in reversed(hull[:-1]):
         last_x, last_y, _ = kept[-1]
@@ -315,21 +315,21 @@ def _apart(hull: Sequence[Point]) -> list[Point]:
     return kept
 
 
-#: Ratio of a short axis' ends above which only powers of ten are labelled.
+#: Ratio of the limits of a short axis, above which only powers of ten are labelled.
 CROWDED = 100
 
 Points = list[tuple[float, float]]
 
 
 def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow, Points]]:
-    """Step error over tolerance, from tight to loose, by model.
+    """Points of step error over tolerance by model, with the model's first run.
 
-    Errors are relative to the same model with very fine steps. None is below the reference's step
-    error.
+    Step errors are relative to the same model with very fine steps. Errors below the reference's
+    own step error are replaced by it.
     """
     column = f"own_{curve.key}_error_max"
     floor = joint.own_error("step", curve)
-    # Runs with the very fine steps have no such error.
+    # Runs with the very fine steps themselves have no such error.
     rows = [row for row in joint.measured("tolerance") if math.isfinite(row[column])]
     return {
         name: (
@@ -342,10 +342,10 @@ def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow
 
 
 def slope(points: Points, floor: float) -> float:
-    """Exponent of the error as a function of the tolerance.
+    """Exponent of the step error as a power of the tolerance.
 
-    A least-squares line is fitted to the logarithms of all points above twice the floor; the result
-    is nan if fewer than two points remain.
+    A straight line is fitted by least squares to the logarithms of all points with errors above
+    twice the `floor`. The result is nan if there are fewer than two such points.
     """
     above = [point for point in points if not point[1] <= 2 * floor]
     if len(above) < 2:
@@ -355,7 +355,7 @@ def slope(points: Points, floor: float) -> float:
 
 
 def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
-    """Step error against tolerance with the slope of each series; None without points."""
+    """Draw step errors against tolerance, with the slope of each series; None without points."""
 
     def draw(axes: Axes, _: object, joint: JointData, curve: Curve) -> None:
         floor = joint.own_error("step", curve)
@@ -374,10 +374,10 @@ def draw_tolerances(joints: Sequence[JointData]) -> Figure | None:
 
 
 def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
-    """Draw a line below the points with the theoretical slope of a formula of order p.
+    """Draw a line below the points with the theoretical slope p / (p + 1), for formulas of order p.
 
-    The local error, of order p + 1 in the step, is proportional to the tolerance. Steps are
-    therefore proportional to tolerance^(1/(p+1)), and the error of the curve to
+    The local error, which is of order p + 1 in the step, is proportional to the tolerance. Steps
+    are therefore proportional to tolerance^(1/(p+1)), and the error of the curve to
     tolerance^(p/(p+1)).
     """
     if not math.isfinite(row["order"]):
@@ -391,7 +391,7 @@ def _draw_guide(axes: Axes, row: StudyRow, points: Points) -> None:
 
 
 def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
-    """Error against the number of cells of the film; None if there are fewer than two meshes."""
+    """Draw errors against the number of film cells; None if a joint has fewer than two meshes."""
 
     def draw(axes: Axes, rows: list[StudyRow], joint: JointData, curve: Curve) -> None:
         finest = max((row for row in joint.planned("film") if row.complete), key=cells)
@@ -412,15 +412,15 @@ def draw_film_meshes(joints: Sequence[JointData]) -> Figure | None:
 
 
 def cells(row: StudyRow) -> int:
-    """Number of film cells, from ``20x5`` for instance; 0 if the table has none."""
+    """Number of film cells, from a text such as ``20x5``; 0 if the table has none."""
     return math.prod(map(int, row["film_cells"].split("x"))) if row["film_cells"] else 0
 
 
 def gap_floor(joint: JointData) -> float:
-    """Largest error of the reference's gap, over all points and times [m].
+    """Largest error of the reference's own gap, over all points and times [m]; 0 if unknown.
 
-    The other runs of the reference show it, except the run on another film mesh, whose error is
-    common to all runs. 0 if they are missing.
+    It is computed from the runs that check the reference, except the run on another film mesh,
+    whose error is common to all runs.
     """
     film = (joint.study.reference.get("film") or {}).get("run")
     rows = [row for row in joint.measured("reference") if row["run"] != film]
@@ -428,7 +428,7 @@ def gap_floor(joint: JointData) -> float:
 
 
 def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
-    """Estimated against true gap error of every run; None if no run has an estimate."""
+    """Draw estimated against true gap errors of every run; None if no run has an estimate."""
 
     def draw(axes: Axes, rows: list[StudyRow], joint: JointData, _: Curve) -> None:
         values = []
@@ -446,8 +446,8 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
             axes.axvspan(line[0], 1e6 * floor, color=FLOOR, linewidth=0, zorder=0,
                          label=FLOOR_LABEL)  # fmt: skip
         axes.set(xscale="log", yscale="log", xlim=line, ylim=line, aspect="equal")
-        axes.set_xlabel("true error of the gap, largest ever [µm]")
-        axes.set_ylabel("the run's own estimate [µm]")
+        axes.set_xlabel("largest true error of the gap [µm]")
+        axes.set_ylabel("error of the gap estimated by the run [µm]")
         for axis in (axes.xaxis, axes.yaxis):
             plain_figures(axis, (1.0,) if line[1] > CROWDED * line[0] else (1.0, 2.0, 5.0))
 
@@ -467,18 +467,18 @@ def draw_estimates(joints: Sequence[JointData]) -> Figure | None:
 #: Line styles of the curves of one method, from few modes to many.
 LINES = (":", "--", "-.", "-")
 
-#: Share of the time in which the film builds up; it is not shown, for its large errors.
+#: Part of the simulated time in which the film builds up; its large films do not set the scale.
 BUILD_UP = 0.1
 
 
 def best(study: StudyData, method: str) -> list[StudyRow]:
-    """The most accurate run of a method over all joints, as a list; empty if there is none."""
+    """The run of a method with the smallest largest error, as a list; empty if there is none."""
     rows = study.joints[0].measured("methods", method=method)
     return sorted(rows, key=lambda row: study.worst_error(row["run"]))[:1]
 
 
 def alike(study: StudyData) -> list[StudyRow]:
-    """A run of each method with a similar number of coordinates; the best run of M4."""
+    """A run of each method with similar numbers of coordinates, and the best run of M4."""
     methods = sorted(COLOURS.keys() - {"m4"})
     runs = [study.joints[0].measured("methods", method=method) for method in methods]
     size = float(np.median([row["coordinates"] for members in runs for row in members] or [0.0]))
@@ -490,7 +490,7 @@ def alike(study: StudyData) -> list[StudyRow]:
 
 
 def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
-    """Curves of some runs and of the reference; None if there is no reference."""
+    """Draw curves of some runs and of the reference over time; None without a reference."""
     runs = [study.history(row["run"]) for row in rows]
 
     def draw(axes: Axes, reference: History, joint: JointData, curve: Curve) -> None:
@@ -517,14 +517,14 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
 
 
 def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
-    """Relative errors of some runs over time, outside the reference's error; None without runs."""
+    """Draw errors of some runs over time that exceed the reference's own; None without runs."""
 
     def draw(
         axes: Axes, errors: list[tuple[StudyRow, Columns]], joint: JointData, curve: Curve
     ) -> None:
         floor = max((row.floor(curve) for row in joint.measured("methods")), default=0.0)
         if floor > 0:
-            # The scale is linear up to the first power of ten outside the band, where ticks begin.
+            # The scale is linear up to the first power of ten outside the band, where ticks start.
             linear = 10.0 ** np.ceil(np.log10(100 * floor))
             axes.set_yscale("symlog", linthresh=linear, linscale=0.4)
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -551,21 +551,21 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
     return joint_figure(errors, 3.9, draw)
 
 
-#: Height of a row [inches].
+#: Height of a row of mode shapes [inches].
 ROW_HEIGHT = 1.75
 
-#: Number of modes in a row, and largest deflection in the picture for bore radius 1.
+#: Number of modes in a row, and largest deflection in the picture over the bore radius.
 COLUMNS = 6
 DEFLECTION = 0.32
 
-#: Circles of the bore that are drawn, by their relative height, and their lines.
+#: Line styles of the circles of the bore that are drawn, by the height of the circle.
 RINGS: dict[str, dict[str, Any]] = {
     "lower edge": {"linewidth": 0.9, "linestyle": ":"},
     "upper edge": {"linewidth": 0.9, "linestyle": "--"},
     "middle": {"linewidth": 1.8},
 }
 
-#: Kind of modes shown for each method.
+#: Kinds of modes that are drawn for each method.
 SHOWN = {
     "m1": ("fixed-boundary",),
     "m2": ("fixed-boundary",),
@@ -577,7 +577,7 @@ SHOWN = {
 def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
     """Reduced bodies of the best run of each method, by bore and by method.
 
-    The name of a bore is the name of its body, or its own name if the body has several bores.
+    The name of a bore is that of its body; if the body has several bores, the bore's name is added.
     """
     by_joint: dict[str, dict[str, ReducedBody]] = {}
     for row in (row for method in SHOWN for row in best(study, method)):
@@ -591,9 +591,10 @@ def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
 
 
 def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
-    """Displacement of the bore, shape (m, 3, c), in the first modes of a kind, and a note on each.
+    """Displacements of the bore, shape (m, 3, c), in the first modes of a kind, and a note on each.
 
-    Modes are sorted by frequency; quasi-static patterns, which have no frequency, by flexibility.
+    Modes are sorted by frequency. Quasi-static patterns have no frequency and are sorted by
+    flexibility.
     """
     if kind == "quasi-static":
         patterns = body.residual.displacement if body.residual else np.empty((0, 3, 0))
@@ -606,7 +607,7 @@ def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
 
 
 def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
-    """First mode shapes of a part's bore, reduced by several methods; None without bodies."""
+    """Draw the first mode shapes of a bore, reduced by several methods; None without bodies."""
     shown = [
         (method, kind, body, *first_shapes(body, kind))
         for method, body in bodies.items()
@@ -633,9 +634,10 @@ def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
 
 
 def _circles(body: ReducedBody, shapes: np.ndarray) -> np.ndarray:
-    """Radial displacement of the circles of `RINGS` from shapes (m, 3, c) of the bore, (3, a, c).
+    """Radial displacements, shape (3, a, c), of the circles of `RINGS` at the angles `ANGLES`.
 
-    Displacements are given at `ANGLES`. The rigid motion of the bore is subtracted.
+    They are computed from displacements `shapes` of the bore's nodes, shape (m, 3, c); the rigid
+    motion of the bore is subtracted.
     """
     bore = body.bore
     rigid = rigid_fields(bore.coordinates)
@@ -650,7 +652,7 @@ def _circles(body: ReducedBody, shapes: np.ndarray) -> np.ndarray:
 
 
 def _draw_shape(axes: Axes, circles: np.ndarray, colour: str) -> None:
-    """Draw the bore in one mode, from the radial deflection of its circles, shape (3, a)."""
+    """Draw the bore in one mode, from radial displacements of its circles, shape (3, a)."""
     axes.plot(*NORMALS, color="0.75", linewidth=0.8)
     radii = 1 + DEFLECTION * circles / np.abs(circles).max()
     for radius, (label, style) in zip(radii, RINGS.items(), strict=True):
@@ -659,7 +661,7 @@ def _draw_shape(axes: Axes, circles: np.ndarray, colour: str) -> None:
 
 
 def draw_pressure(joint: JointData) -> Figure | None:
-    """Pressure of the reference at its peak and at the thinnest film; None if there is none."""
+    """Draw the reference's pressure at its peak and at the thinnest film; None without a run."""
     history = joint.study.history(REFERENCE, films=True)
     if history is None:
         return None

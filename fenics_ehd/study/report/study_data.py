@@ -1,4 +1,4 @@
-"""Data of a study for its report, complete or in progress: rows, histories, errors."""
+"""Data for the report of a study that is complete or in progress: rows, histories, errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fenics_ehd.study.cases import read_table
 from fenics_ehd.study.compare import COLUMNS, errors_path, read_errors
 from fenics_ehd.study.plan import REFERENCE
 
-#: Norms of the error of a curve: largest value, and root mean square, over time.
+#: Norms of an error over time: largest value, and root mean square.
 NORMS = {"max": "largest", "l2": "L2"}
 
 Columns = Mapping[str, np.ndarray]
@@ -27,7 +27,19 @@ Columns = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Curve:
-    """Curve of peak pressure or of minimum film thickness, by which a joint is assessed."""
+    """A quantity over time by which runs are compared: peak pressure or minimum film thickness.
+
+    Attributes
+    ----------
+    key
+        Beginning of the quantity's columns in ``table.csv``.
+    title
+        Name in words.
+    quantity
+        Name of the joint's array in the history.
+    label
+        Label of an axis, with unit.
+    """
 
     key: str
     title: str
@@ -45,57 +57,57 @@ class StudyRow(dict[str, Any]):
 
     Values by column are text or numbers in SI units, nan for an empty cell. Errors are relative:
     pressure errors to the reference's peak, film errors to the film thickness. Errors in columns
-    ``own_...`` are relative to the same model with very fine steps.
+    ``own_...`` are relative to a run of the same model with very fine steps.
     """
 
     @property
     def complete(self) -> bool:
-        """True if the run is complete, so that its figures are valid."""
+        """True if the run is complete, so that its results are valid."""
         return bool(self["status"] == "complete")
 
     def error(self, curve: Curve) -> float:
-        """Largest measured error of a curve relative to the reference."""
+        """Largest error of a curve over time, relative to the reference."""
         return float(self[f"{curve.key}_error_max"])
 
     def floor(self, curve: Curve) -> float:
-        """Error of the reference itself; 0 if it is unknown."""
+        """Error of the reference's curve itself; 0 if it is unknown."""
         value = float(self[f"{curve.key}_floor"])
         return value if math.isfinite(value) else 0.0
 
     def visible_error(self, curve: Curve) -> float:
-        """Error to be shown: at least that of the reference."""
+        """Error to show for a curve: the larger of its error and the reference's own error."""
         return max(self.error(curve), self.floor(curve))
 
     def bounded(self, curve: Curve) -> bool:
-        """True if the measured error is below that of the reference, which is then a bound."""
+        """True if the reference's own error is larger, so that it is only an upper limit."""
         return self.error(curve) < self.floor(curve)
 
     @property
     def worst_error(self) -> float:
-        """Larger one of the errors to be shown of both curves."""
+        """Larger one of the errors to show for peak pressure and film thickness."""
         return max(self.visible_error(curve) for curve in CURVES)
 
     @property
     def measured(self) -> bool:
-        """True if the run is complete and was compared with a reference."""
+        """True if the run is complete and has errors relative to a reference."""
         return self.complete and all(math.isfinite(self.error(q)) for q in CURVES)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyData:
-    """Contents of a study's folder.
+    """Contents of the folder of a study.
 
     Attributes
     ----------
     directory
         Path of the folder.
     info
-        ``study.json``; its ``start`` is the time from which on errors count, of a periodic study
-        in its cycle [s].
+        Contents of ``study.json``. Its ``start`` is the time after which errors are evaluated [s];
+        in a periodic study, it is measured from the start of the cycle.
     reference
-        Contents of ``reference.json``, empty if there is none.
+        Contents of ``reference.json``; empty if the file does not exist.
     rows
-        Rows of ``table.csv`` in their order, for all lubricated joints.
+        Rows of ``table.csv`` in their order, of all lubricated joints.
     """
 
     directory: Path
@@ -105,20 +117,20 @@ class StudyData:
 
     @cached_property
     def joints(self) -> tuple[JointData, ...]:
-        """Data of each lubricated joint."""
+        """Data of the lubricated joints, one by one."""
         return tuple(JointData(self, name) for name in self.info["joints"])
 
     def worst_error(self, run: str) -> float:
-        """Largest error of both curves in all joints; nan if the run was not compared."""
+        """Largest error of a run, over both curves and all joints; nan if it was not compared."""
         rows = (row for joint in self.joints for row in joint.measured("methods", run=run))
         return max((row.worst_error for row in rows), default=math.nan)
 
     def folder(self, run: str) -> Path:
-        """Folder of a run's results."""
+        """Path of the folder of a run."""
         return self.directory / "runs" / run
 
     def history(self, run: str, *, films: bool = False) -> History | None:
-        """History of a run, with films if requested; None if the run stored none."""
+        """History of a run, with film pressures if requested; None if the run stored none."""
         try:
             return load_history(self.folder(run), films=films)
         except InputError:
@@ -127,12 +139,12 @@ class StudyData:
 
 @dataclass(frozen=True, eq=False)
 class JointData:
-    """One lubricated joint in a study.
+    """Data of one lubricated joint in a study.
 
     Attributes
     ----------
     study
-        Study of the joint.
+        Study with the joint.
     name
         Name of the joint.
     """
@@ -141,7 +153,7 @@ class JointData:
     name: str
 
     def planned(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Rows of some groups with given values in their columns, complete or not."""
+        """Rows of the joint in some groups, with the values `wanted` in their columns."""
         return [
             row
             for row in self.study.rows
@@ -151,18 +163,18 @@ class JointData:
         ]
 
     def measured(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Planned rows that were compared with a reference, sorted by coordinates."""
+        """Rows as `planned` that have errors relative to a reference, sorted by coordinates."""
         chosen = [row for row in self.planned(*groups, **wanted) if row.measured]
         return sorted(chosen, key=lambda row: row["coordinates"])
 
     def own_error(self, kind: str, curve: Curve, norm: str = "max") -> float:
-        """Error of the reference of one kind; nan if it is unknown."""
+        """Error of the reference's curve by step, film or basis; nan if it is unknown."""
         entry = self.study.reference.get(kind) or {}
         value = entry.get("joints", {}).get(self.name, entry).get(f"{curve.key}_{norm}")
         return math.nan if value is None else float(value)
 
     def errors_over_time(self, run: str) -> Columns | None:
-        """``time_s``, signed ``pressure_error`` and ``film_error`` of a run; None if missing."""
+        """Arrays ``time_s``, ``pressure_error``, ``film_error`` of a run; None if missing."""
         try:
             stored = read_errors(errors_path(self.study.folder(run), REFERENCE))
         except InputError:
@@ -171,25 +183,25 @@ class JointData:
         return {column.removeprefix(f"{self.name}."): v for column, v in stored.items()}
 
 
-#: Columns of the table that hold text; the others hold numbers.
+#: Columns of the table with text; the others have numbers.
 TEXTS = ("run", "group", "joint", "method", "pressure_set", "selection", "film_cells", "status",
          "against", "body")  # fmt: skip
 
 
 def read_study(directory: str | Path) -> StudyData:
-    """Read a study's folder.
+    """Read the folder of a study.
 
     Raises
     ------
     InputError
-        The folder holds no study, or a file of it cannot be read.
+        The folder has no study, or one of its files cannot be read.
     """
     folder = Path(directory)
     info, reference, table = (
         folder / name for name in ("study.json", "reference.json", "table.csv")
     )
     if not info.is_file():
-        raise InputError(f"{folder}: not a study, study.json is missing: run fenics-ehd study")
+        raise InputError(f"{folder} is not a study, it has no study.json: run fenics-ehd study")
     with named(InputError, f"{info}: cannot be read"):
         about = dict(read_json(info))
         about |= {key: about[key] for key in ("scene", "joints", "runs", "start")}
@@ -202,5 +214,5 @@ def read_study(directory: str | Path) -> StudyData:
 
 
 def _row(cells: Mapping[str, str]) -> dict[str, Any]:
-    """Text or a number by column; nan where a cell is empty."""
+    """Values of a row of the table by column: text or number, nan for an empty cell."""
     return {name: cells[name] if name in TEXTS else float(cells[name] or "nan") for name in COLUMNS}

@@ -1,6 +1,6 @@
-"""Writes the pages of a study's report, with tables and figures.
+"""Pages of the report of a study, with tables and figures.
 
-The report is one self-contained HTML page, and a Markdown page, in the folder of the study.
+The report is one self-contained HTML page and a Markdown page, in the folder of the study.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ from fenics_ehd.study.report.study_data import (
     read_study,
 )
 
-#: Error limits of the rows in the table of costs.
+#: Error limits of the rows in the table of costs; an error is relative.
 LIMITS = (0.1, 0.05, 0.02, 0.01, 0.005)
 
-#: Kinds of the reference's errors, and their names in the report.
+#: Names in the report of the reference's own errors, by kind.
 REFERENCE_ERRORS = {"step": "step size", "film": "film mesh", "basis": "basis"}
 
-#: Columns of figures in the table of all runs: key, heading, format.
+#: Columns with results in the table of all runs: key, heading, format.
 RUN_FIGURES = (
     ("offline_s", "reduction [s]", ".1f"),
     ("online_s", "integration [s]", ".2f"),
@@ -68,12 +68,14 @@ RUN_FIGURES = (
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
+    """A table of texts for the report.
 
     Attributes
     ----------
-    heads, rows
-        Texts of the headings and of all cells.
+    heads
+        Headings of the columns.
+    rows
+        Texts of the cells, row by row.
     words
         Number of leading columns with words; the other columns have numbers and are right-aligned.
     """
@@ -84,19 +86,19 @@ class Table:
 
 
 def percent(value: float) -> str:
-    """A ratio in per cent with two significant digits."""
+    """Text of a ratio in per cent with two significant digits; ``?`` if it is unknown."""
     if not math.isfinite(value):
         return "?"
     return f"{100 * value:.0f} %" if abs(value) >= 0.995 else f"{100 * value:.2g} %"
 
 
 def bounded(row: StudyRow, curve: Curve) -> str:
-    """Largest error as text; the reference's error as an upper limit if that is larger."""
+    """Text of a run's largest error; an upper limit if the reference's own error is larger."""
     return "≤ " * row.bounded(curve) + percent(row.visible_error(curve))
 
 
 def cost_table(joint: JointData) -> Table:
-    """Fastest run of each method with both errors below each limit."""
+    """Table of the fastest run of each method, for each limit of both errors."""
     runs = {method: joint.measured("methods", "tolerance", method=method) for method in COLOURS}
     runs = {method: rows for method, rows in runs.items() if rows}
     table = [
@@ -118,7 +120,7 @@ def _fastest(rows: list[StudyRow], limit: float) -> str:
 
 
 def run_table(study: StudyData) -> Table:
-    """Every run of the study with its figures; a failed run with the reason."""
+    """Table of all runs with their results; a failed run has the reason."""
     errors = (f"{curve.key} error" for curve in CURVES)
     heads = ("run", "joint", "method", "tolerance", "coordinates", *errors,
              *(head for _, head, _ in RUN_FIGURES))  # fmt: skip
@@ -139,7 +141,7 @@ def _figure(value: float, form: str = "g") -> str:
 
 
 def unknown_floors(study: StudyData) -> list[str]:
-    """Kinds of limiting errors of the reference that were not computed, in words."""
+    """Names of the reference's own errors that limit comparisons, but were not computed."""
     return [
         REFERENCE_ERRORS[kind]
         for kind in LIMITING
@@ -148,13 +150,13 @@ def unknown_floors(study: StudyData) -> list[str]:
 
 
 def film_mesh_errors(joint: JointData) -> list[str]:
-    """Error of the film mesh in both curves as text; empty if it was not computed."""
+    """Texts of the film mesh error of both curves; empty list if it was not computed."""
     shared = [joint.own_error("film", curve) for curve in CURVES]
     return [] if any(map(math.isnan, shared)) else [*map(percent, shared)]
 
 
 def reference_table(study: StudyData) -> Table:
-    """Table of the reference's errors."""
+    """Table of the reference's own errors, by kind and joint."""
     norms = [(curve, norm) for curve in CURVES for norm in NORMS]
     rows = []
     for kind, words in REFERENCE_ERRORS.items():
@@ -162,7 +164,7 @@ def reference_table(study: StudyData) -> Table:
         for joint in study.joints if entry else ():
             figures = [joint.own_error(kind, *each) for each in norms]
             known = any(map(math.isfinite, figures))
-            how = entry.get("how", "") if known else f"not taken: {entry.get('why')}"
+            how = entry.get("how", "") if known else f"not computed: {entry.get('why')}"
             cells = map(percent, figures) if known else [""] * len(norms)
             rows.append((words, joint.name, str(how), *cells))
     heads = (f"{curve.title}, {NORMS[norm]}" for curve, norm in norms)
@@ -181,14 +183,14 @@ TABLES: dict[str, Any] = {
 
 
 def render(form: str, figures: Path, **content: Any) -> str:
-    """The text of a page, from the template ``templates/report.jinja``.
+    """Text of a page, from the template ``templates/report.jinja``.
 
     Parameters
     ----------
     form
-        ``"html"``, a self-contained page, or ``"md"``, with links to PNG files.
+        ``"html"`` for a self-contained page, or ``"md"`` for Markdown with links to PNG files.
     figures
-        Folder of the figures.
+        Path of the folder with the figures.
     content
         Variables of the template.
     """
@@ -214,13 +216,13 @@ def render(form: str, figures: Path, **content: Any) -> str:
 
 
 def _of_markdown(value: Any) -> Any:
-    """Text with characters escaped that Markdown would read as HTML or a link."""
+    """Escape characters of a text that Markdown would read as HTML or as a link."""
     if isinstance(value, Markup):
         return value
     return Markup(str(value).replace("&", "&amp;").replace("<", "&lt;").replace("](", "]\\("))
 
 
-#: Pages, of which the first is self-contained, and the folder of the figures.
+#: Names of the pages, of which the first is self-contained, and of the folder of figures.
 PAGES = ("report.html", "report.md")
 FIGURES = "figures"
 
@@ -228,8 +230,8 @@ FIGURES = "figures"
 def write_report(directory: str | Path) -> Path:
     """Write ``report.html``, ``report.md`` and ``figures/`` of a study.
 
-    A study that is in progress or was stopped is reported with its complete runs. The same study
-    gives the same files.
+    For a study that is in progress or was stopped, the report has the runs that are complete. The
+    same study gives the same files.
 
     Parameters
     ----------
@@ -244,7 +246,7 @@ def write_report(directory: str | Path) -> Path:
     Raises
     ------
     InputError
-        The folder holds no study, or cannot be written to.
+        The folder has no study, or it cannot be written to.
     """
     folder = Path(directory)
     study = read_study(folder)
@@ -263,7 +265,7 @@ def write_report(directory: str | Path) -> Path:
 
 
 def _figures(study: StudyData) -> Iterator[tuple[str, Figure | None]]:
-    """Figures by the stem of their file names; None for a figure without data."""
+    """Draw the figures, each with the stem of its file name; None for a figure without data."""
     yield "error_against_time", draw_cost(study.joints, ONLINE)
     yield "error_against_modes", draw_cost(study.joints, COORDINATES)
     yield "curves", draw_methods(study, alike(study))
