@@ -33,7 +33,7 @@ from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import HEIGHTS, SMOOTH, WAVES, BoreSurface, all_outward
 
 if TYPE_CHECKING:
-    from fenics_ehd.reduction.static import StaticSolver, bore_rows, on_bores
+    from fenics_ehd.reduction.static import StaticSolver
 
 #: Order p of the error of the compliance in the cell size.
 ORDER = 2.0
