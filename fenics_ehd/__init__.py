@@ -6,13 +6,13 @@
     machine = ehd.build(scene)
     history = ehd.simulate(machine.mechanism, **machine.options)
 
-Importing the package imports nothing heavy, a name brings its module along when it is asked for:
-`fenics_ehd.reduction` works without dolfinx, and ``fenics-ehd --help`` answers without either.
+The module of a public name is imported when the name is first used. Therefore `import fenics_ehd`
+is fast, `fenics_ehd.reduction` works without dolfinx, and ``fenics-ehd --help`` without PETSc.
 """
 
 import sys
 
-if sys.argv[:1] == ["-m"]:  # so it is until Python has found what to run: fenics_ehd.cli
+if sys.argv[:1] == ["-m"]:  # Python is still looking for the module to run: fenics_ehd.cli
     from fenics_ehd.base.command_start import leave_current_folder
 
     leave_current_folder()
@@ -26,7 +26,6 @@ __version__ = "0.4.0.dev0"
 
 #: Public names by the module that defines them.
 _NAMES = {
-    "analysis.bearing": ("bearing", "solve_bearing"),
     "analysis.bearing_settings": ("BearingSettings",),
     "analysis.equilibrium": ("equilibrium", "linearise"),
     "analysis.error_budget": ("error_budget",),
@@ -68,12 +67,13 @@ _NAMES = {
     "reduction.reductor": ("Reductor",),
     "reduction.residual_completion": ("residual_flexibility",),
     "reduction.structure": ("Structure",),
+    "scenes.bearing": ("bearing", "solve_bearing"),
     "scenes.build": ("Machine", "build"),
     "scenes.run": ("run",),
     "scenes.scene": ("Scene", "read_scene"),
     "scenes.tables": ("read_load",),
 }
-#: Present names of former ones, which are accepted with a warning until 0.5.
+#: Present names of public names by the former name, which is accepted with a warning until 0.5.
 _FORMER: dict[str, str] = {}
 
 _public = lazily(__name__, _NAMES, _FORMER)
@@ -81,6 +81,11 @@ _public = lazily(__name__, _NAMES, _FORMER)
 __all__ = ["__version__", "errors", *(name for names in _NAMES.values() for name in names)]
 
 
+def __dir__() -> list[str]:
+    """Names of the module, among them the public names whose modules are not imported yet."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> Any:
-    """A public name; `errors` is a module itself."""
+    """Public name of the package; `errors` is a module itself."""
     return import_module(f"{__name__}.base.errors") if name == "errors" else _public(name)

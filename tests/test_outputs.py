@@ -126,7 +126,7 @@ def test_a_stopped_run_is_not_begun_anew_unasked(status, workplace, capfd):
     before = contents(workplace / "out")
     code, _, errors = exit_of(capfd, *OWNERS["run"], "out")
     assert code == 2
-    assert "out: holds a run that was stopped: go on with it by --resume out" in errors
+    assert "out has a run that was stopped: continue it by --resume out" in errors
     assert contents(workplace / "out") == before
     with pytest.raises(ehd.errors.InputError, match="--resume out"):
         ehd.run(ehd.read_scene("s.toml"), "out")

@@ -397,9 +397,9 @@ def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):
     [
         (["--quantity", "friction"], "--quantity friction: no such quantity in"),
         (["--quantity", "speed"], "there is max_pressure, min_film_thickness, orbit, force"),
-        (["--joint", "middle"], "--joint middle: no lubricated joint of"),
-        (["--joint", "middle"], "there is left, right"),
-        (["--difference"], "--difference: that of 2 runs"),
+        (["--joint", "middle"], "has no such lubricated joint: choose"),
+        (["--joint", "middle"], "choose from left, right"),
+        (["--difference"], "--difference needs 2 runs"),
     ],
 )
 def test_what_is_not_there_is_named_with_what_there_is(
@@ -470,7 +470,7 @@ def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, c
     replace(history, values=values).save(other)
     assert plot(bearings.directory, other, "--difference", "-o", tmp_path / "none") == 2
     message = capsys.readouterr().err
-    assert "left, right of the first and leftmost, rightmost of the second" in message
+    assert "left, right in the first, leftmost, rightmost in the second" in message
 
 
 def test_a_run_leaves_what_needs_only_its_history_and_a_later_one_takes_it(bearings, monkeypatch):

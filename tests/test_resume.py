@@ -281,7 +281,7 @@ def test_another_scene_or_table_is_refused(prepared, tmp_path, capsys):
         assert before in text
         changed.write_text(text.replace(before, after))
         assert call("run", "--resume", run, "--no-plots") == 2
-        assert f"{changed.name} changed since the run began" in capsys.readouterr().err
+        assert f"{changed.name} changed since the run started" in capsys.readouterr().err
         changed.write_text(text)
 
 
@@ -304,7 +304,7 @@ def test_a_complete_run_has_nothing_left_to_do_and_no_other_body(prepared, tmp_p
     shift[0, 0] = 1e-6
     ehd.save_body(replace(body, points={"pin": body.points["pin"] + shift}), run / "body-rod.h5")
     assert call("run", "--resume", run, "--no-plots") == 2
-    assert "body-rod.h5 changed since the run began" in capsys.readouterr().err
+    assert "body-rod.h5 changed since the run started" in capsys.readouterr().err
 
 
 def test_the_scene_that_is_left_is_the_one_that_ran(prepared, tmp_path, monkeypatch):
@@ -343,7 +343,7 @@ def test_a_table_goes_on_after_the_rows_of_its_checkpoint(tmp_path):
     table_of(tmp_path, 10, before=5)
     np.testing.assert_array_equal(read_history(tmp_path)["max_pressure_Pa"], 2.0 * np.arange(10))
     table_of(tmp_path, 4)
-    with pytest.raises(ehd.errors.InputError, match="not the history of the run to go on with"):
+    with pytest.raises(ehd.errors.InputError, match="does not belong to the run to resume"):
         table_of(tmp_path, 8, before=6)
 
 

@@ -54,7 +54,7 @@ def test_complete_results_are_replaced_only_when_told_to(run, tmp_path, monkeypa
         status, errors = run(COARSER)
     assert status == 2
     line = errors.splitlines()[-1]
-    assert f"{out}: holds a complete result, choose another folder or --overwrite" in line
+    assert f"{out} has a complete result: choose another folder or use --overwrite" in line
     assert contents(out) == before
     (out / "max_pressure.png").write_text("stale")
     (out / "notes.txt").write_text("not of a run")
@@ -76,7 +76,7 @@ def test_a_run_that_fails_leaves_complete_results_as_they_were(run, tmp_path):
     status, errors = run(FAILS, "--overwrite")
     assert status == 1
     failed = out / "replacement"
-    assert f"{out}: its complete result stays, this run is in {failed}" in errors
+    assert f"{out} keeps its complete result, this run is in {failed}" in errors
     assert {name: (out / name).read_bytes() for name in before} == before
     assert "failed: the film" in json.loads((failed / "summary.json").read_text())["status"]
     # Once there is something better, it goes.

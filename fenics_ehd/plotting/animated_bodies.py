@@ -1,12 +1,12 @@
-"""Bodies of an animation: their visible faces and positions, with small motions enlarged.
+"""Bodies of an animation: their visible faces and positions, with small motions magnified.
 
-A flexible body is viewed along the bore's axis: as the front of the part, if a basis of the whole
-part is available, or as rings around its bores.
+A flexible body is viewed along the bore's axis: as the front of the part, if a basis of the
+complete part is available, otherwise as rings around its bores.
 
-Elastic motion and clearances are drawn ``scale`` times as large, large motions in true size. The
-share of the elastic motion that moves bore and points as a rigid body is not enlarged, because
-points would be drawn apart from the bodies they are joined to. For a rod this share is the motion
-of its chord.
+Elastic motion and clearances are drawn ``scale`` times as large, and large motions in true size.
+The part of the elastic motion that moves bore and points like a rigid body is not magnified,
+because the drawn points would separate from the bodies to which they are joined. For a rod, this
+part is the motion of its chord.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from fenics_ehd.reduction.body import ReducedBody, bore_fields
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.paraview import PartFields
 
-#: Types of solid cells, by their number of nodes.
+#: Kinds of solid cells, by their number of nodes.
 KINDS = {20: "hex", 10: "tet"}
 
-#: Cosine to the axis of the flattest face that still counts as turned to the viewer.
+#: Least cosine between a face's normal and the axis for a face that is visible from the front.
 FACING = 0.1
 
 STEEL = "#c9d3dc"
@@ -39,19 +39,19 @@ GHOST = "0.45"
 
 
 def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Faces of the surface whose normals point along +z, the farthest face first.
+    """Faces of a part's surface whose normals point along +z, the farthest face first.
 
     Parameters
     ----------
     nodes
-        shape (p, 3) [m].
+        Positions of the nodes, shape (p, 3) [m].
     cells
         Quadratic hexahedra or tetrahedra in VTK's order, shape (c, 20 or 10).
 
     Returns
     -------
     numpy.ndarray
-        Nodes around each face, corners and edge midpoints in turn, shape (f, 8 or 6).
+        Nodes around each face, corners and edge midpoints alternating, shape (f, 8 or 6).
     """
     facets = Solid(nodes, cells, KINDS[cells.shape[1]]).facets()
     count = facets.shape[1] // 2
@@ -63,7 +63,7 @@ def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def outline(faces: np.ndarray) -> np.ndarray:
-    """Edges that only one of the faces has, as three nodes each, shape (e, 3)."""
+    """Edges that belong to only one of the faces, as three nodes each, shape (e, 3)."""
     following = np.roll(faces, -2, axis=1)
     edges = np.stack([faces[:, ::2], faces[:, 1::2], following[:, ::2]], axis=2).reshape(-1, 3)
     ends = np.sort(edges[:, ::2], axis=1)
@@ -71,26 +71,26 @@ def outline(faces: np.ndarray) -> np.ndarray:
     return edges[first[counts == 1]]
 
 
-#: Outer radius of the ring that is drawn in place of a part without a basis, over the bore's.
+#: Outer over inner radius of the ring that is drawn for a part without a basis.
 RING = 1.42
 
 
 @dataclass(frozen=True, eq=False)
 class PartShape:
-    """Visible nodes, and matrices from recorded coordinates to their displacements.
+    """Visible nodes and faces of a part, and the displacement fields of its coordinates.
 
     Attributes
     ----------
     nodes
-        shape (p, 3) [m].
+        Positions of the visible nodes, shape (p, 3) [m].
     faces
         Nodes around each visible face, shape (f, v).
     fields
-        In-plane displacements of unit elastic coordinates, then of residual patterns, shape
-        (p, 2, n + r).
+        Displacements of the nodes along x and y for unit elastic coordinates, then for unit
+        amplitudes of residual patterns, shape (p, 2, n + r).
     mesh
-        Whether the faces are a finite-element mesh, whose lines are drawn; otherwise they are rings
-        in place of a part.
+        Whether the faces are a finite-element mesh, whose lines are drawn; otherwise they are
+        rings.
     """
 
     nodes: np.ndarray
@@ -100,12 +100,12 @@ class PartShape:
 
     @cached_property
     def edges(self) -> np.ndarray:
-        """Edges that only one face has, see `outline`."""
+        """Edges of the drawn outline, see `outline`."""
         return outline(self.faces)
 
 
 def shape_of_part(part: PartFields) -> PartShape:
-    """Front of a whole part."""
+    """Shape of a complete part, viewed from the front."""
     faces = front_faces(part.nodes, part.cells)
     shown, local = np.unique(faces, return_inverse=True)
     fields = np.concatenate([part.basis[shown, :2], part.patterns[shown, :2]], axis=2)
@@ -113,7 +113,7 @@ def shape_of_part(part: PartFields) -> PartShape:
 
 
 def shape_of_bores(body: ReducedBody) -> PartShape:
-    """A ring around every bore, moved by the bore's edge."""
+    """Shape of a body without a basis: a ring around every bore, which moves with its edge."""
     nodes: list[np.ndarray] = []
     faces = []
     fields = []
@@ -133,29 +133,29 @@ def shape_of_bores(body: ReducedBody) -> PartShape:
 
 
 #: Limits of an automatic scale: drawn clearance over the bore's radius, and largest drawn
-#: displacement over the part's extent.
+#: displacement over the extent of the part.
 DRAWN_CLEARANCE = 0.18
 DRAWN_DISPLACEMENT = 0.08
 
 
 @dataclass(frozen=True, eq=False)
 class BodyView:
-    """A body as drawn.
+    """A body as it is drawn at the instants of an animation.
 
     Attributes
     ----------
     name
         Name of the body.
     pose, turns
-        Position and angle of the body's frame, shape (t, 3) [m], [rad]; its rotations, shape (t, 2,
-        2).
+        Position and angle of the body's frame, shape (t, 3) [m], [rad], and its rotation matrices,
+        shape (t, 2, 2).
     points
-        Positions of the points by name, of the origin by an empty name, shape (t, 2) [m].
+        Positions of the body's points by name, shape (t, 2) [m]; the origin has an empty name.
     held
-        Whether the body is a part of the ground.
+        Whether the body is fixed to the ground.
     nodes
-        Nodes of `shape` as drawn, displacements enlarged, shape (t, p, 2) [m]; p = 0 without a
-        shape.
+        Positions of the nodes of `shape`, with displacements magnified, shape (t, p, 2) [m]; p = 0
+        without a shape.
     shape
         Visible faces of a flexible body; None for other bodies.
     """
@@ -170,7 +170,7 @@ class BodyView:
 
 
 def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
-    """A flexible body at one instant, its undeformed outline dashed."""
+    """Draw a flexible body at one instant, with its undeformed outline dashed."""
     shape = body.shape
     nodes = body.nodes[frame]
     assert shape is not None
@@ -186,7 +186,7 @@ def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
 
 
 def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale: float) -> BodyView:
-    """A body at the instants of a replay; a flexible body has a `shape`."""
+    """View of a body at the instants of a replay; `shape` is None if it is not flexible."""
     body = replay.bodies[name]
     coordinates = replay.coordinates(name)
     pose = replay.marker(name, "")
@@ -212,15 +212,15 @@ def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale:
 def part_motion(
     replay: RecordedMotion, name: str, shape: PartShape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Elastic motion of a flexible body in its frame.
+    """Elastic motion of a flexible body in its own frame, and the rigid part of this motion.
 
     Returns
     -------
     moved : numpy.ndarray
-        Displacement of the visible nodes, shape (t, p, 2) [m].
+        Displacements of the visible nodes, shape (t, p, 2) [m].
     carried : numpy.ndarray
-        Rigid part of this motion of bore and points, along x, y, and about the bore's centre, shape
-        (t, 3) [m], [rad]; zero for a held body.
+        Rigid part of the motion of bores and points: translation along x and y, and rotation about
+        the bore's centre, shape (t, 3) [m], [rad]; zero for a held body.
     """
     values = np.hstack(replay.elastic(name))
     part = replay.part(name)
@@ -229,7 +229,7 @@ def part_motion(
 
 
 def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> float:
-    """Enlargement that makes clearances and displacements visible, a round number of at least 1."""
+    """Magnification that makes clearances and displacements visible: a round number, at least 1."""
     largest = []
     for binding in replay.system.films:
         film = binding.film.film.parameters
@@ -244,13 +244,13 @@ def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> 
 
 
 def carried_fields(part: ReducedBody) -> np.ndarray:
-    """Translation and rotation of bores and points as a whole, by elastic motion.
+    """Rigid part of the motion of bores and points for unit elastic coordinates.
 
     Returns
     -------
     numpy.ndarray
-        Motion along x, y, and about the bore's centre for unit elastic coordinates and amplitudes
-        of residual patterns, shape (3, n + r).
+        Translation along x and y, and rotation about the bore's centre, for unit coordinates and
+        unit amplitudes of residual patterns, shape (3, n + r).
     """
     moved = bore_fields(part)[:, :2]
     still = np.zeros((2, moved.shape[2] - part.modes))
@@ -265,6 +265,6 @@ def carried_fields(part: ReducedBody) -> np.ndarray:
 
 
 def rigid_motion(places: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Displacements (t, p, 2) at positions (p, 2) by small rigid motions (t, 3)."""
+    """Displacements (t, p, 2) of points at `places` (p, 2) under small rigid motions (t, 3)."""
     about = np.stack([-places[:, 1], places[:, 0]], axis=1)
     return motion[:, None, :2] + motion[:, None, 2:] * about

@@ -1,4 +1,4 @@
-"""Curves over the crank's angle, any columns of a history, and paths in a plane over a cycle."""
+"""Diagrams of columns over the crank angle or time, and of paths of vectors over a cycle."""
 
 from __future__ import annotations
 
@@ -27,43 +27,43 @@ from fenics_ehd.plotting.picture import (
 )
 from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 
-#: Joints by name, each with its results in one or more runs.
+#: Type for the shown joints: results of a joint in one or more runs, by the name of the joint.
 Rows = Mapping[str, Sequence[ShownJoint]]
 
-#: Height of a single panel, and of one of several panels [inches].
+#: Height of a single panel, and of one panel among several [inches].
 ALONE = 4.0
 STACKED = 2.7
 
-#: Ending of columns of angles, which wrap around.
+#: Ending of columns with angles that jump by 360 degrees.
 AROUND = "_angle_deg"
 
-#: Share of the time of an initial value problem, at its start, that the upper limit of an axis does
-#: not contain: the film is thick there, and later films would not be visible.
+#: Part of the time of an initial value problem, at its start, that does not set the upper limit of
+#: an axis: the film is thick there, and later films would not be visible.
 BUILD_UP = 0.1
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Columns that share an axis.
+    """Columns of a history that share an axis.
 
     Attributes
     ----------
     label
-        Label of the axis, its unit in brackets.
+        Label of the axis, with the unit in brackets.
     columns
-        Labels by name of column, or by pattern; an empty label is replaced by the text that matches
-        the star.
+        Labels of curves by column, or by a pattern of columns. For an empty label, the text that
+        the star of the pattern matches is used.
     extreme
-        Function that selects the extreme to mark and label, `numpy.argmax` or `numpy.argmin`.
+        Function that selects the extreme to mark and label, `numpy.argmax` or `numpy.argmin`; None
+        for no mark.
     mean
-        Whether means over time are drawn and labelled.
+        Whether the mean over time is drawn and labelled.
     scale
-        ``"zero"``: linear from zero on; ``"linear"``; ``"log"``; ``"angle"``: 0 to 360 degrees.
+        ``"zero"`` for a linear axis from zero, ``"linear"``, ``"log"``, or ``"angle"`` for a turn.
     budget
-        Name of the quantity in the run's error budget, whose total is drawn as a band; empty: no
-        band.
+        Quantity in the run's error budget whose total error is drawn as a band; empty for no band.
     unchanged
-        Whether columns that are all zero are drawn.
+        Whether columns that are zero throughout are drawn.
     """
 
     label: str
@@ -75,7 +75,7 @@ class Panel:
     unchanged: bool = False
 
     def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
-        """Labels of the columns of a history with finite values that are not all zero."""
+        """Labels of the columns that the panel can draw, by column."""
         shown = {}
         for pattern, called in self.columns.items():
             for name, values in columns.items():
@@ -87,16 +87,16 @@ class Panel:
 
 @dataclass(frozen=True)
 class Curves:
-    """Figure with panels below each other, those of the first joint first.
+    """Figure with panels below each other; the panels of the first joint are on top.
 
     Attributes
     ----------
     panels
-        Panels in the order in which they are drawn.
+        Panels of one joint, in the order in which they are drawn.
     of_run
-        Whether the curves are of a run as a whole, not of its joints.
+        Whether the curves belong to a run, and not to a joint.
     needed
-        Column that a history must have for this figure; empty: at least one of the panels' columns.
+        Column without which the figure is not drawn; empty if any column of the panels suffices.
     """
 
     panels: tuple[Panel, ...]
@@ -104,13 +104,13 @@ class Curves:
     needed: str = ""
 
     def has(self, joint: ShownJoint) -> bool:
-        """True if at least one column can be drawn."""
+        """True if at least one column of a joint can be drawn."""
         if self.needed and not _is_known(joint.columns.get(self.needed)):
             return False
         return any(panel.found(joint.columns) for panel in self.panels)
 
     def draw(self, rows: Rows) -> Figure:
-        """The figure."""
+        """Draw the figure of joints in one or more runs."""
         cells = []
         for title, joints in rows.items():
             for panel in self.panels:
@@ -127,7 +127,7 @@ class Curves:
         return figure
 
     def difference(self, rows: Rows) -> Figure:
-        """The figure of the differences, second run less first run in every row."""
+        """Draw the figure of differences: second run minus first run of every joint."""
         less = {title: [subtracted(*joints)] for title, joints in rows.items()}
         panels = tuple(
             replace(panel, scale="linear", extreme=_largest, mean=False, budget="", unchanged=True)
@@ -140,7 +140,7 @@ class Curves:
 
 
 def _is_known(values: np.ndarray | None) -> bool:
-    """True of a column with finite values that are not all zero."""
+    """True if a column has finite values that are not zero throughout."""
     return values is not None and bool(np.any(np.nan_to_num(values)))
 
 
@@ -149,7 +149,7 @@ def _largest(values: np.ndarray) -> np.intp:
 
 
 def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
-    """One set of axes, with the curves of the same joint of one or more runs."""
+    """Draw the panel of one joint, with the curves of one or more runs."""
     over = common_axis(joints)
     curves = [(joint, *column) for joint in joints for column in panel.found(joint.columns).items()]
     drawn = []
@@ -158,7 +158,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         x, y = over_cycle(joint, factor_of(panel.label) * joint.columns[column], over)
         figures = []
         if panel.extreme is not None:
-            known = np.flatnonzero(np.isfinite(y))  # error estimates exist at some steps only
+            known = np.flatnonzero(np.isfinite(y))  # some steps have no error estimate
             extreme = known[panel.extreme(y[known])]
             axes.plot(x[extreme], y[extreme], "o", color=look["color"], markersize=5, zorder=4)
             figures.append(
@@ -166,7 +166,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             )
         if (errors := _reported_errors(joint, panel.budget)) is not None:
             of_extreme, largest = errors
-            # Errors of pressures are relative to the peak, errors of films to the film at that
+            # Errors of pressures are relative to the peak, those of films to the film at that
             # time.
             half = largest * (y.max() if panel.extreme is np.argmax else y)
             axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
@@ -187,7 +187,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
 
 
 def _reported_errors(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
-    """Estimated relative errors of an extreme and over the cycle; None without an estimate."""
+    """Estimated relative errors of an extreme and of the curve; None if they are not estimated."""
     budget = joint.run.figures.get(joint.name, {}).get("error_budget", {})
     if quantity not in budget:
         return None
@@ -201,24 +201,24 @@ def mean(values: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def position_label(x: float, over: str) -> str:
-    """Label of a position on the common axis."""
+    """Text of a position on the common axis: an angle in degrees, or a time in ms."""
     return f"{x:.0f}°" if over == ANGLE else f"{x:.3f} ms"
 
 
 def common_axis(joints: Sequence[ShownJoint]) -> str:
-    """Column for the horizontal axis of these joints."""
+    """Column for the horizontal axis: the crank angle if all joints have it, else the time."""
     return ANGLE if all(ANGLE in joint.columns for joint in joints) else TIME
 
 
 def over_cycle(joint: ShownJoint, values: np.ndarray, over: str) -> tuple[np.ndarray, np.ndarray]:
-    """Positions [degrees] or [ms] in ascending order, and the values there."""
+    """Ascending positions of values on the axis `over` [degrees] or [ms], and the values."""
     x = joint.columns[over] * (1.0 if over == ANGLE else 1e3)
     order = np.argsort(x, kind="stable")
     return x[order], values[order]
 
 
 def span(over: str, joints: Sequence[ShownJoint]) -> float:
-    """Distance of ticks on the common axis [degrees] or [ms]."""
+    """Distance of the ticks on the axis `over` [degrees] or [ms]."""
     longest = max(np.ptp(joint.columns[over]) for joint in joints)
     if over == ANGLE:
         return 90.0 if longest > 400.0 else 45.0
@@ -233,7 +233,7 @@ def _lay_out(
     over: str,
     curves: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> None:
-    """Limits, labels, legend."""
+    """Set limits, ticks, labels and legend of a panel."""
     axes.set_ylabel(panel.label)
     label = "".join(f", {joint.run.label}" for joint in joints[:1] if joint.run.label)
     axes.set_xlabel(("crank angle [°]" if over == ANGLE else "time [ms]") + label)
@@ -255,7 +255,7 @@ def _lay_out(
 
 
 def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
-    """Columns of the second run less those of the first, where both are known."""
+    """Columns of the second run minus those of the first, where both runs have steps."""
     over = common_axis((first, second))
     x = [np.sort(joint.columns[over]) for joint in (first, second)]
     low = max(v[0] for v in x)
@@ -274,7 +274,10 @@ def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
 
 
 def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.ndarray:
-    """Monotone cubics: linear interpolation would add a saw-tooth of its own errors."""
+    """Values of a column at positions on the axis `over`, by monotone cubic interpolation.
+
+    Linear interpolation would add a saw-tooth of its own errors.
+    """
     x, order = np.unique(joint.columns[over], return_index=True)
     values = joint.columns[column][order]
     if column.endswith(AROUND):
@@ -284,10 +287,10 @@ def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.nda
     return PchipInterpolator(x, values)(places)
 
 
-#: Number of panels in a row.
+#: Largest number of panels in a row.
 ACROSS = 3
 
-#: Largest number of circles in a diagram.
+#: Largest number of labelled circles in a diagram.
 RINGS = 5
 
 #: Smallest distance of two labels, over the radius of the diagram.
@@ -296,19 +299,19 @@ APART = 0.16
 
 @dataclass(frozen=True)
 class Paths:
-    """A vector over a cycle as a curve, a panel for every joint.
+    """Polar diagrams of a vector over a cycle, one for every joint.
 
     Attributes
     ----------
     label
-        Label of the magnitude of the vector, its unit in brackets.
+        Label of the magnitude, with its unit in brackets.
     vector
-        Function from columns to the vector in the frame of the bore as complex numbers x + i y, in
-        SI units, shape (t,).
+        Function that returns the vector in the frame of the bore from columns, as complex numbers
+        x + i y in SI units, shape (t,).
     needed
-        Columns that this function needs.
+        Columns that the function needs.
     bound
-        Label of the unit circle; empty: the circle is not labelled.
+        Label of the unit circle; empty if it is not drawn.
     """
 
     label: str
@@ -317,11 +320,11 @@ class Paths:
     bound: str = ""
 
     def has(self, joint: ShownJoint) -> bool:
-        """True if at least one column can be drawn."""
+        """True if a joint has all needed columns."""
         return all(column in joint.columns for column in self.needed)
 
     def draw(self, rows: Rows) -> Figure:
-        """The figure."""
+        """Draw the figure of joints in one or more runs."""
         across = min(len(rows), ACROSS)
         down = -(-len(rows) // across)
         figure, axes = plt.subplots(
@@ -336,7 +339,7 @@ class Paths:
         return figure
 
     def difference(self, rows: Rows) -> Figure:
-        """The figure of the second run's components less the first's, over the cycle."""
+        """Draw the components of the vector over the cycle: second run minus first run."""
         panel = Panel(self.label, {"vector_x": "x", "vector_y": "y"})
         components = {}
         for title, joints in rows.items():
@@ -365,7 +368,7 @@ class Paths:
         axes.set_ylim(0, largest * (1.03 if largest > 1.0 or not self.bound else 1.0))
         axes.set_xticks(np.radians(np.arange(0, 360, 45)))
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
-        # Labels of the circles lie between two spokes, away from the curves.
+        # The circles are labelled between two spokes, opposite to the mean of the curves.
         away = np.degrees(np.angle(-sum(vector.mean() for _, vector in curves)))
         axes.set_rlabel_position(45.0 * np.floor(away / 45.0) + 22.5)
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
@@ -374,20 +377,20 @@ class Paths:
 
 
 def orbit(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Position of the journal's centre in the deformed bore over the clearance, x + i y."""
+    """Position of the journal's centre in the deformed bore over the clearance, as x + i y."""
     x, y = (columns[f"eccentricity_in_bore_{axis}_m"] for axis in "xy")
     return columns["eccentricity_ratio"] * np.exp(1j * np.arctan2(y, x))
 
 
 def load(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Load of the journal on the bore [N]."""
+    """Load of the journal on the bore [N], as x + i y in the frame of the bore."""
     return columns["force_N"] * np.exp(1j * np.radians(columns["force_angle_deg"]))
 
 
 def _mark(
     axes: Axes, x: np.ndarray, vector: np.ndarray, number: int, every: float, apart: float
 ) -> None:
-    """Dots at some instants; those of the first curve have labels if the space suffices."""
+    """Mark equally spaced instants of a curve by dots, and label those of the first curve."""
     instants = np.arange(np.ceil(x[0] / every - 1e-6), np.floor(x[-1] / every + 1e-6) + 1) * every
     positions = np.interp(instants, x, vector.real) + 1j * np.interp(instants, x, vector.imag)
     colour = style(number)["color"]
@@ -406,7 +409,7 @@ def _mark(
 def pressure_and_film(
     axes: Axes, x: np.ndarray, pressure: np.ndarray, film: np.ndarray, labels: tuple[str, str]
 ) -> None:
-    """Curves of a pressure [MPa] and, dashed, of a film [um], each on its own axis from zero on."""
+    """Draw a pressure [MPa] and, dashed, a film thickness [um], each on its own axis from zero."""
     other = axes.twinx()
     axes.plot(x, pressure, color=RED)
     other.plot(x, film, color=BLUE, linestyle="--")
@@ -418,7 +421,7 @@ def pressure_and_film(
 
 
 def clearance_circle(axes: Axes) -> None:
-    """Axes for the journal's centre, over the clearance, in the frame of the bore."""
+    """Set up axes for the path of the journal's centre over the clearance, with circles."""
     for radius in (0.25, 0.5, 0.75, 1.0):
         ring = {"color": "0.2", "lw": 1.6} if radius == 1.0 else {"color": "0.85", "lw": 0.8}
         axes.add_patch(plt.Circle((0, 0), radius, fill=False, **ring))

@@ -1,4 +1,4 @@
-"""Maps over the unwrapped bore, the enlarged deformed bore viewed along its axis; one bearing."""
+"""Maps over the unwrapped bore, sections of the deformed bore, and a bearing's picture."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing import BearingResult
 
-#: Largest number of colours.
+#: Largest number of colours in a map.
 LEVELS = 12
 
 #: Height of a map [inches].
@@ -42,7 +42,19 @@ HEIGHT = 2.5
 
 
 class Raster(NamedTuple):
-    """Values over angle [degrees] and height [mm], shape (b, a), (a,), (b,); and a marked point."""
+    """Values on a raster of angles and heights, with a title and a marked point.
+
+    Attributes
+    ----------
+    values
+        Values at all heights and angles, shape (b, a).
+    angle, height
+        Angles [degrees], shape (a,), and heights [mm], shape (b,).
+    title
+        Title of the map.
+    mark
+        Value, angle [degrees] and height [mm] of the marked point.
+    """
 
     values: np.ndarray
     angle: np.ndarray
@@ -53,22 +65,22 @@ class Raster(NamedTuple):
 
 @dataclass(frozen=True)
 class Map:
-    """A field over bore angle and width, a panel for every joint and run.
+    """Map of a field over angle and width of the bore, one for every joint and run.
 
     Attributes
     ----------
     label
-        Label of the colours, its unit in brackets.
+        Label of the colours, with its unit in brackets.
     fields
-        Function that returns the field of a film.
+        Name of the field of a film, ``"pressure"``, ``"gap"`` or ``"contact"``.
     colours
         Name of the colour map.
     extreme
-        Function that reduces the values of a node over the cycle, `numpy.max` or `numpy.min`; None:
-        mean over time.
+        Function that reduces the values of a node over the cycle, `numpy.max` or `numpy.min`; None
+        for the mean over time.
     marked
-        Columns with value, angle [degrees] and height [m] of the marked extreme, which may lie
-        between nodes. Empty: the largest nodal value is marked.
+        Columns with value, angle [degrees] and height [m] of the extreme to mark, which may lie
+        between nodes; empty to mark the largest nodal value.
     """
 
     label: str
@@ -78,21 +90,21 @@ class Map:
     marked: tuple[str, ...] = ()
 
     def has(self, joint: ShownJoint) -> bool:
-        """True if the picture can be drawn."""
+        """True if a joint has the field."""
         return self._values(joint) is not None
 
     def _values(self, joint: ShownJoint) -> np.ndarray | None:
         return joint.contact if self.fields == "contact" else getattr(joint.film, self.fields)
 
     def draw(self, rows: Rows) -> Figure:
-        """The figure, all runs of a joint in the same colours."""
+        """Draw the maps of joints in one or more runs; those of a joint have the same colours."""
         groups = []
         for title, joints in rows.items():
             groups.append([self.raster(j, _title(title, j, len(joints))) for j in joints])
         return draw_rasters(groups, self.label, self.colours, from_zero=self.extreme is not np.min)
 
     def raster(self, joint: ShownJoint, title: str) -> Raster:
-        """Field of one joint on the lines of its mesh."""
+        """Reduce the field of a joint over the cycle, on the lines of its mesh."""
         values = np.asarray(self._values(joint))
         if self.extreme is None:
             nodal = mean(values, joint.columns[TIME])
@@ -109,7 +121,7 @@ class Map:
 
 
 def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
-    """Nodal values on the lines of a mesh, with the largest nodal value marked."""
+    """Nodal values of a film on the lines of its mesh, with the largest magnitude marked."""
     angle, height = (np.unique(x.round(9)) for x in grid.node_positions.T)
     angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
     values = sampled(grid, nodal, np.radians(angle), height)
@@ -117,7 +129,7 @@ def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
 
 
 def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Nodal values (..., k) on a raster of angles (a,) [rad] and heights (b,) [m], (..., b, a)."""
+    """Interpolate nodal values (..., k) to angles (a,) [rad] and heights (b,) [m]: (..., b, a)."""
     around, along = (x.ravel() for x in np.meshgrid(angle, height))
     values = (grid.interpolation(around, along) @ nodal.T).T
     return values.reshape(*nodal.shape[:-1], len(height), len(angle))
@@ -126,7 +138,7 @@ def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.nda
 def draw_rasters(
     groups: Sequence[Sequence[Raster]], label: str, colours: str, *, from_zero: bool = True
 ) -> Figure:
-    """Draw maps below each other, the maps of a group with one colour scale; see `draw_raster`."""
+    """Draw maps below each other; the maps of a group have the same colours, see `draw_raster`."""
     count = sum(map(len, groups))
     figure, grid_axes = plt.subplots(
         count, figsize=(WIDTH, HEIGHT * count + 0.5), layout="constrained",
@@ -144,7 +156,7 @@ def draw_rasters(
 
 
 def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colours: str) -> None:
-    """Draw one map with its extreme marked; `label` of the colours has its unit in brackets."""
+    """Draw a map and its marked point; `label` names the colours, with the unit in brackets."""
     values, angle, height, title, (value, where, z) = raster
     image = axes.contourf(angle, height, values, levels, cmap=colours)
     if np.ptp(values):
@@ -159,14 +171,14 @@ def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colo
 
 
 def levels_between(low: float, high: float) -> np.ndarray:
-    """Values at the boundaries of the colours."""
+    """Boundaries of the colours between two values."""
     return MaxNLocator(LEVELS).tick_values(low, high if high > low else low + 1.0)
 
 
 def largest(
     values: np.ndarray, angle: np.ndarray, height: np.ndarray
 ) -> tuple[float, float, float]:
-    """The value of the largest magnitude, its angle and its height."""
+    """Value of the largest magnitude on a raster, with its angle and height."""
     row, column = np.unravel_index(np.argmax(np.abs(values)), values.shape)
     return values[row, column], angle[column], height[row]
 
@@ -175,13 +187,13 @@ def _title(title: str, joint: ShownJoint, runs: int) -> str:
     return ", ".join(filter(None, (title, joint.run.name if runs > 1 else "")))
 
 
-#: Over the bore's radius: the larger one of drawn clearance and drawn radial displacement, the
-#: drawn height of the largest pressure, and half the side of a panel.
+#: Sizes over the bore's radius: the larger one of drawn clearance and drawn radial displacement,
+#: the drawn height of the largest pressure, and half the side of a panel.
 ENLARGED = 0.2
 FAN = 0.35
 REACH = 1.62
 
-#: Angles of points around the bore [rad], and outward normals there.
+#: Angles of points around the bore [rad], and outward unit vectors at these points.
 ANGLES = np.linspace(-np.pi, np.pi, 361)
 NORMALS = np.array([np.cos(ANGLES), np.sin(ANGLES)])
 
@@ -191,15 +203,15 @@ class Bores:
     """Bore, journal and pressure at the instants of peak pressure and of minimum film.
 
     The bore is drawn about the centre of its best-fitting circle, as in the orbit. The area between
-    bore and journal is the film in the section of its minimum.
+    bore and journal is the film in the section with the minimum film.
     """
 
     def has(self, joint: ShownJoint) -> bool:
-        """True if the picture can be drawn."""
+        """True for a joint, false for a run as a whole."""
         return bool(joint.name)
 
     def draw(self, rows: Rows) -> Figure:
-        """The figure: two instants in a row, a row for every joint and run."""
+        """Draw both instants in a row, with a row for every joint and run."""
         cells = [(title, joint, joints) for title, joints in rows.items() for joint in joints]
         figure, panels = plt.subplots(
             len(cells), 2, figsize=(2 * PANEL, (PANEL + 0.4) * len(cells)), layout="constrained",
@@ -229,10 +241,10 @@ def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.nd
     Returns
     -------
     gap, pressure
-        Gap in the section with the minimum film, and largest pressure over the width, shape (a,)
-        [m], [Pa].
+        Gap in the section with the minimum film [m], and largest pressure over the width [Pa], at
+        `ANGLES`, shape (a,).
     position
-        Eccentricity of the circle that fits this gap best, shape (2,) [m].
+        Eccentricity of the journal in the best-fitting circle of this gap, shape (2,) [m].
     """
     height = np.unique(joint.grid.node_positions[:, 1].round(9))
     nodal = np.array([joint.film.gap[step], joint.film.pressure[step]])
@@ -244,12 +256,12 @@ def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def outward(gap: np.ndarray, position: np.ndarray, clearance: float) -> np.ndarray:
-    """Radial displacement of the bore from its circle, shape (a,) [m]."""
+    """Radial displacement of the bore at `ANGLES` from a round bore, shape (a,) [m]."""
     return gap - clearance + position @ NORMALS
 
 
 def _scale(joint: ShownJoint, steps: list[int]) -> float:
-    """Enlargement, a round number."""
+    """Magnification of clearance and deformation at some steps, a round number."""
     largest = clearance = joint.film.clearance
     for step in steps:
         gap, _, position = profile(joint, step)
@@ -258,7 +270,7 @@ def _scale(joint: ShownJoint, steps: list[int]) -> float:
 
 
 def round_scale(largest: float) -> float:
-    """The number rounded down to one significant digit, at least 1."""
+    """Round a number down to one significant digit, and to at least 1."""
     power = 10.0 ** np.floor(np.log10(largest))
     return float(max(1.0, power * np.floor(largest / power * (1 + 1e-9))))
 
@@ -291,22 +303,21 @@ def draw_section(
     centre: Sequence[float] | np.ndarray = (0.0, 0.0),
     radius: float = 1.0,
 ) -> None:
-    """Bore, journal and pressure, viewed along the axis.
+    """Draw bore, journal and pressure in a section, viewed along the axis.
 
     Parameters
     ----------
     axes
         Axes to draw in.
     gap, pressure
-        Enlarged gap over the bore's radius, and pressure over the largest pressure, at `ANGLES`.
+        Magnified gap over the bore's radius, and pressure over the largest pressure, at `ANGLES`.
     position, clearance
-        Enlarged position of the journal, shape (2,), and enlarged radial clearance, over the
-        radius.
+        Magnified position of the journal, shape (2,), and magnified radial clearance, both over the
+        bore's radius.
     labels
         Labels of the pressure and of the thinnest film in the legend.
     turn, centre, radius
-        Angle of the bore's x axis in the picture [rad], and centre and radius of the bore in the
-        picture.
+        Angle of the bore's x axis [rad], centre and radius of the bore in the picture.
     """
     turned = radius * rotation(turn)
     middle = np.reshape(centre, (2, 1))
@@ -325,14 +336,14 @@ def draw_section(
             zorder=4,
         )
     )  # fmt: skip
-    axes.plot(*(middle + turned @ bore), color=BLUE, linewidth=2.0, label="bore as it is", zorder=4)
+    axes.plot(*(middle + turned @ bore), color=BLUE, linewidth=2.0, label="deformed bore", zorder=4)
     axes.plot(*journal, "+", color="0.35", zorder=4)
     thinnest = middle[:, 0] + turned @ bore[:, int(gap.argmin())]
     axes.plot(*thinnest, "o", color="white", markeredgecolor="black", label=labels[1], zorder=4)
 
 
 def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
-    """Limits, angles on the bore and legend of a section whose radius is 1."""
+    """Set limits, legend and labels of angles for a section whose bore has the radius 1."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH))
     axes.axis("off")
@@ -344,14 +355,14 @@ def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
 
 
 def plot_bearing(result: BearingResult, path: str | Path) -> None:
-    """Draw a bearing in operation, from half a turn before the load line to half a turn after it.
+    """Draw a bearing: map, curves and section, over angles from the load line.
 
     Parameters
     ----------
     result
         Result of `solve_bearing`.
     path
-        File of the picture; its ending determines the format.
+        Path of the picture; its ending determines the format.
     """
     figure, axes = plt.subplot_mosaic(
         [["map", "section"], ["curves", "section"]],
@@ -404,7 +415,7 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
 
 
 def _mark(axes: Axes, result: BearingResult, ends: np.ndarray) -> None:
-    """Grooves from end to end [mm], imposed zero pressure, and the thinnest film."""
+    """Mark grooves between the `ends` [mm], the line of zero pressure, and the minimum film."""
     grooves = [
         (np.degrees(groove.angle - groove.width / 2) + turn, np.degrees(groove.width))
         for groove in result.settings.grooves

@@ -1,8 +1,8 @@
-"""Common to all pictures: style, a backend without a screen, and files in the folder of a run.
+"""Basics of all pictures: colours and styles, the backend, and files in the folder of a run.
 
-Colours are those of Paul Tol's high-contrast scheme, black, then three of his muted one
-(personal.sron.nl/~pault): colour-blind readers can distinguish them, and the first four are
-distinct in grey, too. Curves differ in their dashes as well.
+The colours are those of Paul Tol's high-contrast scheme, black, and three of his muted scheme
+(personal.sron.nl/~pault). Colour-blind readers can distinguish them, and the first four also
+differ in grey print. Curves differ in their dashes as well.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ RED = "#BB5566"
 YELLOW = "#DDAA33"
 BLACK = "#000000"
 
-#: Colours and dashes of successive curves.
+#: Colours of successive curves.
 COLOURS = (BLUE, RED, YELLOW, BLACK, "#44AA99", "#882255", "#999933")
 
-#: Dashes of curves drawn over each other: equal curves are visible through the gaps.
+#: Dashes of successive curves: an equal curve below remains visible through the gaps.
 DASHES = ("-", (0, (6, 3)), (0, (2, 2)), (0, (6, 2, 1, 2)))
 
-#: Colours of fields, from light to dark also in grey: pressures and films.
+#: Colour maps of pressures and of films, which are monotonic in grey print.
 PRESSURES = "YlOrRd"
 FILMS = "cividis"
 
-#: Width of a picture [inches], and of one of several panels in a row.
+#: Width of a picture, and of one of several panels in a row [inches].
 WIDTH = 7.2
 PANEL = 4.4
 
-#: Endings of the files that matplotlib writes.
+#: Endings of the files that matplotlib can write.
 ENDINGS = tuple(f".{name}" for name in sorted(FigureCanvasBase.get_supported_filetypes()))
 
-#: Fonts and grids.
+#: Settings of matplotlib: fonts, lines and grids.
 SETTINGS: dict[str, Any] = {
     "font.size": 10,
     "axes.labelsize": 10,
@@ -66,35 +66,35 @@ SETTINGS: dict[str, Any] = {
     "grid.alpha": 0.3,
     "lines.linewidth": 1.5,
     "lines.markersize": 6,
-    "svg.hashsalt": "fenics_ehd",  # the same ids every time
+    "svg.hashsalt": "fenics_ehd",  # for the same identifiers every time
 }
 
 
 def style(number: int) -> dict[str, Any]:
-    """Colour and dashes of a curve of several."""
+    """Colour and dashes of the curve with a number, as arguments of `Axes.plot`."""
     dashes = DASHES[number % len(DASHES)]
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}
 
 
 def factor_of(label: str) -> float:
-    """Factor from SI units to the unit in a label's brackets; 1 for columns of angles."""
+    """Factor from SI units to the unit in a label's brackets; 1 for angles and unknown units."""
     known = unit(unit_of(label).partition(" of ")[0])
     return 1.0 if known is None or known.turns else float(1 / known.factor)
 
 
 def with_unit(value: float, label: str) -> str:
-    """A value as text, with the unit in a label's brackets if the label has one."""
+    """Text of a value, with the unit in a label's brackets if the label has one."""
     symbol = unit_of(label)
     return f"{value:.4g}" + (symbol if symbol == "°" else f" {symbol}".rstrip())
 
 
 def legend(axes: Axes, **options: Any) -> None:
-    """Add a legend if there are labelled curves."""
+    """Add a legend to axes that have labelled curves."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(**{"framealpha": 0.85} | options)
 
 
-#: First bytes of a file, by its ending; formats without a signature are not listed.
+#: First bytes of a picture file by its ending; formats without a signature are omitted.
 SIGNATURES = {
     ".eps": (b"%!PS",),
     ".gif": (b"GIF87a", b"GIF89a"),
@@ -113,7 +113,7 @@ SIGNATURES = {
 
 
 def kind_of(path: str | Path) -> Kind:
-    """Type of a picture or animation by the ending of its file."""
+    """Kind of a picture or animation, from the ending of its file."""
     ending = Path(path).suffix.lower()
     words = f"a {ending[1:].upper()} picture"
     if ending == ".mp4":
@@ -126,27 +126,27 @@ def kind_of(path: str | Path) -> Kind:
 def require_format(
     option: str, path: str | Path, known: Collection[str], inputs: Iterable[str | Path] = ()
 ) -> None:
-    """Refuse a file that cannot be written, before any work is done for it.
+    """Refuse a file that cannot be written, before a picture for it is drawn.
 
     Raises
     ------
     SettingsError
-        The ending is unknown.
+        The ending is not one of `known`.
     InputError
-        The folder is not writable, or the path is that of an input or of another file.
+        The folder is not writable, or the path is that of an input or of a foreign file.
     """
     if Path(path).suffix.lower() not in known:
-        raise SettingsError(f"{option} {path}: its ending must be one of {', '.join(known)}")
+        raise SettingsError(f"{option} {path}: the file must end with one of {', '.join(known)}")
     require_output(path, kind_of(path), inputs, option)
 
 
 def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Path]:
-    """Write a figure in each of `PICTURE_FORMATS` into a folder of this program, and close it.
+    """Write a figure in each of `PICTURE_FORMATS` into a folder of this program; returns the paths.
 
     Raises
     ------
     InputError
-        A file of that name there is not the program's.
+        A file of that name in the folder was not written by this program.
     """
     names = [f"{name}.{suffix}" for suffix in PICTURE_FORMATS]
     claim(Path(directory), names)
@@ -154,15 +154,15 @@ def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Pa
 
 
 def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
-    """Write a figure to files, whose endings determine the formats, and close the figure."""
+    """Write a figure to files in the formats of their endings, close it, and return the paths."""
     written = [Path(path) for path in paths]
-    for _ in range(2):  # titles move once ticks have their positions
+    for _ in range(2):  # titles move as soon as the ticks have their positions
         figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # laid out once for all files
+    figure.set_layout_engine("none")  # all files share one layout
     for path in written:
         path.parent.mkdir(parents=True, exist_ok=True)
         picture = BytesIO()
-        # Without the date the same figure is the same file.
+        # Without the date, equal figures give equal files.
         metadata = {"Date": None} if path.suffix == ".svg" else {}
         with plt.rc_context({"svg.hashsalt": SETTINGS["svg.hashsalt"]}):
             figure.savefig(picture, format=path.suffix[1:], dpi=150, metadata=metadata)
@@ -173,7 +173,7 @@ def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
 
 
 def _numbered_clips(svg: bytes) -> bytes:
-    """SVG with clip paths numbered in their order: matplotlib names them by memory addresses."""
+    """Number the clip paths of an SVG file, which matplotlib names by memory addresses."""
     for number, name in enumerate(re.findall(rb'<clipPath id="(\w+)"', svg)):
         svg = svg.replace(name, b"clip%d" % number)
     return svg

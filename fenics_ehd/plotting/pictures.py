@@ -1,4 +1,4 @@
-"""Pictures of runs by name: selection of pictures, joints and runs."""
+"""Pictures of runs by the name of their quantity, for selected joints of one or more runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fenics_ehd.plotting.maps import Bores, Map
 from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, plt, save_in_formats
 from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
 
-#: All pictures, in the order of `fenics_ehd.base.files.PICTURES`.
+#: Pictures by the name of their quantity, in the order of `fenics_ehd.base.files.PICTURES`.
 QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
     "max_pressure": Curves(
         (
@@ -149,12 +149,12 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
     ),
 }
 
-#: Pictures that `fenics-ehd run` draws, which need its history only.
+#: Quantities that `fenics-ehd run` draws: their pictures need the history of the run only.
 OF_EVERY_RUN = tuple(n for n, q in QUANTITIES.items() if isinstance(q, Curves | Paths))
 
 
 def plot_run(directory: str | Path) -> list[Path]:
-    """The pictures that a run writes to its folder, by the quantities that its models record."""
+    """Write the pictures of `OF_EVERY_RUN` that a run has data for into its folder."""
     pictures = Pictures({"": directory})
     return [path for name in OF_EVERY_RUN for path in pictures.draw(name, directory)]
 
@@ -167,16 +167,16 @@ class Pictures:
     runs
         Folders of the runs, by their names in legends.
     joints
-        Names of lubricated joints; empty: all.
+        Names of the lubricated joints to draw; empty for all.
     difference
-        Whether to draw the second run less the first.
+        Whether differences are drawn: second run minus first run.
 
     Raises
     ------
     InputError
-        A folder holds no history.
+        A folder has no history of a run.
     SettingsError
-        The joint does not exist, or a difference is not of two runs with a common joint.
+        A joint does not exist, or a difference is not of two runs with a common joint.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class Pictures:
         difference: bool = False,
     ):
         if difference and len(runs) != 2:
-            raise SettingsError(f"--difference: that of 2 runs, of {len(runs)} there is none")
+            raise SettingsError(f"--difference needs 2 runs, not {len(runs)}: give two directories")
         self._runs = [ShownRun(name, folder) for name, folder in runs.items()]
         self._difference = difference
         self._joints = joints
@@ -195,35 +195,35 @@ class Pictures:
         if difference and all(len(same) < 2 for same in rows.values()):
             first, second = (", ".join(run.joints) or "none" for run in self._runs)
             raise SettingsError(
-                f"--difference: no lubricated joint is of both runs, {first} of the first and "
-                f"{second} of the second"
+                f"--difference: the runs have no common lubricated joint: {first} in the first, "
+                f"{second} in the second"
             )
 
     @property
     def names(self) -> list[str]:
-        """Quantities for which a picture can be drawn."""
+        """Names of the quantities for which a picture can be drawn."""
         return [name for name in QUANTITIES if self._having(name)]
 
     def require(self, names: Sequence[str]) -> None:
-        """Refuse quantities that the runs do not have.
+        """Refuse quantities for which the runs have no data.
 
         Parameters
         ----------
         names
-            ``max_pressure`` of all joints, ``big_end.max_pressure`` of one.
+            Names of quantities: ``max_pressure`` for all joints, ``big_end.max_pressure`` for one.
 
         Raises
         ------
         SettingsError
-            The message contains the quantities of the runs.
+            A quantity or joint is unknown; the message has the known ones.
         """
         known = self._joints_of_runs
         for name in names:
             joint = name.rpartition(".")[0]
             if joint and joint not in known:
                 raise SettingsError(
-                    f"--quantity {name}: no lubricated joint {joint} in "
-                    f"{self._runs[0].directory}; there is {', '.join(known) or 'none'}"
+                    f"--quantity {name}: {self._runs[0].directory} has no lubricated joint "
+                    f"{joint}: choose from {', '.join(known) or 'none'}"
                 )
             quantity, joints = self._selected(name)
             if quantity not in QUANTITIES or not self._having(name):
@@ -235,7 +235,7 @@ class Pictures:
                 )
 
     def full_name(self, name: str) -> str:
-        """A quantity with the name of its joint, if all runs have the same single joint."""
+        """Name of a quantity, with its joint if all runs have the same single joint."""
         quantity, selected = self._selected(name)
         if selected or len(self._joints_of_runs) != 1 or _is_of_run(quantity):
             return name
@@ -243,18 +243,18 @@ class Pictures:
 
     @cached_property
     def _joints_of_runs(self) -> list[str]:
-        """Names of all lubricated joints."""
+        """Names of the lubricated joints of all runs."""
         return list(dict.fromkeys(joint for run in self._runs for joint in run.joints))
 
     def _selected(self, name: str) -> tuple[str, Sequence[str]]:
-        """Quantity and joints of ``JOINT.QUANTITY``, or of a quantity of all selected joints."""
+        """Quantity and joints of a name ``JOINT.QUANTITY``, or ``QUANTITY`` of chosen joints."""
         joint, _, quantity = name.rpartition(".")
         return quantity, [joint] if joint else self._joints
 
     def draw(self, name: str, directory: str | Path) -> list[Path]:
-        """Write a picture in each format, if there is a quantity to draw.
+        """Draw a quantity, and write the picture in each format; returns the paths.
 
-        Pictures of several runs have other names and do not replace those of the first run.
+        The names of pictures of several runs differ from those of one run, which are not replaced.
         """
         rows = self._having(name)
         quantity = QUANTITIES[self._selected(name)[0]]
@@ -276,12 +276,12 @@ class Pictures:
         return "-".join([quantity, *joints, *several])
 
     def _having(self, name: str) -> Rows:
-        """Joints, or runs as a whole, of which a quantity can be drawn."""
+        """Joints by title for which a quantity can be drawn, or the runs as a whole."""
         selected, joints = self._selected(name)
         quantity = QUANTITIES[selected]
         rows = _rows(self._runs, joints)
         of_run = _is_of_run(selected)
-        # The energies of two runs do not begin at the same instant.
+        # The energies of two runs start at different instants.
         if self._difference and (of_run or not isinstance(quantity, Curves | Paths)):
             return {}
         if of_run:
@@ -295,23 +295,23 @@ class Pictures:
 
 
 def _is_of_run(quantity: str) -> bool:
-    """True of a quantity of a run as a whole, such as ``energy``, False of one of its joints."""
+    """True if a quantity belongs to a run, such as ``energy``, and not to a joint."""
     picture = QUANTITIES.get(quantity)
     return isinstance(picture, Curves) and picture.of_run
 
 
 def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:
-    """Title of a difference: the joint, and the run less the other."""
+    """Title of a difference: the joint, and the names of second minus first run."""
     return ": ".join(filter(None, (title, f"{second.run.name} less {first.run.name}")))
 
 
 def _rows(runs: Sequence[ShownRun], joints: Sequence[str]) -> Rows:
-    """Joints by name; if every run has a single joint, these joints share a row."""
+    """Joints of the runs by name; if every run has a single joint, these joints form one entry."""
     known = list(dict.fromkeys(name for run in runs for name in run.joints))
     for name in joints:
         if name not in known:
             raise SettingsError(
-                f"--joint {name}: no lubricated joint of {runs[0].directory}; there is "
+                f"--joint {name}: {runs[0].directory} has no such lubricated joint: choose from "
                 f"{', '.join(known) or 'none'}"
             )
     if not joints and all(len(run.joints) == 1 for run in runs):

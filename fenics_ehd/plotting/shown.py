@@ -1,4 +1,4 @@
-"""Runs as shown in pictures: the last cycle of every joint, and the motion of the mechanism.
+"""Runs as pictures show them: the last cycle of every joint, and the motion of the mechanism.
 
 The mechanism is read from the run's folder, without meshing, reduction or compilation.
 """
@@ -25,44 +25,43 @@ from fenics_ehd.scenes.run import stored_scene
 
 
 def recorded(directory: Path, result: History | None = None) -> RecordedMotion:
-    """All recorded steps of a run of a scene, also of one that is in progress or was killed.
+    """Motion of a run's mechanism at its recorded steps, also for a run in progress or killed.
 
     Parameters
     ----------
     directory
         Folder of the run.
     result
-        History of the run, or a part of this history; None: it is read completely.
+        History of the run, or a part of this history; by default it is read from the folder.
 
     Raises
     ------
     InputError
-        The folder contains no scene, or the run has no step.
+        The folder has no scene, or the run has no step.
     SettingsError, BodyFileError
-        Scene or bodies cannot be read.
+        The scene or a body in the folder cannot be read.
     """
     scene = directory / SCENE_NAME
     if not scene.is_file():
-        raise InputError(f"{scene}: missing, {directory} is not the folder of a run")
+        raise InputError(f"{scene} does not exist: {directory} is not the folder of a run")
     # The recorded motion needs no forces, whose tables may be missing.
     _, built = stored_scene(directory, forces=False)
     return RecordedMotion(built.mechanism, result or load_history(directory))
 
 
 def moving_part(history: History) -> History:
-    """Steps for an animation: the last cycle of a periodic run, else all steps."""
+    """Steps to animate: the last cycle of a periodic run, or all steps of another run."""
     return history.last_cycle() if history.cycle.periodic else history
 
 
-#: Columns for the horizontal axis of a cycle: the reference angle, or time in a mechanism without
-#: one.
+#: Columns for the horizontal axis of a cycle: the reference angle, or the time if no body turns.
 ANGLE = "crank_angle_deg"
 TIME = "time_s"
 
-#: Column of kinetic and strain energy, less the energy at the start.
+#: Column of the kinetic and strain energy minus that at the start.
 STORED = "stored_energy_J"
 
-#: Entry of the error budget of a run for each component.
+#: Entries of each component in the stored error budget of a joint.
 BUDGET = (
     "time_s",
     "max_pressure_Pa",
@@ -73,32 +72,34 @@ BUDGET = (
 
 
 class ShownRun:
-    """The last cycle of a run, from its start on.
+    """The last cycle of a run, with the columns that pictures show.
 
     Parameters
     ----------
     name
-        Name in legends.
+        Name of the run in legends.
     directory
         Folder of the run.
 
     Attributes
     ----------
     cycle
-        Steps of the cycle, and the step at its start if this is not the start of the run.
+        History of the cycle; unless the run starts with the cycle, its first row is the cycle's
+        start.
     time, angle
-        Time of the steps [s], and reference angle [degrees], 0 if no body turns.
+        Times since the start of the cycle [s], and reference angles [degrees], 0 if no body turns.
     starts
-        Whether the cycle is an initial value problem from its start on.
+        Whether the cycle is the start of an initial value problem.
     figures
-        Figures of the joints in the summary, as far as they belong to this cycle.
+        Results of the joints in the summary, by name; only those for this cycle.
     label
+        Label of an incomplete cycle for the axis; empty for a complete cycle.
         Label of an incomplete cycle, for the axis; empty for a complete cycle.
 
     Raises
     ------
     InputError
-        The folder contains no history.
+        The folder has no history.
     """
 
     def __init__(self, name: str, directory: str | Path):
@@ -110,14 +111,15 @@ class ShownRun:
         cycle = result.cycle
         start = cycle.start
         self.label = "" if cycle.complete else cycle.label
-        # Over its first cycle a search builds up its films as any other run does at its start.
+        # In its first cycle, a search for a periodic solution builds up the films like any other
+        # run.
         self.starts = start <= 0.0
         self._start = 0.0 if cycle.periodic else start
         rows = cycle.rows(np.asarray(time))
         first = rows.start
         behind = rows.stop
         if first:
-            # The cycle begins between two steps.
+            # The cycle starts between two steps.
             last = first - 1
             share = np.interp(start, time, np.arange(len(time))) - first + 1
             result = result.each(
@@ -130,15 +132,15 @@ class ShownRun:
         self.cycle = result
         self.time = self.cycle.run.time - start
         angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
-        # The angle at the end of the cycle before is larger by this number of turns.
+        # The angle at the end of the previous cycle is larger by a number of turns.
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
-        # Whole cycles are subtracted: one turn of a cycle of two turns would be another stroke.
+        # Complete cycles are subtracted: one turn of a two-turn cycle would lead to another stroke.
         turn = 360.0 * max(1.0, np.round(np.ptp(angle) / 360.0))
         self.angle = angle - turn * np.floor(angle[:1] / turn + TURN_ROUNDING)
 
     @cached_property
     def joints(self) -> dict[str, ShownJoint]:
-        """Lubricated joints of the run by name."""
+        """Lubricated joints of the run, by name."""
         return {
             name: ShownJoint(self, name, joint.columns | self._cycle_columns | self._errors(name))
             for name, joint in self.cycle.joints.items()
@@ -146,18 +148,18 @@ class ShownRun:
 
     @property
     def whole(self) -> ShownJoint:
-        """The run as a whole, with its energies: works since the first step."""
+        """The run as a whole, with its energies, and works since the first step."""
         columns = self.cycle.run.columns
         stored = columns["kinetic_energy_J"] + columns["strain_energy_J"]
         return ShownJoint(self, "", columns | self._cycle_columns | {STORED: stored - stored[0]})
 
     @property
     def _cycle_columns(self) -> dict[str, np.ndarray]:
-        """Columns for the horizontal axis: time, and the crank's angle where it turns."""
+        """Columns for the horizontal axis: the time, and the crank angle if a body turns."""
         return {TIME: self.time} | ({ANGLE: self.angle} if np.ptp(self.angle) else {})
 
     def _errors(self, joint: str) -> dict[str, np.ndarray]:
-        """Relative errors by component of the run's error budget, empty without it."""
+        """Relative errors of a joint over time by component; empty without an error budget."""
         path = self.directory / ERROR_BUDGET
         if not path.is_file():
             return {}
@@ -177,14 +179,14 @@ class ShownRun:
 
 @dataclass(frozen=True, eq=False)
 class ShownJoint:
-    """A lubricated joint of a run, or a run as a whole, which has no name.
+    """A lubricated joint of a run; with an empty name, the run as a whole.
 
     Attributes
     ----------
     run, name
-        Run, and name of the joint.
+        The run, and the name of the joint.
     columns
-        Columns of the history over the cycle.
+        Columns of the history over the cycle, by name.
     """
 
     run: ShownRun
@@ -193,7 +195,7 @@ class ShownJoint:
 
     @cached_property
     def film(self) -> FilmResult:
-        """Film of the joint."""
+        """Recorded fields of the joint's film over the cycle."""
         return self.run.cycle.joints[self.name].film
 
     @cached_property
@@ -203,7 +205,7 @@ class ShownJoint:
 
     @cached_property
     def contact(self) -> np.ndarray | None:
-        """Contact pressure at the nodes of the joint's film [Pa]; None between smooth surfaces."""
+        """Contact pressure at the film's nodes [Pa], shape (t, k); None for smooth surfaces."""
         run = self.run
         if "contact_force" not in run.cycle.joints[self.name]:
             return None
@@ -216,7 +218,7 @@ class ShownJoint:
 
 
 def film_grid(film: FilmResult) -> FilmGrid:
-    """The mesh; the first node of a cell is its corner at the first angle and height."""
+    """Film mesh of a recorded film; the first node of a cell is at its least angle and height."""
     corners = film.cells[:, :4]
     angles = np.unique(np.asarray(film.angle)[corners[:, 0]])
     heights = np.unique(np.asarray(film.height)[corners])

@@ -1,12 +1,11 @@
 """A run in its folder: history, checkpoints, and a summary of every run, failed or not.
 
-Imports inside functions: `largest_multiplier` is slow to import, and most runs do without.
+Imports inside functions: `largest_multiplier` is slow to import, and most runs do not need it.
 
-One process at a time locks the folder of a run, and a complete result is deleted only when its
-replacement is complete. A run writes to its folder and replaces a former run that is not complete.
-In a folder with a complete result the run writes to the subfolder ``replacement``; its files
-replace the former ones as soon as it is complete. If the process is killed at any instant, the
-folder contains a run to continue, or results, or both.
+The folder of a run is locked by one process at a time. A run replaces a former run in its folder
+that is not complete. If the folder has a complete result, the run writes to the subfolder
+``replacement``, whose files replace the former ones as soon as the run is complete. Therefore, if
+the process is killed at any instant, the folder has a complete result, a run to resume, or both.
 
 A checkpoint is one file with the history so far and the state that rows do not contain: points of
 the integrator's formula, the search for a cycle, times. The steps of a resumed run are bitwise
@@ -80,21 +79,21 @@ from fenics_ehd.multibody.verdict import verdict
 
 
 class _Unobserved:
-    """The error output; errors of writing to it, by a closed pipe or a full disk, are ignored."""
+    """Standard error that ignores errors of writing, from a closed pipe or a full disk."""
 
     def write(self, text: str) -> None:
-        """Write a text, if possible."""
+        """Write a text, unless the stream is broken."""
         with suppress(OSError):
             sys.stderr.write(text)
 
     def flush(self) -> None:
-        """Flush the stream, if possible."""
+        """Flush the stream, unless it is broken."""
         with suppress(OSError):
             sys.stderr.flush()
 
 
 def progress_bar(end: float, shown: bool) -> tqdm:
-    """Bar of the simulated time up to `end` [s]; redrawn rarely if the output is no terminal."""
+    """Progress bar of the simulated time up to `end` [s]; updated rarely outside a terminal."""
     return tqdm(
         total=1e3 * end,
         disable=not shown,
@@ -106,23 +105,23 @@ def progress_bar(end: float, shown: bool) -> tqdm:
     )
 
 
-#: File of the stresses over the cycle, computed from a run's result.
+#: File with the stresses over the cycle, which are computed from the result of a run.
 STRESS = "stress.json"
 
-#: File of a flexible body in the folder of its run.
+#: Name of the file of a flexible body in the folder of a run.
 BODY_FILE = "body-{}.h5"
 
-#: Folder of the series for ParaView.
+#: Folder with the ParaView series of a run.
 SERIES = "vtk/"
 
 #: Subfolder of a run that will replace the complete result in its parent folder.
 REPLACEMENT = "replacement/"
 
-#: Files of a run without its bodies. The history exists from the first step on.
+#: Files without which a run cannot be resumed, except its bodies; they exist from the first step.
 RUN = (FIELDS_NAME, CSV_NAME, SCENE_NAME, ACCURACY)
 
-#: Files made of a run that has ended. The summary means that all others are complete: it is the
-#: first to be removed and the last to be written.
+#: Files written after the end of a run. The summary is the first to be removed and the last to be
+#: written, so that all other files are complete if it exists.
 MADE = (
     SUMMARY,
     ERROR_BUDGET,
@@ -133,53 +132,53 @@ MADE = (
 
 
 def written_by_run(bodies: Iterable[str]) -> tuple[str, ...]:
-    """Names in the folder of a run with these flexible bodies."""
+    """Names of all files and folders that a run with these flexible bodies writes."""
     return (*MADE, *RUN, *(BODY_FILE.format(name) for name in bodies))
 
 
 def _of_run(name: str) -> bool:
-    """True of a file without which a run cannot be resumed."""
+    """True if a run cannot be resumed without the file of this name."""
     return name in RUN or name.startswith("body-")
 
 
 def require_folder_of(directory: Path, command: str) -> None:
-    """Refuse a folder made by another command, and for a run a subfolder of another run.
+    """Refuse a folder made by another command; for a run also a subfolder of another run.
 
     Raises
     ------
     InputError
-        The message contains the folder.
+        The folder is refused; the message has its path.
     """
     require_made_by(directory, command)
     if command == "run" and is_part(directory):
-        raise InputError(f"{directory}: a part of the folder above: choose another folder")
+        raise InputError(f"{directory} belongs to the run in its parent: choose another folder")
 
 
 def require_no_result(directory: Path) -> None:
-    """Refuse a folder that holds a complete result, or a run that was stopped.
+    """Refuse a folder that has a complete result, or a run that was stopped.
 
     Raises
     ------
     InputError
-        The message contains the folder.
+        The folder is refused; the message has its path.
     """
     if complete_result(directory):
         raise InputError(
-            f"{directory}: holds a complete result, choose another folder or --overwrite"
+            f"{directory} has a complete result: choose another folder or use --overwrite"
         )
     if _stopped(directory):
         raise InputError(
-            f"{directory}: holds a run that was stopped: go on with it by --resume {directory}, or "
-            "--overwrite it"
+            f"{directory} has a run that was stopped: continue it by --resume {directory}, or "
+            "replace it by --overwrite"
         )
 
 
-#: First words of the status of a run that can be resumed once the disk has space.
+#: Beginnings of the status of a run that stopped because the disk was full.
 NOT_WRITTEN = tuple(f"failed: {name}: " for name in (FIELDS_NAME, CSV_NAME, ERROR_BUDGET))
 
 
 def _stopped(directory: Path) -> bool:
-    """True of a folder whose run was killed or interrupted and has a checkpoint."""
+    """True if the folder has a checkpoint of a run that was killed, interrupted, or stopped."""
     status = status_of(directory)
     ended_early = status in ("", "interrupted") or status.startswith(NOT_WRITTEN)
     return ended_early and (directory / FIELDS_NAME).is_file()
@@ -188,7 +187,7 @@ def _stopped(directory: Path) -> bool:
 def first_rank_folder(
     directory: Path, overwrite: bool, bodies: Iterable[str]
 ) -> RunFolder | AbstractContextManager[None]:
-    """`RunFolder` on the first rank, which writes; the other ranks raise the same errors."""
+    """`RunFolder` on the first rank, None on the others, which raise the same errors."""
     if MPI.COMM_WORLD.rank == 0:
         return RunFolder(directory, bodies, overwrite=overwrite)
     require_folder_of(directory, "run")
@@ -198,31 +197,31 @@ def first_rank_folder(
 
 
 class RunFolder:
-    """Lock on the folder of one run while the run writes there.
+    """Folder of a run, locked by this process while the run writes to it.
 
     Parameters
     ----------
     directory
-        Created when missing.
+        Path of the folder; it is created if it does not exist.
     bodies
-        Names of the flexible bodies, whose files will be in the folder.
+        Names of the flexible bodies whose files will be in the folder.
     overwrite
-        Whether a complete result in the folder may be replaced by a new one.
+        Whether a complete result in the folder may be replaced.
     resume
-        Whether to resume the run that was stopped in the folder.
+        Whether the run that was stopped in the folder is resumed.
     command
-        Name of the command that makes the folder.
+        Name of the command to which the folder belongs.
 
     Attributes
     ----------
     path
-        Folder that the run writes to.
+        Folder to which the run writes: `directory` or its subfolder for a replacement.
 
     Raises
     ------
     InputError
-        The folder is not writable, or contains a complete result, no run to resume, or files that
-        are not of a run.
+        The folder is not writable, has a complete result or foreign files, or has no run to
+        resume.
     InUseError
         Another process has locked the folder.
     """
@@ -238,7 +237,7 @@ class RunFolder:
     ):
         self.directory = self.path = directory
         if resume and not self.directory.is_dir():
-            raise InputError(f"{directory}: no checkpoint to go on from, no such folder")
+            raise InputError(f"{directory}: no checkpoint to resume from, no such folder")
         require_writable(self.directory)
         self._made = not self.directory.exists()
         require_folder_of(self.directory, command)
@@ -280,11 +279,11 @@ class RunFolder:
         self._explain(error)
 
     def _replace(self, complete: Path) -> None:
-        """Replace the files of a former run by those of a complete run, one by one."""
+        """Replace the files of a former run one by one by the files of a complete run."""
         names = listed(complete)
         claim(self.directory, (*names, REPLACEMENT))
         claim(complete, names)
-        if (complete / FIELDS_NAME).exists():  # the first to move: no file has moved
+        if (complete / FIELDS_NAME).exists():  # it is moved first, so no file has been moved
             clear(self.directory, set(listed(self.directory)) - {REPLACEMENT})
         for name in sorted(names, key=lambda name: (name == SUMMARY) - (name == FIELDS_NAME)):
             if (complete / name).exists():
@@ -292,7 +291,7 @@ class RunFolder:
         clear(self.directory, [REPLACEMENT])
 
     def _release(self) -> None:
-        """Delete the files of a run without a step, except the film that failed."""
+        """Delete files of a run without a step, except a stored failed film; unlock the folder."""
 
         def holds(name: str, *more: str) -> bool:
             there = (FIELDS_NAME, SUMMARY, *more)
@@ -307,27 +306,27 @@ class RunFolder:
         self._lock.close()
 
     def _explain(self, error: BaseException | None) -> None:
-        """Print where the files of a run that ended early are, and how to resume the run."""
+        """Print the folder of a run that ended early, and the command to resume it."""
         lines = []
         if self.path != self.directory and self.path.exists():
-            lines.append(f"{self.directory}: its complete result stays, this run is in {self.path}")
+            lines.append(f"{self.directory} keeps its complete result, this run is in {self.path}")
         begun = (self.path / FIELDS_NAME).exists()
         if begun and isinstance(error, KeyboardInterrupt | OutputError):
-            lines.append(f"go on with: fenics-ehd run --resume {self.directory}")
-        with suppress(OSError):  # the reader of the error output may have ended
+            lines.append(f"resume it with: fenics-ehd run --resume {self.directory}")
+        with suppress(OSError):  # standard error may be closed
             for line in lines:
                 click.echo(escaped(line), err=True)
 
 
 class CsvFile:
-    """Rows of ``history.csv``, appended to the rows of a former run.
+    """File ``history.csv``, to which rows are appended; of a resumed run, after `rows` former rows.
 
     Raises
     ------
     InputError
-        At the first row: the file does not belong to the former run.
+        At the first row, if the file does not belong to the resumed run.
     OutputError
-        The file cannot be written; all rows before stay readable.
+        The file cannot be written; all rows before remain readable.
     """
 
     def __init__(self, path: Path, rows: int):
@@ -336,7 +335,7 @@ class CsvFile:
         self._file: FileIO | None = None
 
     def write(self, row: Mapping[str, float]) -> None:
-        """The next row, by names of columns."""
+        """Append a row, given as values by column."""
         if self._file is None:
             self._file = self._begun(csv_line([*row]))
         line = csv_line([f"{value:.10g}" for value in row.values()])
@@ -345,52 +344,53 @@ class CsvFile:
                 line = line[self._file.write(line) :]
 
     def _begun(self, header: bytes) -> FileIO:
-        """The file with its header and the rows before."""
+        """Open the file after its header and the former rows."""
         lines = [header]
         if self._rows:
             lines = self._path.read_bytes().splitlines(keepends=True)[: 1 + self._rows]
-            # A killed writer may have left its last row unfinished.
+            # The last row may be incomplete if the writer was killed.
             if len(lines) <= self._rows or lines[0] != header or lines[-1][-1:] != b"\n":
                 raise InputError(
-                    f"{self._path}: not the history of the run to go on with: start anew"
+                    f"{self._path} does not belong to the run to resume: run the scene again"
                 )
         write_whole(self._path, b"".join(lines))
-        # Unbuffered: a buffer that did not fit on a full disk would be written once more on
+        # Unbuffered, since a buffer that did not fit on a full disk would be written again on
         # closing.
         return open(self._path, "ab", buffering=0)
 
 
-#: Default number of seconds between two checkpoints.
+#: Default time between two checkpoints [s].
 CHECKPOINT_EVERY = 10.0
 
-#: Time between two checkpoints over the time to write one.
+#: Least time between two checkpoints, over the time that it takes to write one.
 REST = 10.0
 
-#: Error budget of every joint, by its name.
+#: Type for error budgets by joint.
 Budgets = Mapping[str, Mapping[str, Any]]
 
-#: Judges a complete run whose history is in a folder: error budgets, and entries of the summary.
+#: Type of a function that estimates the errors of a complete run, stored in a folder: it returns
+#: error budgets, and entries of the summary.
 Judge = Callable[[Recorder, Path], tuple[Budgets, Mapping[str, Any]]]
 
 
-#: Entries of a summary that stay those of the first start when a run is resumed.
+#: Entries of a summary that a resumed run keeps from its first start.
 BEGAN = ("reduction_time_s", "scene")
 
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """A run that can be resumed.
+    """State and history from which a run is resumed.
 
     Attributes
     ----------
     about
-        Entries of the summary that stay those of the run that began: `BEGAN`.
+        Entries of the summary that are kept from the first start, see `BEGAN`.
     digests
-        Digests of the inputs that must not change, by the names of files.
+        Checksums by file name of the inputs, which must not change.
     state
         State of the run after its last step, see `Recorder`.
     history
-        History up to that step.
+        History up to this step.
     """
 
     about: dict[str, Any]
@@ -399,7 +399,7 @@ class Checkpoint:
     history: History
 
 
-#: Layout of a stored `Checkpoint`, its history apart.
+#: Layout of a stored `Checkpoint` without its history.
 CHECKPOINT = Group(
     {
         "about": Group({"reduction_time_s": Value("real"), "scene": Value("text")}),
@@ -410,22 +410,21 @@ CHECKPOINT = Group(
 
 
 def load_run_state(folder: Path) -> Checkpoint:
-    """The checkpoint of a run.
+    """Read the checkpoint of a run from its folder.
 
     Raises
     ------
     InputError
-        The folder contains no run to resume, or a run of another version, or a file that has
-        changed.
+        The folder has no run to resume, or a run of another version, or a damaged file.
     """
     path = folder / FIELDS_NAME
-    refused = "no checkpoint to go on from"
+    refused = "no checkpoint to resume from"
     if not path.exists():
         raise InputError(f"{folder}: {refused}, {missing(path, 'it has no')}")
     with opened_history(path, refused) as file:
         require_present_format(file)
         if RESUME not in file:
-            raise ValueError("it is of a run that came to its end")
+            raise ValueError("this history is of a finished run, which keeps no checkpoint")
         tree = read_declared(file[RESUME], CHECKPOINT)
     state = tree["state"]
     state["integrator"] = _integration(state["integrator"])
@@ -435,7 +434,7 @@ def load_run_state(folder: Path) -> Checkpoint:
 
 
 def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
-    """State of an integration from a stored tree; the first one has no state of the solver."""
+    """Integrator state from a stored tree; at the start of a run it has no solver state."""
     values = INTEGRATOR_STATE.arguments(tree)
     solver = values.get("solver")
     values["solver"] = solver and SolverState(**SolverState.layout.arguments(solver))
@@ -443,7 +442,7 @@ def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
 
 
 def continue_from(former: Checkpoint, run: Recorder, directory: Path) -> None:
-    """Set a run to the state of a checkpoint.
+    """Set a run to the state and history of a checkpoint.
 
     Raises
     ------
@@ -457,14 +456,14 @@ def continue_from(former: Checkpoint, run: Recorder, directory: Path) -> None:
 
 
 def save_run_state(run: Recorder, directory: Path, fields: Mapping[str, Any]) -> None:
-    """Store a run and its history.
+    """Store the state and the history of a run in its folder.
 
     Parameters
     ----------
     run, directory
-        The run, and its folder.
+        The run, and the path of its folder.
     fields
-        Fields of `Checkpoint` about the first start of the run.
+        Entries ``about`` and ``digests`` of the `Checkpoint`.
     """
     tree = CHECKPOINT.tree({**fields, "state": run.state})
     run.history().write(directory / FIELDS_NAME, state=tree)
@@ -473,15 +472,17 @@ def save_run_state(run: Recorder, directory: Path, fields: Mapping[str, Any]) ->
 def recorded_steps(
     run: Recorder, directory: Path, fields: Mapping[str, Any], interval: float
 ) -> Generator[MechanismStep, None, None]:
-    """Accepted steps, their rows written to disk, with checkpoints, the last one at the end.
+    """Take the steps of a run, write their rows and checkpoints, and yield the steps.
+
+    A last checkpoint is written at the end.
 
     Parameters
     ----------
     run, directory, fields
-        As of `save_run_state`.
+        As for `save_run_state`.
     interval
-        Time between two checkpoints [s], at least `REST` times the duration of the last one; the
-        first checkpoint is written at once.
+        Time between two checkpoints [s]; at least `REST` times the time to write one. The first
+        checkpoint is written after the first step.
     """
     table = CsvFile(directory / CSV_NAME, run.counts["steps"])
     due = -inf
@@ -496,7 +497,7 @@ def recorded_steps(
                 due = monotonic() + max(interval, REST * (monotonic() - began))
             yield step
     finally:
-        # A step that is interrupted, by a second Ctrl-C for example, leaves no consistent state to
+        # If a step is interrupted, by a second Ctrl-C for example, there is no consistent state to
         # store.
         if run.run.state is recorded:
             save_run_state(run, directory, fields)
@@ -505,7 +506,7 @@ def recorded_steps(
 def estimate_errors(
     run: Recorder, directory: Path, parts: Mapping[str, Responding] | None = None
 ) -> tuple[Budgets, dict[str, Any]]:
-    """Estimate the errors of a run that is complete, and store them in its folder.
+    """Estimate the errors of a complete run, and store them over time in its folder.
 
     Parameters
     ----------
@@ -519,8 +520,8 @@ def estimate_errors(
     budgets
         Error budget of every joint, by its name.
     entries
-        For ``summary.json``: processor time, Newton iterations, reasons of missing estimates,
-        shares of the time without an estimate.
+        Entries of ``summary.json``: processor time, Newton iterations, reasons for missing
+        estimates, and parts of the time without an estimate.
     """
     budget = Estimator(run, parts).budget()
     over_time = budget.over_time(run.began.time)
@@ -535,9 +536,9 @@ def estimate_errors(
 
 
 def multiplier_figures(run: Recorder, between: Callable[[], None]) -> dict[str, Any]:
-    """Entries of the summary on the multiplier of a periodic solution; `between` every two steps.
+    """Summary entries on the largest multiplier of a periodic solution; empty for other runs.
 
-    The computation simulates further cycles of the run.
+    Further cycles of the run are simulated; `between` is called between two steps.
     """
     from fenics_ehd.analysis.multiplier import largest_multiplier
 
@@ -561,7 +562,7 @@ def record_run(
     multiplier: bool,
     judge: Judge | None,
 ) -> dict[str, Any]:
-    """Integrate to the end, or until the films repeat, and return the summary.
+    """Integrate a run to its end, or until its films repeat; write its files, return its summary.
 
     Parameters
     ----------
@@ -570,26 +571,26 @@ def record_run(
     directory
         Folder for ``history.csv``, ``history.h5``, ``summary.json`` and the checkpoint.
     about
-        Further entries of the summary; ``reduction_time_s`` stays that of the first start.
+        Further entries of the summary; those in `BEGAN` are kept when a run is resumed.
     fingerprints
-        Digests of the inputs that a resumed run must have in common with the first start.
+        Checksums of the inputs by file name, which must be those of the first start.
     interval
         Time between two checkpoints [s].
     shown
-        Whether a bar shows the progress; it is closed before an error is printed.
+        Whether a progress bar is shown.
     former
-        Checkpoint to resume from.
+        Checkpoint from which the run is resumed; None for a new run.
     multiplier
-        Whether to compute the largest multiplier of a periodic solution, too.
+        Whether the largest Floquet multiplier of a periodic solution is computed.
     judge
-        Estimates the errors of the complete run; None: errors are not estimated.
+        Function that estimates the errors of the complete run; None for no estimate.
 
     Raises
     ------
     InputError
-        An input has changed since the former run began.
+        An input has changed since the first start of the run.
     SolverError
-        See `Run.until` and `PeriodicSolver`.
+        Raised by `Run.until` and `PeriodicSolver`.
     """
     later_entries = dict[str, Any]()
     budgets: Budgets = {}
@@ -617,7 +618,7 @@ def record_run(
         ):
             for number, step in enumerate(steps):
                 if former is not None and number == 0:
-                    # Files made of the run are stale as soon as it is resumed.
+                    # Files made from the former steps are obsolete as soon as the run is resumed.
                     clear(directory, [name for name in listed(directory) if not _of_run(name)])
                 _show(bar, run, step)
                 check()
@@ -633,7 +634,7 @@ def record_run(
         raise
     summary = leave(status)
     if run.cycles is not None:
-        # The remaining files are no run that can be resumed.
+        # Without its checkpoint, the complete periodic solution cannot be resumed.
         replace(run.final_history(), entries=summary).save(directory)
     return summary
 
@@ -643,7 +644,7 @@ def _how_it_ended(error: BaseException, directory: Path) -> str:
         return "interrupted"
     if not isinstance(error, EhdError):
         return "failed"
-    # Names of the run's files without their folder, which is about to change.
+    # The files of the run are named without their folder, which may change.
     return f"failed: {' '.join(str(error).replace(f'{directory}/', '').split())}"
 
 
@@ -663,11 +664,11 @@ def require_same_scene(former: Checkpoint, scene: Mapping[str, str], directory: 
     Raises
     ------
     InputError
-        The message contains the file.
+        An input has changed; the message names the files.
     """
     changed = {name for name, _ in former.digests.items() ^ scene.items()}
     if changed:
         raise InputError(
-            f"{directory}: {', '.join(sorted(changed))} changed since the run began: put back what "
-            "it was, or run the scene anew"
+            f"{directory}: {', '.join(sorted(changed))} changed since the run started: restore the "
+            "former files, or run the scene again"
         )

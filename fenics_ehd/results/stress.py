@@ -1,4 +1,4 @@
-"""Stresses of a flexible body over the cycle of a run: fields, their extremes, a ParaView file."""
+"""Stresses of a flexible body over the cycle of a run: fields, extremes, and a ParaView file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fenics_ehd.results.paraview import CELL_NAMES
 
 @dataclass(frozen=True, eq=False)
 class CycleStress:
-    """Extremes over the instants of a cycle at every node of a part.
+    """Extreme stresses over the instants of a cycle, at every node of a part.
 
     Attributes
     ----------
@@ -35,13 +35,13 @@ class CycleStress:
         Positions of the nodes, shape (p, 3) [m]; nodes of every cell in VTK's order, shape (c, 20
         or 10).
     half_range
-        Half ranges of the stress at the p nodes, see `HalfRange`.
+        Half range of the stress at every node, see `HalfRange`.
     principal, principal_instants
-        Largest principal stress [Pa] and its instant, shape (p,).
+        Largest principal stress at every node [Pa], and index of its instant, shape (p,).
     half_range_node, principal_node
-        Nodes at which half range and principal stress are largest.
+        Indices of the nodes at which half range and principal stress are largest.
     half_range_around, principal_around
-        Least and largest values at these nodes by single cells around them [Pa].
+        Least and largest of these values in the single cells around these nodes [Pa].
     """
 
     nodes: np.ndarray
@@ -63,34 +63,35 @@ def cycle_stress(
     amplitudes: np.ndarray,
     loads: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> CycleStress:
-    """Stresses of ``T q`` and of the residual patterns (M4), at every node; on one rank.
+    """Extreme stresses of a part over a cycle, from its coordinates; on one rank.
 
-    Linear in the coordinates, so that stresses of at most as many displacements are computed as
-    there are instants, block by block of the part's cells.
+    Stresses are linear in the displacements ``T q`` and the residual patterns. They are computed
+    for the modes, or for the displacements at the instants if these are fewer, block by block of
+    cells.
 
     Parameters
     ----------
     structure, body
-        The part and its reduction.
+        Structure of the part, and its reduced body.
     columns
-        The part-size basis T, shape (dofs, n).
+        Basis T of displacement fields of the complete part, shape (dofs, n).
     coordinates, amplitudes
-        Coordinates and amplitudes at the instants, shapes (t, n) and (t, r), see
-        `RecordedMotion.in_equilibrium`.
+        Coordinates q, shape (t, n), and amplitudes of residual patterns, shape (t, r), at the
+        instants, see `RecordedMotion.in_equilibrium`.
     loads
-        Forces and speeds, see `missing_fields`: the response to them that the basis lacks replaces
-        the residual patterns. None: the displacements of the run's method.
+        Forces and speeds, see `missing_fields`; the response to them that the basis lacks replaces
+        the residual patterns. If it is None, the residual patterns are used.
 
     Raises
     ------
     SettingsError
-        The structure has no elements, and thus no stresses.
+        The structure has no elements, and therefore no stresses.
     VerificationError
-        From `pattern_fields`.
+        Raised by `pattern_fields`.
     """
     recovery = structure.recovery
     if recovery is None or recovery.stress is None:
-        raise SettingsError("the structure has no elements: stresses need them")
+        raise SettingsError("the structure has no elements, which stresses are computed from")
     histories = None
     if loads is None:
         fields, histories = _displacements(structure, body, columns, coordinates, amplitudes)
@@ -142,7 +143,7 @@ def _displacements(
     coordinates: np.ndarray,
     amplitudes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Fields (dofs, c), and their factors at the instants (c, t); None: a field per instant."""
+    """Fields (dofs, c), and their factors (c, t) at the instants; None for a field per instant."""
     time, modes = coordinates.shape
     rank = amplitudes.shape[1]
     if modes + rank <= time:
@@ -155,14 +156,14 @@ def _displacements(
 
 
 def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Positions and instants of the largest stresses, for ``stress.json``.
+    """Values, positions and instants of the largest stresses, for ``stress.json``.
 
     Parameters
     ----------
     stress
         Stresses of a body.
     instants
-        Columns with the times or angles of the instants, by their names, shape (t,) each.
+        Times or angles of the instants by column name, shape (t,) each.
     """
     node = stress.half_range_node
     half_range = stress.half_range
@@ -191,7 +192,7 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
 
 
 def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
-    """Write the fields on the undeformed part for ParaView, with the times of the instants [s]."""
+    """Write the extremes on the undeformed part for ParaView; `time` is of the instants [s]."""
     half_range = stress.half_range
     data = {
         "half_range_von_mises_Pa": half_range.von_mises,

@@ -46,7 +46,7 @@ def _undisturbed(world: World, part: str, scene: str) -> tuple[dict[str, object]
 
 def _went_on(folder: Path, intact: dict[str, object]) -> Verdict:
     verdict = judge(attempt(command(*RESUME), folder, LIMIT), folder, intact)
-    if verdict.word == "refused" and "no checkpoint to go on from" not in verdict.detail:
+    if verdict.word == "refused" and "no checkpoint to resume from" not in verdict.detail:
         return Verdict("loses work", verdict.detail)
     return verdict
 
