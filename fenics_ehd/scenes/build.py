@@ -1,17 +1,17 @@
-"""From a scene to its mechanism, in one pass.
+"""The mechanism of a scene, built in one pass.
 
 1. Files and tables are read (`fenics_ehd.scenes.inputs`), and the period of the loads is checked.
 2. Elastic parts are meshed.
-3. Joints and films are made in their bores.
+3. Joints and films are made in the bores of the parts.
 4. The mechanism is assembled with rigid parts (`fenics_ehd.scenes.start`).
 5. Parts are reduced, which takes longest.
 6. Bodies and the mechanism are made.
 
-A scene that cannot be used is refused as early as possible: all but the errors of reductions come
-before the fifth step.
+A scene that cannot be used is refused as early as possible: only errors of reductions occur in or
+after the fifth step.
 
-Imports inside functions: `fenics_ehd.scenes.part` imports all reductions, and rigid scenes do
-without.
+Imports inside functions: `fenics_ehd.scenes.part` imports all reductions, which rigid scenes do
+not need.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """The mechanism of a scene, and how it is run.
+    """The mechanism of a scene, and how it is simulated.
 
     Attributes
     ----------
@@ -56,15 +56,15 @@ class Machine:
     bodies
         Reduced bodies by body name, from reductions and from files.
     reduced
-        Parts that were reduced here, with their meshes and bases for displacement fields.
+        Parts that were reduced here, with their meshes and bases of displacement fields.
     seconds
-        Time that meshes and reductions took [s].
+        Duration of meshing and reduction [s].
     end, period
-        End of the run or period of its cycle [s]; the other one is None.
+        End of the run, or period of its cycle [s]; the other one is None.
     steps
         Options of the time integration.
     options
-        Keyword arguments of `simulate`: end or period, and all options of the steps.
+        Keyword arguments of `simulate`: end or period, and the options of the time integration.
     warnings
         Notices on bodies from files, one line each.
     """
@@ -87,28 +87,28 @@ def build(
     bodies: Mapping[str, ReducedBody] | None = None,
     announce: Callable[[Iterable[str]], None] | None = None,
 ) -> Machine:
-    """Make the mechanism of a scene, its parts meshed and reduced; collective.
+    """Make the mechanism of a scene, whose parts are meshed and reduced; collective.
 
     Parameters
     ----------
     scene
         Scene as read.
     comm
-        Ranks that share the reductions, this process alone by default; each of them gets the
+        Ranks that share the reductions, by default this process alone; each rank gets the
         mechanism.
     bodies
-        Reduced bodies by body name that are used in place of models and files: those of a run that
-        is resumed.
+        Reduced bodies by body name that are used in place of models and files, for instance those
+        of a run that is resumed.
     announce
-        Called with the names of the bodies to mesh and reduce, after all checks that need none of
-        them.
+        Function that is called with the names of the bodies to mesh and reduce, after all checks
+        that need no mesh.
 
     Raises
     ------
     SettingsError
-        Naming the value that cannot be used, before anything is reduced.
+        A value cannot be used, which is found before any reduction; the message names it.
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
-        From meshes, files, bores and reductions.
+        A mesh, file, bore or reduction cannot be used or failed.
     """
     require_class("scene", scene, Scene)
     inputs = read_inputs(scene, bodies or {})
@@ -131,8 +131,8 @@ def build(
     elastic = {name: inputs.bodies[name] for name in parts if name in inputs.bodies}
     elastic |= {name: part.body for name, part in reduced.items()}
     if reduced:
-        # Points of a mesh and those of its reduced body differ in the last digit: the start is
-        # that of a run with the body's file.
+        # Points of a mesh and of its reduced body differ in the last digit. The start must be that
+        # of a run with the body's file.
         parts = {name: replace(part, source=elastic[name]) for name, part in parts.items()}
         assembled = _assembled(scene, inputs, parts, joints)
     moving = {
@@ -192,14 +192,14 @@ def unassembled(scene: Scene, film_meshes: Mapping[str, MeshMaker]) -> Mechanism
 
 
 def _require_period(scene: Scene, inputs: Inputs) -> None:
-    """Refuse a cycle after which a load, drive or supply is not as at its beginning."""
+    """Refuse a cycle if a load, drive or supply at its end differs from that at its start."""
     if scene.time.periodic:
         loaded = Mechanism(_stiff(scene), {}, inputs.drives, inputs.forces)
         check_period(loaded, scene.span, scene.time.periodicity, inputs.supply_curves)
 
 
 def _stiff(scene: Scene) -> dict[str, Body]:
-    """Bodies that are not reduced, by name."""
+    """Bodies of a scene that are not elastic parts, by name."""
     return {
         name: ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings
         for name, settings in scene.bodies.items()
@@ -208,7 +208,7 @@ def _stiff(scene: Scene) -> dict[str, Body]:
 
 
 def _parts(scene: Scene, inputs: Inputs, comm: MPI.Comm) -> dict[str, ElasticPart]:
-    """Elastic parts by name, meshed or with a reduced body."""
+    """Elastic parts of a scene by name: meshed, or with their reduced body."""
     if not flexible(scene):
         return {}
     from fenics_ehd.scenes.part import ElasticPart, elastic_part
@@ -231,7 +231,7 @@ def _joints(
     parts: Mapping[str, ElasticPart],
     film_meshes: Mapping[str, MeshMaker],
 ) -> dict[str, Joint | LubricatedJoint]:
-    """Joints by name, lubricated ones with their films."""
+    """Joints of a scene by name; lubricated ones with their films."""
     joints = dict(scene.joints)
     rate = reference_rate(scene)
     for name, joint in scene.films.items():
@@ -282,7 +282,7 @@ def _assembled(
 def _flexible_body(
     settings: schema.FlexibleSettings, reduced: ReducedBody, start: Body
 ) -> FlexibleBody:
-    """Body of a reduced part at the start of its rigid stand-in."""
+    """Flexible body of a reduced part, with the state of its rigid replacement at the start."""
     assert isinstance(start, RigidBody)
     return FlexibleBody(
         reduced,
@@ -295,12 +295,12 @@ def _flexible_body(
 
 
 def _pose(body: Pose) -> dict[str, Any]:
-    """Origin and angle of a body at the start, and their rates, by keyword."""
+    """Keyword arguments for the origin and angle of a body at the start, and for their rates."""
     return {field.name: getattr(body, field.name) for field in attrs.fields(Pose)}
 
 
 def _duration(scene: Scene) -> dict[str, Any]:
-    """End or period of the run, as keyword arguments of `simulate`."""
+    """Keyword arguments of `simulate` for the end or the period of the run."""
     time = scene.time
     if not time.periodic:
         return {"end": scene.span}
@@ -308,7 +308,7 @@ def _duration(scene: Scene) -> dict[str, Any]:
 
 
 def _steps(scene: Scene) -> IntegratorOptions:
-    """Options of the time integration."""
+    """Options of the time integration from the settings of a scene."""
     time = scene.time
     largest = time.largest_step / (time.revolutions or 1.0)
     return IntegratorOptions(
