@@ -557,7 +557,7 @@ def test_a_mode_that_the_eigensolver_leaves_out_is_found_or_missed_aloud(left_ou
         np.testing.assert_allclose(lowest_modes(StaticSolver(bar), 5)[0], angular[:5], rtol=1e-9)
         return
     # The lowest, time and again.
-    with pytest.raises(ehd.errors.VerificationError, match=r"misses modes: .* Hz below .* Hz"):
+    with pytest.raises(ehd.errors.VerificationError, match=r"misses modes: .* Hz was missing"):
         lowest_modes(StaticSolver(bar), 5)
 
 
@@ -614,7 +614,7 @@ def test_numbers_of_modes_have_limits():
         ehd.load_dependent(free, 0, 0)
     with pytest.raises(ehd.errors.SettingsError, match="-1 modes: must be between 0 and"):
         ehd.residual_flexibility(free, -1)
-    with pytest.raises(ehd.errors.SettingsError, match="no mode"):
+    with pytest.raises(ehd.errors.SettingsError, match="at least one mode"):
         ehd.residual_flexibility(structure("without points"), 0, centrifugal=False)
     assert len(lowest_modes(StaticSolver(free), 0)[0]) == 0
 
