@@ -134,8 +134,8 @@ class ModeRecord:
     frequency
         Natural frequency of the mode taken alone [Hz]; infinite for a mode without mass.
     participation
-        Share of the mode in the flexibility of the bores, the trace of ``J^T G J``. If this trace
-        is unknown, the share is that in the sum over all listed modes.
+        Share of the mode in the flexibility of the bores, the trace of ``J^T G J`` over the
+        pressure family (`Reductor.measure`). If this trace is unknown, the share is that in the sum over all listed modes.
     dropped
         Reason why the mode was dropped; empty for a mode that was kept.
     """
@@ -198,7 +198,8 @@ class ReducedBody:
         `InertiaIntegrals`, by name of the point, shape (3, 3 + n).
     missing_flexibility
         Outward bore displacement per nodal pressure that the basis does not contain, shape
-        (m, k) [m/Pa]; empty if not computed.
+        (m, k) [m/Pa]; empty if not computed, and of M4, which has `flexibility_error` instead. It
+        is exact for the pressures of a family, see `fenics_ehd.reduction.family_responses`.
     mesh_flexibility
         Difference of the outward bore displacement of the exact part from that of its mesh, under
         unit smooth pressures [m/Pa] and unit forces on the boundary points [m/N]; see
