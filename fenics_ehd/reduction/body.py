@@ -135,7 +135,8 @@ class ModeRecord:
         Natural frequency of the mode taken alone [Hz]; infinite for a mode without mass.
     participation
         Share of the mode in the flexibility of the bores, the trace of ``J^T G J`` over the
-        pressure family (`Reductor.measure`). If this trace is unknown, the share is that in the sum over all listed modes.
+        pressure family (`Reductor.measure`). If this trace is unknown, the share is that in the sum
+        over all listed modes.
     dropped
         Reason why the mode was dropped; empty for a mode that was kept.
     """
