@@ -42,14 +42,14 @@ def structure():
 
 @pytest.fixture(scope="module")
 def part(structure):
-    return ehd.Reductor(structure)
+    return ehd.Reductor(structure, every_pressure=True)
 
 
 @pytest.fixture(scope="module")
 def bodies(part):
     return {
         "full": ehd.full_interface(part, 6),
-        "m4": ehd.residual_flexibility(part, 6, truncation=0.0),
+        "m4": ehd.residual_flexibility(part, 6, tolerance=0.0),
         "m3": ehd.load_dependent(part, 6, 20),
         "m1": ehd.craig_bampton(part, 12),
         "m2": two_step_craig_bampton(part, 12),
@@ -118,7 +118,9 @@ def test_what_a_basis_misses_and_what_it_has_are_the_whole(bodies, dense_flexibi
 
 
 def test_what_one_bore_does_to_the_other_is_reciprocal(part):
-    energy, k = part.flexibility[1], len(part.structure.bores["bore"].pressure_coordinates)
+    responses = part.measured_responses()
+    energy = responses.work @ responses.pressures.T
+    k = len(part.structure.bores["bore"].pressure_coordinates)
     there, back = energy[:k, k:], energy[k:, :k].T
     assert np.abs(there).max() > 1e-4 * np.abs(energy).max()
     assert np.abs(there - back).max() < 1e-9 * np.abs(there).max()
@@ -138,7 +140,7 @@ def test_a_bore_that_nothing_loads_changes_nothing(bodies, method):
     """The rod with one bore has the same flexibility there."""
     reduce = {
         "full": ehd.full_interface,
-        "m4": lambda p, n: ehd.residual_flexibility(p, n, truncation=0),
+        "m4": lambda p, n: ehd.residual_flexibility(p, n, tolerance=0.0),
     }
     alone = reduce[method](rod(MPI.COMM_SELF, ("bore",)), 6)
     ours = bodies[method].at_bore("bore").basis_flexibility()
@@ -203,7 +205,8 @@ def test_any_number_of_ranks_gives_the_same_body(method):
     for found in ("missing_flexibility", "basis_flexibility"):
         one, other = (getattr(b, found) for b in (ours, alone))
         one, other = (x() if callable(x) else x for x in (one, other))
-        assert np.abs(one - other).max() < 1e-8 * np.abs(alone.basis_flexibility()).max()
+        largest = np.abs(one - other).max(initial=0.0)
+        assert largest < 1e-8 * np.abs(alone.basis_flexibility()).max()
 
 
 def test_outward_is_away_from_each_bores_own_axis(bodies):

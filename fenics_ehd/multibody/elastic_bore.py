@@ -303,8 +303,8 @@ class ElasticBore(Surface):
 
     @property
     def _missing_in_basis(self) -> MissingFlexibility:
-        """Error of the basis; with M4, that of the neglected inertia of residual patterns."""
-        missing = self.body.missing_flexibility[self.body.rows_of(self.point).nodes]
+        """Error of the basis; with M4 also that of the neglected inertia of residual patterns."""
+        missing = self.body.missing_flexibility_at(self.point)
         # Matrix from outward displacements of the bore's nodes to their x, y and z components.
         radial = self.part.bore_nodes * [1.0, 1.0, 0.0]
         radial /= np.linalg.norm(radial, axis=1)[:, None]

@@ -26,7 +26,7 @@ the base class of surfaces with elastic modes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -211,6 +211,10 @@ class MissingFlexibility:
     def known(self) -> bool:
         """Whether the missing flexibility is known."""
         return bool(self.flexibility.size)
+
+    def scaled(self, factor: float) -> MissingFlexibility:
+        """The same with the flexibility times a factor."""
+        return replace(self, flexibility=factor * self.flexibility)
 
     def gap_changes(self, displacements: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Changes of the gap, shape (t, w) [m], due to displacements at t instants, shape (t, m).
