@@ -9,8 +9,9 @@ step size
 film mesh
     in the same long steps, on films of half as many cells again in both directions;
 basis
-    in the same steps, with the gaps changed by the flexibility that the basis lacks, or with M4 by
-    the inertia of the residual patterns;
+    in the same steps, with the gaps changed by the flexibility that the basis lacks. M4 lacks a
+    share that is verified, if possible with the run's own pressures, and the inertia of its
+    residual patterns;
 part mesh
     the same with the flexibility that another mesh of the part adds;
 start
@@ -40,6 +41,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from fenics_ehd.analysis.flexibility_check import Responding, checked_errors
 from fenics_ehd.analysis.replay import (
     FINER,
     Replay,
@@ -270,7 +272,11 @@ UNKNOWN = {
 
 
 def missing_gaps(
-    equations: StepEquations, trajectory: Trajectory, component: str, periodic: bool
+    equations: StepEquations,
+    trajectory: Trajectory,
+    component: str,
+    periodic: bool,
+    scales: Mapping[str, float],
 ) -> list[np.ndarray]:
     """Changes of the gaps of all films along a trajectory by flexibility that surfaces lack.
 
@@ -282,6 +288,8 @@ def missing_gaps(
         ``"basis"`` or ``"part_mesh"``.
     periodic
         Whether the trajectory is a cycle.
+    scales
+        Factors on the flexibility that is missing in the basis, by body; 1 for others.
 
     Returns
     -------
@@ -309,6 +317,8 @@ def missing_gaps(
             if missing is None or not missing.known:
                 reason = UNKNOWN[component].format(joint=binding.name, body=bound.body)
                 raise SettingsError(reason)
+            if component == "basis":
+                missing = missing.scaled(scales.get(bound.body, 1.0))
             of_body = [load[bound.body] for load in loads]
             amplitudes = equations.responses.of_body(bound.body)
             accelerations = trajectory.state("accelerations")[:, amplitudes]
@@ -424,6 +434,9 @@ class ErrorBudget:
         Newton iterations of the estimate.
     seconds
         Processor time of the estimate [s].
+    flexibility_errors
+        Relative errors of displacements under the run's own pressures by name of the body, of M4
+        if the part is at hand.
     """
 
     joints: dict[str, dict[str, Any]]
@@ -433,6 +446,7 @@ class ErrorBudget:
     left_out: dict[str, float] = field(default_factory=dict)
     iterations: int = 0
     seconds: float = 0.0
+    flexibility_errors: dict[str, float] = field(default_factory=dict)
 
     def over_time(self, start: float) -> dict[str, Any]:
         """Errors over time by joint and component, times counted from a start [s]."""
@@ -452,9 +466,12 @@ class Estimator:
     ----------
     solved
         The run.
+    parts
+        Static responses of the parts that are at hand, see `checked_errors`.
     """
 
-    def __init__(self, solved: Recorder):
+    def __init__(self, solved: Recorder, parts: Mapping[str, Responding] | None = None):
+        self._parts = parts or {}
         self._summary = RunSummary(solved)
         self._trajectory = trajectory_of(solved)
         self._run = solved.run
@@ -509,7 +526,33 @@ class Estimator:
             for i, binding in enumerate(self._system.films)
         }
         seconds = process_time() - began
-        return ErrorBudget(joints, self._curves, changes, notes, left_out, self.iterations, seconds)
+        return ErrorBudget(
+            joints,
+            self._curves,
+            changes,
+            notes,
+            left_out,
+            self.iterations,
+            seconds,
+            self._flexibility_errors,
+        )
+
+    @property
+    def _checked_shares(self) -> dict[str, float]:
+        """Errors under the run's own pressures over the verified errors of the bodies."""
+        bodies = self._system.mechanism.bodies
+        return {
+            name: error / bodies[name].reduced.flexibility_error  # type: ignore[union-attr]
+            for name, error in self._flexibility_errors.items()
+        }
+
+    @cached_property
+    def _flexibility_errors(self) -> dict[str, float]:
+        """Relative errors of displacements under the run's own pressures by name of the body."""
+        try:
+            return checked_errors(self._system, self._trajectory, self._parts)
+        except FAILURES:  # the verified errors of the bodies remain
+            return {}
 
     def _follow(self, trajectory: Trajectory, run: Run | None = None, **how: Any) -> Trajectory:
         """Replay of a trajectory of the run, by the run itself or another one; see `Replay`."""
@@ -577,7 +620,9 @@ class Estimator:
 
     def _change_by_gaps(self, component: str, again: Trajectory) -> np.ndarray:
         """Error by missing flexibility of the surfaces, see `missing_gaps`."""
-        changes = missing_gaps(self._run.equations, again, component, self._cycles is not None)
+        periodic = self._cycles is not None
+        equations = self._run.equations
+        changes = missing_gaps(equations, again, component, periodic, self._checked_shares)
         sizes = np.column_stack([np.abs(change).max(axis=1) for change in changes])
         peaks, films = again.extremes
         if not (sizes / films).max() > SMALL:

@@ -65,7 +65,9 @@ def reduce_part(
     require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
     say_reducing([name])
     element = machine.film_element(name)
-    rod = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD).reduce(mesh_error=True)
+    edges = machine.film_edges(name)
+    elastic = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD, edges)
+    rod = elastic.reduce(mesh_error=True)
     body = rod.body
     # Other processes may have written files since the first check.
     _require_outputs(outputs, inputs)
@@ -160,6 +162,10 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
 NOTES = {
     "flexibility_followed": (100, "these modes contain {:.4g} % of the bore's flexibility"),
     "flexibility_mesh_error": (100, "mesh error of the bore's flexibility: {:.2g} %"),
+    "flexibility_error": (
+        100,
+        "verified error of the bore's displacement under pressure: at most {:.2g} %",
+    ),
     "static_dropped": (1, "{:.0f} static modes dropped as linearly dependent"),
     "static_added": (
         1,

@@ -290,8 +290,8 @@ class ElasticBore(Surface):
 
     @property
     def _missing_in_basis(self) -> MissingFlexibility:
-        """Error of the basis, with M4 that of the neglected inertia of its residual patterns."""
-        missing = self.body.missing_flexibility[self.body.rows_of(self.point).nodes]
+        """Error of the basis, with M4 also that of the neglected inertia of its patterns."""
+        missing = self.body.missing_flexibility_at(self.point)
         # Outward displacements of the bore's nodes.
         radial = self.part.bore_nodes * [1.0, 1.0, 0.0]
         radial /= np.linalg.norm(radial, axis=1)[:, None]

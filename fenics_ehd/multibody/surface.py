@@ -26,7 +26,7 @@ with elastic modes derive from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -204,6 +204,10 @@ class MissingFlexibility:
     def known(self) -> bool:
         """Whether the missing flexibility is known."""
         return bool(self.flexibility.size)
+
+    def scaled(self, factor: float) -> MissingFlexibility:
+        """The same with the flexibility times a factor."""
+        return replace(self, flexibility=factor * self.flexibility)
 
     def gap_changes(self, displacements: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Changes of the gap by displacements at t instants, shape (t, m) to (t, w) [m].

@@ -344,11 +344,53 @@ class ReducedBody:
         """
         return self.outward(self.bore_flexibility())
 
+    @property
+    def flexibility_error(self) -> float:
+        """Verified error of the bores' displacement under pressure, relative to it (M4).
+
+        nan for other methods, and if errors were not to be estimated.
+        """
+        verified = self.residual is not None and self.residual.mass.size > 0
+        return self.accuracy.get("flexibility_error", np.nan) if verified else np.nan
+
+    def missing_flexibility_at(self, bore: str) -> np.ndarray:
+        """Outward displacement of one bore per nodal pressure on all bores that the body lacks.
+
+        If only the size of the error is known (M4), it is this share of the body's displacement,
+        which is never too large.
+
+        Returns
+        -------
+        numpy.ndarray
+            shape (m of the bore, k) [m/Pa]; empty if unknown.
+        """
+        nodes = self.rows_of(bore).nodes
+        if self.missing_flexibility.size or not np.isfinite(self.flexibility_error):
+            return self.missing_flexibility[nodes]
+        return self.flexibility_error * self.basis_flexibility()[nodes]
+
     def bore_flexibility(self) -> np.ndarray:
         """Static displacement of the bore nodes per nodal pressure, shape (m, 3, k) [m/Pa].
 
+        See `pressure_responses`.
+        """
+        return self.pressure_responses(np.eye(self.load_projection.shape[1]))[0]
+
+    def pressure_responses(self, pressures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Static displacements under pressures, and their work on nodal pressures.
+
         For a free part, the pressures are in equilibrium with the inertia forces of the rigid
-        acceleration, and the rigid motion is subtracted. The result does not depend on the frame.
+        acceleration, and the rigid motion is subtracted. The results do not depend on the frame.
+
+        Parameters
+        ----------
+        pressures
+            Nodal pressures on all bores, shape (k, c) [Pa].
+
+        Returns
+        -------
+        displacement, work : numpy.ndarray
+            Displacement of the bore nodes, shape (m, 3, c) [m]; ``J^T u``, shape (k, c) [m^3].
         """
         m = len(self.bore_basis)
         shape = self.bore_basis.reshape(3 * m, -1)
@@ -357,11 +399,15 @@ class ReducedBody:
             share = np.linalg.solve(self.rigid_mass, self.rigid_coupling)
             shape = shape - rigid_fields(self.positions()) @ share
             load = load - share.T @ self.rigid_load
-        response = shape @ np.linalg.solve(self.stiffness, load)
+        coordinates = np.linalg.solve(self.stiffness, load @ pressures)
+        displacement = shape @ coordinates
+        work = load.T @ coordinates
         if self.residual is not None:
             r = self.residual
-            response = response + r.displacement.reshape(3 * m, -1) @ r.patterns
-        return response.reshape(m, 3, -1)
+            amplitudes = r.patterns @ pressures
+            displacement = displacement + r.displacement.reshape(3 * m, -1) @ amplitudes
+            work = work + r.patterns.T @ (r.stiffness[:, None] * amplitudes)
+        return displacement.reshape(m, 3, -1), work
 
 
 def bore_fields(body: ReducedBody) -> np.ndarray:

@@ -37,12 +37,10 @@ from fenics_ehd.reduction.matrices import (
 from fenics_ehd.reduction.reductor import (
     Basis,
     Reductor,
-    bore_rows,
     gram_matrices,
-    on_bores,
     require_small,
 )
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.static import StaticSolver, bore_rows, on_bores
 from fenics_ehd.reduction.structure import Structure
 
 

@@ -111,7 +111,7 @@ class SmoothResponses(NamedTuple):
 def smooth_responses(solver: StaticSolver) -> SmoothResponses:
     """Compute the responses of a mesh to smooth pressures and unit forces; collective."""
     from fenics_ehd.reduction.matrices import inner, load_columns
-    from fenics_ehd.reduction.reductor import bore_rows
+    from fenics_ehd.reduction.static import bore_rows
 
     part = solver.structure
     bores = solver.structure.every_bore()

@@ -25,6 +25,11 @@ from fenics_ehd.reduction.body import (
 )
 from fenics_ehd.reduction.bore import rigid_fields, turned
 from fenics_ehd.reduction.eigenmodes import LowestModes
+from fenics_ehd.reduction.family_responses import (
+    FamilyResponses,
+    Responses,
+    missing_flexibility,
+)
 from fenics_ehd.reduction.matrices import (
     MassOperator,
     blocks,
@@ -35,7 +40,8 @@ from fenics_ehd.reduction.matrices import (
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.static import StaticSolver, room_for_columns
+from fenics_ehd.reduction.pressure_family import PressureFamily
+from fenics_ehd.reduction.static import StaticSolver, bore_rows, room_for_columns
 from fenics_ehd.reduction.structure import Structure, check_structure, rigid_motions
 
 #: Largest relative deviation of reduced matrices from the form that a method requires.
@@ -66,35 +72,6 @@ class Basis:
     kinds: tuple[str, ...]
     dropped: tuple[ModeRecord, ...]
     accuracy: Mapping[str, float]
-
-
-def _owned_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Whether this rank owns each bore node, shape (m,), and the local indices of owned ones."""
-    local = structure.bore_nodes - structure.node_range[0]
-    mine = (local >= 0) & (local < len(structure.coordinates))
-    return mine, local[mine]
-
-
-def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
-    """Values of part-size columns at the nodes of all bores, shape (m, 3, n), on every rank."""
-    mine, local = _owned_nodes(structure)
-    rows = np.zeros((len(mine), 3, columns.shape[1]))
-    rows[mine] = columns[3 * local[:, None] + np.arange(3)]
-    return structure.comm.allreduce(rows, op=MPI.SUM)
-
-
-def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
-    """Make part-size columns from values at the nodes of all bores, shape (m, 3, n).
-
-    Returns
-    -------
-    numpy.ndarray
-        Columns that are zero off the bores, rows of this rank, shape (owned dofs, n).
-    """
-    mine, local = _owned_nodes(structure)
-    columns = np.zeros((len(structure.coordinates), 3, values.shape[2]))
-    columns[local] = values[mine]
-    return np.asfortranarray(columns.reshape(-1, values.shape[2]))
 
 
 def product(
@@ -154,25 +131,32 @@ def inertia_integrals(
 
 
 def _inventory(
-    body: ReducedBody, dropped: Sequence[ModeRecord], total: float | None
+    body: ReducedBody, dropped: Sequence[ModeRecord], measure: np.ndarray, total: float | None
 ) -> tuple[ModeRecord, ...]:
-    """Make the inventory of a body from its coordinates, its patterns and the dropped modes.
+    """Records of kept and dropped modes.
 
-    Participations are relative to `total`, the flexibility of the part, or to their sum if it is
-    None.
+    Parameters
+    ----------
+    body, dropped
+        Body with the kept modes, and records of the others.
+    measure
+        Orthonormal pressures over which flexibility is measured, shape (k, r).
+    total
+        Flexibility of the part, the trace over `measure`; None: the sum over all records.
     """
-    load = body.load_projection[ELASTIC]
+    load = body.load_projection[ELASTIC] @ measure
     if body.frame != "clamped" and body.modes:
-        load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_load)
+        rigid_load = body.rigid_load @ measure
+        load = load - body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, rigid_load)
     shares = np.einsum("ij,ij->i", load, np.linalg.solve(body.stiffness, load))
     kept = [
         ModeRecord(kind, float(frequency), float(share))
         for kind, frequency, share in zip(body.kinds, body.frequencies, shares, strict=True)
     ]
     if body.residual is not None:
-        kept += [
-            ModeRecord("quasi-static", np.inf, float(share)) for share in body.residual.stiffness
-        ]
+        within = np.sum((body.residual.patterns @ measure) ** 2, axis=1)
+        energies = body.residual.stiffness * within
+        kept += [ModeRecord("quasi-static", np.inf, float(share)) for share in energies]
     records = [*kept, *dropped]
     if total is None:
         total = sum(record.participation for record in records)
@@ -290,6 +274,12 @@ class Reductor:
     options_prefix
         Text that is put before the prefixes ``static_``, ``modes_`` and ``interior_`` of the
         PETSc options.
+    film_edges
+        Heights of the films' edges from the middle of a bore, by its name, see `PressureFamily`
+        [m].
+    every_pressure
+        Whether errors of M1 to M3 are estimated for every nodal pressure, one solve each, instead
+        of for the base family.
 
     Raises
     ------
@@ -304,12 +294,17 @@ class Reductor:
         attachment_directions: tuple[int, ...] = (0, 1),
         solver: str = "auto",
         options_prefix: str = "",
+        film_edges: Mapping[str, Sequence[float]] | None = None,
+        every_pressure: bool = False,
     ):
         require_class("structure", structure, Structure)
         check_structure(structure)
         self.structure = structure
         self.solver = solver
         self.options_prefix = options_prefix
+        self.film_edges = film_edges or {}
+        self._every_pressure = every_pressure
+        self._family_responses: FamilyResponses | None = None
         self._directions = attachment_directions
         self._kept: dict[str, tuple[Hashable, Any]] = {}
 
@@ -350,24 +345,37 @@ class Reductor:
         return np.column_stack(vectors or [np.zeros((self.structure.stiffness.local_size[0], 0))])
 
     @cached_property
-    def flexibility(self) -> tuple[np.ndarray, np.ndarray]:
-        """Static response ``G J`` of all bores to unit nodal pressures.
+    def family(self) -> PressureFamily:
+        """Pressures that films make, with which the bores' flexibility is measured."""
+        return PressureFamily(self.structure.bores, self.film_edges)
 
-        Returns
-        -------
-        displacement, energy : numpy.ndarray
-            Displacement of the bore nodes, shape (m, 3, k) [m/Pa]; work of each pressure on the
-            response to each other, ``J^T G J``, shape (k, k) [J/Pa^2].
+    @property
+    def measure(self) -> np.ndarray:
+        """Orthonormal pressures over which flexibility is measured, shape (k, r) [Pa]."""
+        known = self._family_responses
+        if known is not None and not self._every_pressure:
+            return known.up_to(0).pressures
+        every = np.eye(self.structure.pressures)
+        return every if self._every_pressure else self.structure.comm.bcast(self.family.base)
+
+    def family_responses(self, *, keep_columns: bool = False) -> FamilyResponses:
+        """Static responses of all bores to the pressure family; collective.
+
+        Parameters
+        ----------
+        keep_columns
+            Whether part-size responses are needed.
         """
-        load = self.structure.load
-        identity = np.eye(load.size[1])
-        rows = []
-        work = []
-        for part in blocks(len(identity), load.local_size[0], self.structure.comm):
-            responses = self.static.solve(load_columns(load, identity[:, part]))
-            rows.append(bore_rows(self.structure, responses))
-            work.append(transpose_multiply(load, responses))
-        return np.concatenate(rows, axis=2), np.hstack(work)
+        known = self._family_responses
+        if known is None or (keep_columns and not known.keeps_columns):
+            known = FamilyResponses(self.static, self.family, keep_columns=keep_columns)
+            self._family_responses = known
+        return known
+
+    def measured_responses(self) -> Responses:
+        """Static responses of all bores to `measure`, or a basis of its span; collective."""
+        level = self.family.last if self._every_pressure else 0
+        return self.family_responses().up_to(level)
 
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
         """Return the stored result of a name and key, or compute it with `make` and store it.
@@ -427,16 +435,17 @@ class Reductor:
             columns=basis.columns if keep_basis else None,
         )
         if not estimate_error:
-            return replace(body, inventory=_inventory(body, basis.dropped, None))
-        displacement, energy = self.flexibility
-        inventory = _inventory(body, basis.dropped, float(np.trace(energy)))
+            return replace(body, inventory=_inventory(body, basis.dropped, self.measure, None))
+        responses = self.measured_responses()
+        total = float(np.sum(responses.pressures * responses.work))
+        inventory = _inventory(body, basis.dropped, responses.pressures, total)
         followed = sum(record.participation for record in inventory if not record.dropped)
-        return replace(
-            body,
-            missing_flexibility=body.outward(displacement) - body.basis_flexibility(),
-            inventory=inventory,
-            accuracy={**body.accuracy, "flexibility_followed": followed},
+        body = replace(
+            body, inventory=inventory, accuracy={**body.accuracy, "flexibility_followed": followed}
         )
+        if residual is not None:
+            return body
+        return replace(body, missing_flexibility=missing_flexibility(responses, body))
 
 
 # Without modes
@@ -456,7 +465,7 @@ def rigid(
         The part, free or clamped, or its `Reductor`.
     estimate_error
         Whether to compute the neglected flexibility of the bores. This needs a factorisation and
-        one static solve per pressure node.
+        one static solve per pressure of the family.
     keep_basis
         Whether to store the basis, which has no columns, in the body.
     """

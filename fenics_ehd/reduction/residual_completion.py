@@ -25,27 +25,29 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError, VerificationError
+from fenics_ehd.base.renamed import renamed_arguments
 from fenics_ehd.reduction.body import ReducedBody, ResidualFlexibility
 from fenics_ehd.reduction.bore import all_outward
+from fenics_ehd.reduction.family_responses import (
+    FlexibilityForm,
+    Responses,
+    flexibility_form,
+    largest_energy,
+    relative_error,
+)
 from fenics_ehd.reduction.load_dependent_basis import dual_basis
 from fenics_ehd.reduction.matrices import (
     MassOperator,
     blocks,
     combine,
-    falling_eigenpairs,
     inner,
     load_columns,
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.reductor import (
-    Basis,
-    Reductor,
-    StaticResponses,
-    bore_rows,
-    on_bores,
-)
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.pressure_family import PressureFamily, edges_of, edges_text
+from fenics_ehd.reduction.reductor import Basis, Reductor, StaticResponses
+from fenics_ehd.reduction.static import StaticSolver, bore_rows, on_bores
 from fenics_ehd.reduction.structure import Structure
 
 
@@ -185,15 +187,17 @@ def _displacements(body: ReducedBody) -> np.ndarray:
     return np.vstack([body.bore_basis.reshape(-1, body.modes), *points])
 
 
-#: Largest bore displacement due to a dropped residual pattern, relative to that of any pattern.
-TRUNCATION = 1e-4
+#: Largest error of the bore's displacement under the verification pressures, relative to it. The
+#: base family has 2e-4 with 20 x 5 cells and 6e-4 with 40 x 10; see docs/reduction.md.
+TOLERANCE = 2e-3
 
 
+@renamed_arguments(truncation="tolerance")
 def residual_flexibility(
     part: Structure | Reductor,
     n_vibration: int,
     *,
-    truncation: float = TRUNCATION,
+    tolerance: float = TOLERANCE,
     centrifugal: bool = True,
     estimate_error: bool = True,
     keep_basis: bool = False,
@@ -206,105 +210,165 @@ def residual_flexibility(
         The part, free or clamped, or its `Reductor`.
     n_vibration
         Number of vibration modes.
-    truncation
-        Largest bore displacement due to a dropped residual pattern, relative to the largest due
-        to any pattern; 0 to drop only round-off.
+    tolerance
+        Largest error of the bore's displacement under the pressures that verify the pressure
+        family, relative to this displacement. If one is exceeded, the next level of the family is
+        solved for; 0: every nodal pressure.
     centrifugal
         Whether the basis contains the static response to the centrifugal load of a part that
         rotates about z.
     estimate_error
-        Whether to compute the inertia of the residual patterns, which the method neglects.
+        Whether to compute the inertia of the residual patterns, which the method neglects. It needs
+        no further solves.
     keep_basis
         See `load_dependent`.
 
     Returns
     -------
     ReducedBody
-        Body with `residual`; its missing flexibility is that of the dropped patterns.
+        Body with `residual`; its accuracy has the verified error, its provenance the family.
 
     Raises
     ------
     SettingsError
-        If a number of modes is negative, if there is no mode at all, or if `truncation` is
-        outside [0, 1).
+        If a number of modes is negative, if there is no mode at all, or if `tolerance` is outside
+        [0, 1).
     SolverError, VerificationError
         If a solver or a check of the result fails.
     """
     reductor = Reductor.of(part)
-    if not 0.0 <= truncation < 1.0:
-        raise SettingsError(f"residual_truncation {truncation:g} is not in [0, 1)")
+    if not 0.0 <= tolerance < 1.0:
+        raise SettingsError(f"flexibility_tolerance {tolerance:g} is not in [0, 1)")
     if not n_vibration + reductor.points.shape[1] + centrifugal:
         raise SettingsError(
             "vibration_modes is 0, and the part has no boundary point and no centrifugal mode: at "
             "least one mode is needed"
         )
-    basis, residual = reductor.once(
-        "m4", (n_vibration, centrifugal), lambda: _complete(reductor, n_vibration, centrifugal)
+    basis = reductor.once(
+        "m4", (n_vibration, centrifugal), lambda: _basis(reductor, n_vibration, centrifugal)
     )
-    residual = _truncated(reductor, residual, truncation)
+    remainder = Remainder(reductor, basis, keep_columns=estimate_error)
+    level = reductor.family.last if tolerance == 0.0 else 0
+    residual = remainder.residual(level)
+    while (error := remainder.error(residual)) > tolerance and level < reductor.family.last:
+        level += 1
+        residual = remainder.residual(level)
     if estimate_error:
-        residual = replace(residual, mass=_inertia(reductor, basis, residual.patterns.T))
-    return reductor.project(basis, "m4", residual=residual, keep_basis=keep_basis)
+        residual = replace(residual, mass=remainder.inertia(level))
+    body = reductor.project(basis, "m4", residual=residual, keep_basis=keep_basis)
+    solved = remainder.responses.up_to(level).pressures.shape[1]
+    figures = {"flexibility_error": error, "flexibility_columns": float(solved)}
+    texts = {"pressure_level": str(level), "film_edges": edges_text(reductor.film_edges)}
+    return replace(
+        body,
+        accuracy={**body.accuracy, **figures},
+        provenance={**body.provenance, **texts},
+    )
 
 
-def _complete(
-    reductor: Reductor, n_vibration: int, centrifugal: bool
-) -> tuple[Basis, ResidualFlexibility]:
-    """Compute the basis of M4 and the complete residual flexibility of the bores.
-
-    The basis consists of vibration modes and of static responses to boundary and centrifugal loads.
-    """
+def _basis(reductor: Reductor, n_vibration: int, centrifugal: bool) -> Basis:
+    """Vibration modes and static responses to forces on the points and to rotation."""
     fields = reductor.points
     if centrifugal:
         fields = np.hstack([fields, centrifugal_load(reductor.structure, reductor.mass)])
     none = np.zeros((reductor.structure.pressures, 0))
     responses = StaticResponses(reductor.static, fields, none, *reductor.vibration(n_vibration))
-    basis = dual_basis(responses, np.eye(responses.count), responses.count)
-    return basis, _residual(reductor, basis)
+    return dual_basis(responses, np.eye(responses.count), responses.count)
 
 
-def _residual(reductor: Reductor, basis: Basis) -> ResidualFlexibility:
-    """Decompose S_res by the eigenvectors of ``J^T S_res``, most flexible first; mass stays empty.
+class Remainder:
+    """Residual flexibility S_res of a part beyond a basis, from responses to a pressure family.
 
-    ``J^T S_res`` is symmetric and positive semidefinite. Its eigenvectors V are pressure patterns
-    that do no work on each other's displacements, and ``S_res = (S_res V) V^T``.
+    Parameters
+    ----------
+    reductor
+        Reductor of the part.
+    basis
+        Basis T.
+    keep_columns
+        Whether part-size responses are kept, which the inertia needs.
+
+    Attributes
+    ----------
+    responses
+        Responses of the whole part to the family.
     """
-    structure = reductor.structure
-    displacement, energy = reductor.flexibility
-    load = transpose_multiply(structure.load, basis.columns).T
-    covered = np.linalg.solve(basis.stiffness, load)
-    shape = bore_rows(structure, basis.columns)
-    m = len(shape)
-    rest = displacement - (shape.reshape(3 * m, -1) @ covered).reshape(m, 3, -1)
-    values, vectors = falling_eigenpairs(symmetric(energy - load.T @ covered))
-    moved = (rest.reshape(3 * m, -1) @ vectors).reshape(m, 3, -1)
-    return ResidualFlexibility(moved, vectors.T, values, np.zeros((0, 0)))
+
+    def __init__(self, reductor: Reductor, basis: Basis, *, keep_columns: bool):
+        self._reductor = reductor
+        self._basis = basis
+        self.responses = reductor.family_responses(keep_columns=keep_columns)
+        structure = reductor.structure
+        self._shape = bore_rows(structure, basis.columns)
+        self._load = transpose_multiply(structure.load, basis.columns).T
+        self._forms: dict[int, FlexibilityForm] = {}
+
+    def _coordinates(self, pressures: np.ndarray) -> np.ndarray:
+        """Coordinates of the basis under pressures, ``K_r^-1 T^T J Q``, shape (n, r)."""
+        return np.linalg.solve(self._basis.stiffness, self._load @ pressures)
+
+    def _displacement(self, responses: Responses) -> np.ndarray:
+        """Residual displacement of the bores' nodes, shape (m, 3, r)."""
+        return responses.displacement - self._shape @ self._coordinates(responses.pressures)
+
+    def _form(self, level: int) -> FlexibilityForm:
+        """Patterns of the residual flexibility from all pressures up to a level."""
+        if level not in self._forms:
+            responses = self.responses.up_to(level)
+            pressures = responses.pressures
+            work = responses.work - self._load.T @ self._coordinates(pressures)
+            self._forms[level] = flexibility_form(pressures, work, largest_energy(responses))
+        return self._forms[level]
+
+    def residual(self, level: int) -> ResidualFlexibility:
+        """Residual flexibility from all pressures up to a level, without mass."""
+        form = self._form(level)
+        displacement = self._displacement(self.responses.up_to(level)) @ form.combinations
+        return ResidualFlexibility(displacement, form.patterns.T, form.stiffness, np.zeros((0, 0)))
+
+    def error(self, residual: ResidualFlexibility) -> float:
+        """Largest relative error of the bores' displacement under the verification pressures."""
+        bores = self._reductor.structure.bores
+        verification = self.responses.verification
+        approximate = residual.displacement @ (residual.patterns @ verification.pressures)
+        errors = all_outward(bores, self._displacement(verification) - approximate)
+        error = relative_error(errors, all_outward(bores, verification.displacement))
+        return float(self._reductor.structure.comm.bcast(error))
+
+    def inertia(self, level: int) -> np.ndarray:
+        """Mass matrix of the patterns of a level, shape (n, n)."""
+        responses = self.responses.up_to(level)
+        modes = self._basis.columns
+        coordinates = self._coordinates(responses.pressures)
+        comm = self._reductor.structure.comm
+        mass = np.zeros((responses.pressures.shape[1],) * 2)
+        start = 0
+        for columns in responses.columns:
+            for part in blocks(columns.shape[1], len(columns), comm):
+                now = slice(start + part.start, start + part.stop)
+                fields = columns[:, part] - combine(modes, coordinates[:, now])
+                momentum = self._reductor.mass.multiply(np.asfortranarray(fields))
+                every = [inner(block, momentum, comm) for block in responses.columns]
+                covered = coordinates.T @ inner(modes, momentum, comm)
+                mass[:, now] = np.vstack(every) - covered
+            start += columns.shape[1]
+        combinations = self._form(level).combinations
+        return combinations.T @ symmetric(mass) @ combinations
 
 
-def _truncated(
-    reductor: Reductor, residual: ResidualFlexibility, truncation: float
-) -> ResidualFlexibility:
-    """Drop the patterns behind the last one above the truncation limit, and those of round-off."""
-    sizes = np.abs(all_outward(reductor.structure.bores, residual.displacement)).max(axis=0)
-    # Round-off in the subtraction of the basis causes small last eigenvalues of either sign.
-    largest = np.abs(np.diag(reductor.flexibility[1])).max()
-    real = np.sum(residual.stiffness > 1e-13 * largest * len(sizes))
-    wanted = np.flatnonzero(sizes[:real] > truncation * sizes.max())
-    rank = wanted[-1] + 1 if len(wanted) else 0
-    return replace(
-        residual,
-        displacement=residual.displacement[:, :, :rank],
-        patterns=residual.patterns[:rank],
-        stiffness=residual.stiffness[:rank],
-    )
+def pattern_pressures(body: ReducedBody) -> np.ndarray:
+    """Pressures whose residual displacements are those of the patterns, shape (k, r).
 
-
-def _inertia(reductor: Reductor, basis: Basis, patterns: np.ndarray) -> np.ndarray:
-    """Mass matrix of the residual responses to pressure patterns (k, r), shape (r, r)."""
-    modes = basis.columns
-    angular = np.sqrt(np.diag(basis.stiffness))
-    # Static modes can be subtracted as vibration modes are: both are uncoupled in stiffness.
-    return StaticResponses(reductor.static, modes[:, :0], patterns, angular, modes).mass
+    They belong to the pressure family Q of the body: ``Q (V^T Q)^+`` with the patterns V. The
+    patterns themselves move the bores by the same amount if Q contains every nodal pressure.
+    """
+    assert body.residual is not None
+    patterns = body.residual.patterns
+    if "pressure_level" not in body.provenance:  # of version 0.3: every nodal pressure
+        return patterns.T
+    family = PressureFamily(body.bores, edges_of(body.provenance["film_edges"]))
+    pressures = family.up_to(int(body.provenance["pressure_level"]))
+    return np.asarray(pressures @ np.linalg.pinv(patterns @ pressures))
 
 
 def pattern_fields(
@@ -342,7 +406,7 @@ def pattern_fields(
     residual = body.residual
     if residual is None:
         return np.zeros((len(columns), 0 if amplitudes is None else amplitudes.shape[1]))
-    pressures = residual.patterns.T
+    pressures = pattern_pressures(body)
     if amplitudes is not None:
         pressures = pressures @ amplitudes
 

@@ -35,6 +35,35 @@ from fenics_ehd.reduction.matrices import (
 from fenics_ehd.reduction.structure import Structure, rigid_motions
 
 
+def _owned_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+    """Mask of the bores' nodes that this rank owns, and their local indices."""
+    local = structure.bore_nodes - structure.node_range[0]
+    mine = (local >= 0) & (local < len(structure.coordinates))
+    return mine, local[mine]
+
+
+def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
+    """Rows of part-size columns at the nodes of all bores, on every rank, shape (m, 3, n)."""
+    mine, local = _owned_nodes(structure)
+    rows = np.zeros((len(mine), 3, columns.shape[1]))
+    rows[mine] = columns[3 * local[:, None] + np.arange(3)]
+    return structure.comm.allreduce(rows, op=MPI.SUM)
+
+
+def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
+    """Part-size fields with values at the bores' nodes, shape (m, 3, n), and zero elsewhere.
+
+    Returns
+    -------
+    numpy.ndarray
+        Owned rows, shape (owned dofs, n).
+    """
+    mine, local = _owned_nodes(structure)
+    columns = np.zeros((len(structure.coordinates), 3, values.shape[2]))
+    columns[local] = values[mine]
+    return np.asfortranarray(columns.reshape(-1, values.shape[2]))
+
+
 def rigid_body_modes(structure: Structure) -> np.ndarray:
     """Mass-orthonormal rigid-body modes of a free part; a clamped part has none.
 

@@ -30,6 +30,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.analysis.error_budget import Estimator
+from fenics_ehd.analysis.flexibility_check import Responding
 from fenics_ehd.base.columns import csv_line
 from fenics_ehd.base.errors import EhdError, InputError, OutputError, SolverError
 from fenics_ehd.base.files import (
@@ -502,8 +503,17 @@ def recorded_steps(
             save_run_state(run, directory, fields)
 
 
-def estimate_errors(run: Recorder, directory: Path) -> tuple[Budgets, dict[str, Any]]:
+def estimate_errors(
+    run: Recorder, directory: Path, parts: Mapping[str, Responding] | None = None
+) -> tuple[Budgets, dict[str, Any]]:
     """Estimate the errors of a complete run, and store them over time in its folder.
+
+    Parameters
+    ----------
+    run, directory
+        The run and its folder.
+    parts
+        Static responses of the parts that are at hand, see `Estimator`.
 
     Returns
     -------
@@ -513,7 +523,7 @@ def estimate_errors(run: Recorder, directory: Path) -> tuple[Budgets, dict[str, 
         Entries of ``summary.json``: processor time, Newton iterations, reasons for missing
         estimates, and parts of the time without an estimate.
     """
-    budget = Estimator(run).budget()
+    budget = Estimator(run, parts).budget()
     over_time = budget.over_time(run.began.time)
     write_whole(directory / ERROR_BUDGET, to_json(over_time) + "\n")
     return budget.joints, {
@@ -521,6 +531,7 @@ def estimate_errors(run: Recorder, directory: Path) -> tuple[Budgets, dict[str, 
         "error_budget_left_out": budget.left_out,
         "error_budget_iterations": budget.iterations,
         "error_budget_processor_time_s": budget.seconds,
+        "flexibility_errors": budget.flexibility_errors,
     }
 
 

@@ -174,10 +174,11 @@ def _parts(scene: Scene, inputs: Inputs, comm: MPI.Comm) -> dict[str, ElasticPar
     for name in flexible(scene):
         settings = scene.bodies[name]
         element = scene.film_element(name)
+        edges = scene.film_edges(name)
         if name in inputs.bodies:
-            parts[name] = ElasticPart(settings, inputs.bodies[name], element)
+            parts[name] = ElasticPart(settings, inputs.bodies[name], element, edges)
         else:
-            parts[name] = elastic_part(settings, f"bodies.{name}", element, comm)
+            parts[name] = elastic_part(settings, f"bodies.{name}", element, comm, edges)
     return parts
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from fenics_ehd import __version__
 from fenics_ehd.multibody.history import FIELDS_NAME
 from fenics_ehd.reduction.body import FORMAT_VERSION
+from fenics_ehd.reduction.pressure_family import edges_text
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.part import model_file, reduction_provenance, structure_provenance
 from fenics_ehd.scenes.scene import Scene, meshed
@@ -30,8 +31,9 @@ class NeededBody:
         Table of the scene with the settings of the body, ``"bodies.rod"``.
     settings
         Settings of the body.
-    film_element
-        Element of the pressures in its bores, see `Scene.film_element`.
+    film_element, film_edges
+        Element of the pressures in its bores, see `Scene.film_element`, and edges of the films
+        there, see `Scene.film_edges`.
     part
         Checksum of everything that the assembled structure depends on.
     name
@@ -41,6 +43,7 @@ class NeededBody:
     key: str
     settings: schema.FlexibleSettings
     film_element: str
+    film_edges: Mapping[str, tuple[float, ...]]
     part: str
     name: str
 
@@ -61,11 +64,13 @@ def _needed_body(scene: Scene, name: str) -> NeededBody:
     settings: schema.FlexibleSettings = scene.bodies[name]
     key = f"bodies.{name}"
     element = scene.film_element(name)
+    edges = scene.film_edges(name)
     part = checksum(
         structure_provenance(settings, model_file(settings, key), element)
         | {
             "version": f"{__version__} {FORMAT_VERSION}",
             "solver": settings.reduction.solver,
+            "film_edges": edges_text(edges),
         }
     )
     reduction = reduction_provenance(settings.reduction)
@@ -74,7 +79,7 @@ def _needed_body(scene: Scene, name: str) -> NeededBody:
         folder = settings.reduction.snapshots
         reduction["snapshots"] = content_of(folder) or folder
     reduction |= {"part": part, "estimate_error": str(settings.reduction.estimate_error)}
-    return NeededBody(key, settings, element, part, checksum(reduction))
+    return NeededBody(key, settings, element, edges, part, checksum(reduction))
 
 
 def checksum(values: Mapping[str, str]) -> str:

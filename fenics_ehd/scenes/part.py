@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -74,7 +74,7 @@ METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]],
     "m4": lambda part, chosen, common: residual_flexibility(
         part,
         chosen.vibration_modes,
-        truncation=chosen.residual_truncation,
+        tolerance=chosen.flexibility_tolerance,
         centrifugal=part.free,
         **common,
     ),
@@ -228,6 +228,10 @@ def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
     return {name: str(getattr(reduction, name)) for name in names}
 
 
+#: Present names of entries of a body's provenance, by the former name of version 0.2 or 0.3.
+FORMER_PROVENANCE = {"held_by": "clamped", "residual_truncation": "flexibility_tolerance"}
+
+
 def require_provenance(
     body: ReducedBody, asked: Mapping[str, str], written: set[str], section: str
 ) -> None:
@@ -254,8 +258,9 @@ def require_provenance(
     made = dict(body.provenance)
     if "model" not in made:
         return
-    if "held_by" in made:  # of version 0.2
-        made["clamped"] = made.pop("held_by")
+    for former, name in FORMER_PROVENANCE.items():
+        if former in made:
+            made[name] = made.pop(former)
     if "geometry" in written:
         written |= {name for name in {*asked, *made} if name.startswith("geometry.")}
     for name in sorted(written & {*asked, *made}):
@@ -289,11 +294,20 @@ class ElasticPart:
         Assembled structure, or reduced body from a file.
     film_element
         Element of the pressures in the part's bores, see `Scene.film_element`.
+    film_edges
+        Edges of the films in the part's bores, see `Scene.film_edges`.
     """
 
     settings: schema.FlexibleSettings
     source: Structure | ReducedBody
     film_element: str
+    film_edges: Mapping[str, Sequence[float]] = field(default_factory=dict)
+
+    def reductor(self) -> Reductor:
+        """A reductor of the assembled structure, for the pressures of its films."""
+        assert isinstance(self.source, Structure)
+        solver = self.settings.reduction.solver
+        return Reductor(self.source, solver=solver, film_edges=self.film_edges)
 
     def bore(self, name: str, key: str) -> BoreSurface:
         """Bore of the part by its name; `key` is the setting with the name, for messages.
@@ -338,7 +352,7 @@ class ElasticPart:
         settings = self.settings
         assert isinstance(source, Structure)
         start = perf_counter()
-        reductor = reductor or Reductor(source, solver=settings.reduction.solver)
+        reductor = reductor or self.reductor()
         body = reduce_structure(reductor, settings.reduction)
         columns = body.columns
         assert columns is not None
@@ -436,7 +450,11 @@ def _mean_position(structure: Structure, name: str) -> np.ndarray:
 
 
 def elastic_part(
-    settings: schema.FlexibleSettings, key: str, film_element: str, comm: MPI.Comm
+    settings: schema.FlexibleSettings,
+    key: str,
+    film_element: str,
+    comm: MPI.Comm,
+    film_edges: Mapping[str, Sequence[float]] | None = None,
 ) -> ElasticPart:
     """Mesh and assemble a part, or read its reduced body from a file; collective.
 
@@ -445,10 +463,13 @@ def elastic_part(
     SettingsError, MeshError, BodyFileError
         The model or the file cannot be used.
     """
+    source: Structure | ReducedBody
     if settings.body != NONE:
-        return ElasticPart(settings, load_body(settings.body), film_element)
-    require_snapshots(settings, key)
-    return ElasticPart(settings, _assembled(key, settings, film_element, comm), film_element)
+        source = load_body(settings.body)
+    else:
+        require_snapshots(settings, key)
+        source = _assembled(key, settings, film_element, comm)
+    return ElasticPart(settings, source, film_element, film_edges or {})
 
 
 def _assembled(
@@ -526,7 +547,8 @@ def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[s
             f"{key}.model = {settings.model!r} is a program, to which the scene of the run refers: "
             f"if you trust it, allow it to run by --model {model}"
         )
-    part = elastic_part(settings, key, element, MPI.COMM_SELF).reduce()
+    edges = scene.film_edges(name)
+    part = elastic_part(settings, key, element, MPI.COMM_SELF, edges).reduce()
     return replace(part, body=body, columns=basis_of(body, part.body, part.columns))
 
 

@@ -1,18 +1,21 @@
 """Runs of a scene that are stored in a folder, with everything that is needed to resume them.
 
 A scene that requires an accuracy is run again with other settings until a run meets the accuracy.
+
+Imports inside functions: rigid scenes do without static responses.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
+from fenics_ehd.analysis.flexibility_check import Responding
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import (
@@ -55,6 +58,9 @@ from fenics_ehd.scenes.scene import (
     scene_text,
     stored,
 )
+
+if TYPE_CHECKING:
+    from fenics_ehd.reduction.structure import Structure
 
 
 def run(
@@ -177,7 +183,7 @@ def run_scene(
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
     if alone and scene.output.error_budget and scene.films:
-        judge = partial(_judged, scene=scene, search=search)
+        judge = partial(_judged, scene=scene, search=search, parts=_responding(scene, built))
     run = Run(built.mechanism, built.steps, scene.span)
     time = scene.time
     cycles = (
@@ -207,9 +213,10 @@ def _judged(
     directory: Path,
     scene: Scene,
     search: Search | None,
+    parts: Mapping[str, Responding],
 ) -> tuple[Budgets, dict[str, Any]]:
     """Estimate the errors of a run: its budgets, and summary entries on errors and the search."""
-    budgets, entries = estimate_errors(recorded, directory)
+    budgets, entries = estimate_errors(recorded, directory, parts)
     limit = scene.output.error_limit
     if search is not None:
         limit = max(limit, search.asked)
@@ -217,6 +224,23 @@ def _judged(
     if search is not None:
         entries |= account(search, scene, recorded, budgets, entries)
     return budgets, entries
+
+
+def _responding(scene: Scene, built: Machine) -> dict[str, Responding]:
+    """Static responses of the parts that were reduced by this process alone, by body name."""
+    if not built.reduced:
+        return {}
+    from fenics_ehd.reduction.family_responses import respond
+    from fenics_ehd.reduction.static import StaticSolver
+
+    def responding(structure: Structure, solver: str) -> Responding:
+        return lambda pressures: respond(StaticSolver(structure, solver=solver), pressures)
+
+    return {
+        name: responding(part.structure, scene.bodies[name].reduction.solver)
+        for name, part in built.reduced.items()
+        if part.structure.comm.size == 1
+    }
 
 
 def _reductions(built: Machine) -> dict[str, Any]:

@@ -144,6 +144,23 @@ class Scene:
         element = next(filter(None, elements), "lagrange")
         return element if element in ELEMENTS else "lagrange"
 
+    def film_edges(self, body: str) -> dict[str, tuple[float, ...]]:
+        """Heights at which pressures on a flexible body have edges along z, by name of its surface.
+
+        Edges are those of supplies, and infinite ones for the ends of rough surfaces, see
+        `fenics_ehd.reduction.pressure_family` [m]. Holes in the mesh of a bore are left out.
+        """
+        edges: dict[str, tuple[float, ...]] = {}
+        for joint in self.films.values():
+            reaches = [supply.reach for supply in joint.supply.values()]
+            if joint.contact.roughness:
+                reaches.append((-np.inf, np.inf))
+            heights = np.unique([reach for reach in reaches if reach[0] < reach[1]])
+            for surface in self.elastic_surfaces(joint):
+                if surface.body == body and len(heights):
+                    edges[surface.point] = tuple(heights.tolist())
+        return edges
+
     @property
     def span(self) -> float:
         """End or period [s]."""
@@ -409,9 +426,10 @@ TABLES = (*schema.KINDS, "time", "output")
 #: Suffixes of files that a scene names.
 FILES = (".csv", ".h5", ".geo", ".msh")
 
-#: Present names of keys of version 0.2, by table, sections between, and former key.
+#: Present names of keys of versions 0.2 and 0.3, by table, sections between, and former key.
 RENAMED = {
     ("bodies", "held_by"): "clamped",
+    ("bodies", "reduction", "residual_truncation"): "flexibility_tolerance",
     ("joints", "heat", "conducted"): "conducted_share",
     ("joints", "heat", "mixing"): "outlet_weight",
 }

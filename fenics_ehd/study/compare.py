@@ -379,7 +379,7 @@ COLUMNS = (
     *EXTREMES,
     "against",
     *OWN,
-    "residual_truncation",
+    "flexibility_tolerance",
     "body",
     "online_wall_s",
 )

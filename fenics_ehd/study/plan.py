@@ -16,12 +16,16 @@ from typing import Any
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.needs import NONE
 from fenics_ehd.scenes.films import planned_cells
+from fenics_ehd.scenes.part_settings import ReductionSettings
 from fenics_ehd.scenes.scene import Scene, as_stored, meshed
 from fenics_ehd.scenes.schema import FEWEST_CELLS
 from fenics_ehd.study.cases import Case, make_case, with_values
 
 #: Key of the film meshes in a variant; its value is a factor on the scene's numbers of cells.
 FILM = "film"
+
+#: Default tolerance of M4.
+M4_TOLERANCE = ReductionSettings().flexibility_tolerance
 
 
 @dataclass(frozen=True)
@@ -62,13 +66,13 @@ def m3(pressure_set: str, selection: str, modes: int) -> Variant:
     )
 
 
-def m4(vibration_modes: int, truncation: float = 1e-4) -> Variant:
-    """Variant with method M4, residual flexibility; `truncation` is the relative displacement."""
+def m4(vibration_modes: int, tolerance: float = M4_TOLERANCE) -> Variant:
+    """Variant with method M4, residual flexibility; tolerance 0: with every nodal pressure."""
     return _reduction(
-        f"m4-{vibration_modes}-{truncation:.0e}",
+        f"m4-{vibration_modes}-{tolerance:.0e}",
         method="m4",
         vibration_modes=vibration_modes,
-        residual_truncation=truncation,
+        flexibility_tolerance=tolerance,
     )
 
 
@@ -203,7 +207,7 @@ def usual_scope(scene: Scene, *, quick: bool) -> Scope:
                 m3("pc2", "smallest-eigenvalue", size(1)),
                 m3("pc2", "lowest-frequency", size(0.5)),
                 usual,
-                m4(n, 1e-2),
+                m4(n, 0.0),
                 m4(n),
             ),
             tolerances=tuple(map(times, (30, 10, 1))),
@@ -224,8 +228,8 @@ def usual_scope(scene: Scene, *, quick: bool) -> Scope:
             m3("journal", "largest-eigenvalue", size(0.5)),
             m3("journal", "largest-eigenvalue", size(1)),
             usual,
-            m4(n, 1e-2),
-            m4(n, 1e-3),
+            m4(n, 0.0),
+            m4(n, 0.1 * M4_TOLERANCE),
             m4(n),
             m4(2),
             m4(20),

@@ -31,8 +31,6 @@ from fenics_ehd.base.processes import one_blas_thread
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
-from fenics_ehd.reduction.reductor import Reductor
-from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.needed_bodies import NeededBody
@@ -99,9 +97,10 @@ def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outc
     processor_start = process_time()
     first = bodies[0]
     try:
-        part = elastic_part(first.settings, first.key, first.film_element, MPI.COMM_SELF)
-        assert isinstance(part.source, Structure)
-        reductor = Reductor(part.source, solver=first.settings.reduction.solver)
+        part = elastic_part(
+            first.settings, first.key, first.film_element, MPI.COMM_SELF, first.film_edges
+        )
+        reductor = part.reductor()
     except Exception as error:
         return {body.name: failed(error) for body in bodies}
     failures = {}

@@ -51,11 +51,8 @@ BOUND = "v"
 BOUND_LABEL = "below the reference's own error, an upper limit"
 FILLS = {"largest-eigenvalue": "none", "smallest-eigenvalue": "bottom"}
 
-#: Default truncation of M4, which labels do not mention.
-TRUNCATION = ReductionSettings().residual_truncation
-
-#: Truncation of M4 from which a marker is empty; below it the marker is half full.
-COARSE = 1e-2
+#: Default tolerance of M4, which labels do not mention.
+TOLERANCE = ReductionSettings().flexibility_tolerance
 
 #: Colour of the reference's curve, which is a broad band behind all others.
 GREY = "#BBBBBB"
@@ -81,7 +78,10 @@ def family(row: StudyRow) -> str:
     name = {"full": "full interface", "rigid": "rigid"}.get(row["method"], row["method"].upper())
     if row["method"] == "m3":
         return f"{name} {row['pressure_set']}, {selection(row)[0]}"
-    return f"{name}, truncated at {row['residual_truncation']:g}" if truncated(row) else name
+    if not tightened(row):
+        return name
+    tolerance = row["flexibility_tolerance"]
+    return f"{name}, verified to {tolerance:g}" if tolerance else f"{name}, every nodal pressure"
 
 
 def sized(row: StudyRow) -> str:
@@ -94,17 +94,17 @@ def selection(row: StudyRow) -> tuple[str, Any]:
     return SELECTIONS.get(row["selection"], (row["selection"], "-"))
 
 
-def truncated(row: StudyRow) -> bool:
-    """True if a run by M4 keeps fewer residual patterns than by default."""
-    return row["method"] == "m4" and row["residual_truncation"] > TRUNCATION
+def tightened(row: StudyRow) -> bool:
+    """True if a run by M4 has a smaller tolerance than by default."""
+    return row["method"] == "m4" and row["flexibility_tolerance"] < TOLERANCE
 
 
 def line_style(row: StudyRow) -> dict[str, Any]:
     """Arguments of `Axes.plot` for the curve of a run's family."""
     marker = MARKERS.get(row["method"], "x")
     fill = FILLS.get(row["selection"], "full")
-    if truncated(row):
-        fill = "none" if row["residual_truncation"] >= COARSE else "bottom"
+    if tightened(row):
+        fill = "bottom" if row["flexibility_tolerance"] else "none"
     return {
         "color": colour(row),
         "marker": PRESSURE_MARKERS.get(row["pressure_set"], marker),
