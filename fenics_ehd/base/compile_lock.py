@@ -33,14 +33,19 @@ POLL = 0.1
 LONGEST = 300
 
 
-def forms_folder() -> Path:
-    """Folder of the package's compiled forms, in the user's cache; nothing else compiles there.
+def user_cache() -> Path:
+    """Folder of the user's caches.
 
-    A relative ``XDG_CACHE_HOME`` is disregarded, as its specification demands: libraries would be
-    loaded from the current folder.
+    A relative ``XDG_CACHE_HOME`` is disregarded, as its specification demands: files would be read
+    from the current folder.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (cache if cache.is_absolute() else Path.home() / ".cache") / "fenics" / "fenics_ehd"
+    return cache if cache.is_absolute() else Path.home() / ".cache"
+
+
+def forms_folder() -> Path:
+    """Folder of the package's compiled forms, in the user's cache; nothing else compiles there."""
+    return user_cache() / "fenics" / "fenics_ehd"
 
 
 def is_compiled(source: Path) -> bool:
