@@ -181,7 +181,7 @@ def test_one_film_of_two_bores_is_that_of_a_rod_with_one():
     """The same modes, and patterns that together are the same flexibility."""
     found = [
         ehd.simulate(
-            machine(ehd.residual_flexibility(part(bores), 6, truncation=0.0), gudgeon=False),
+            machine(ehd.residual_flexibility(part(bores), 6, tolerance=0.0), gudgeon=False),
             0.5 * END,
             tolerance=1e-5,
         )

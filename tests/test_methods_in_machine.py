@@ -75,7 +75,7 @@ def test_neglected_inertia_is_that_of_the_patterns(rod_structure, residual_body)
     from fenics_ehd.reduction.matrices import load_columns
     from fenics_ehd.reduction.static import StaticSolver
 
-    whole = ehd.residual_flexibility(rod_structure, 6, truncation=0.0, keep_basis=True)
+    whole = ehd.residual_flexibility(rod_structure, 6, tolerance=0.0, keep_basis=True)
     x, y, _ = whole.pressure_nodes.T
     pressure = 1.0 + np.cos(3 * np.arctan2(y, x))
     static = StaticSolver(rod_structure)

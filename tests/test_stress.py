@@ -219,7 +219,7 @@ def test_stresses_of_a_held_housing_are_those_of_the_static_solution():
     coarse = {"bodies.housing.geometry": {"bore_cells_along": 2}}
     housing = structure_of("rotor-paper", "housing", MPI.COMM_SELF, coarse)
     body = ehd.residual_flexibility(
-        housing, 4, truncation=0.0, centrifugal=False, keep_basis=True, estimate_error=False
+        housing, 4, tolerance=0.0, centrifugal=False, keep_basis=True, estimate_error=False
     )
     x, y, z = body.pressure_nodes.T
     shape = (1 - (2 * z / np.ptp(z)) ** 2) * 1e7

@@ -22,7 +22,7 @@ from fenics_ehd.results.motion import RecordedMotion
 KEPT = {"keep_basis": True, "estimate_error": False}
 METHODS = {
     "m4": partial(ehd.residual_flexibility, n_vibration=6, **KEPT),
-    "m4, every pattern": partial(ehd.residual_flexibility, n_vibration=6, truncation=0.0, **KEPT),
+    "m4, every pattern": partial(ehd.residual_flexibility, n_vibration=6, tolerance=0.0, **KEPT),
     "m3": partial(ehd.load_dependent, n_vibration=6, n_residual=31, **KEPT),
     "m1": partial(ehd.craig_bampton, n_modes=37, **KEPT),
     "m2": lambda part: two_step_craig_bampton(part, 37, 20, **KEPT),

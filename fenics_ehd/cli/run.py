@@ -236,6 +236,7 @@ def run(
     require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
         built = build(scene, MPI.COMM_WORLD, announce=say_reducing)
+        warn_of(built.warnings)
         parts = _gathered_parts(built) if scene.output.paraview else {}
         # The time integration runs on the first rank only.
         if folder is not None:

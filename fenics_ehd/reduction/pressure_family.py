@@ -253,6 +253,28 @@ def edges_of(text: str) -> dict[str, tuple[float, ...]]:
     return {name: tuple(map(float, heights)) for name, *heights in entries}
 
 
+def missing_edges(
+    provenance: Mapping[str, str], edges: Mapping[str, Sequence[float]]
+) -> dict[str, list[float]]:
+    """Edges of films that the family of a body lacks, by name of the bore [m].
+
+    Parameters
+    ----------
+    provenance
+        Provenance of the body. Without a level it has every nodal pressure, as M4 of version 0.3.
+    edges
+        Edges of the films in its bores.
+    """
+    if int(provenance.get("pressure_level", len(ORDERS))) >= len(ORDERS):
+        return {}
+    known = edges_of(provenance["film_edges"])
+    each = {
+        name: sorted({*_rounded(heights)} - {*known.get(name, ())})
+        for name, heights in edges.items()
+    }
+    return {name: heights for name, heights in each.items() if heights}
+
+
 # Verification
 
 #: Eccentricities of the short bearings, straight and tilted, with which families are verified.

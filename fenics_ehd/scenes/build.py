@@ -16,13 +16,14 @@ without.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import radians
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import attrs
+import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
@@ -63,6 +64,8 @@ class Machine:
         Options of the time integration.
     options
         Keyword arguments of `simulate`: end or period, and all options of the steps.
+    warnings
+        Notices on bodies from files, one line each.
     """
 
     mechanism: Mechanism
@@ -73,6 +76,7 @@ class Machine:
     period: float | None
     steps: IntegratorOptions
     options: Mapping[str, Any]
+    warnings: tuple[str, ...] = ()
 
 
 def build(
@@ -145,7 +149,23 @@ def build(
         duration.get("period"),
         steps,
         duration | vars(steps),
+        tuple(line for name, part in parts.items() for line in _lacking_edges(name, part)),
     )
+
+
+def _lacking_edges(name: str, part: ElasticPart) -> Iterator[str]:
+    """A line if the pressures for which a body was reduced lack edges of its films."""
+    from fenics_ehd.reduction.pressure_family import missing_edges
+
+    assert isinstance(part.source, ReducedBody)
+    for point, heights in missing_edges(part.source.provenance, part.film_edges).items():
+        listed = ", ".join(f"{1e3 * height:.4g}" for height in heights if np.isfinite(height))
+        edges = [f"edges at z = {listed} mm"] if listed else []
+        edges += ["contact at its ends"] if np.isinf(heights).any() else []
+        yield (
+            f"bodies.{name}: it was reduced for films without {' and '.join(edges)} in {point}: "
+            "the bore's displacement there may be off by 1 %: reduce the part again with this scene"
+        )
 
 
 def _require_period(scene: Scene, inputs: Inputs) -> None:

@@ -193,7 +193,7 @@ def run_scene(
         Recorder(run, scene.span, cycles),
         directory,
         {
-            "warnings": list(scene.warnings),
+            "warnings": [*scene.warnings, *built.warnings],
             "scene": scene.name,
             **_reductions(built),
             "reduction_time_s": built.seconds,
