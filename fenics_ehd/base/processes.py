@@ -139,12 +139,12 @@ def one_blas_thread() -> Iterator[None]:
 
 def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
     """Functions that set and return the number of threads, for every loaded OpenBLAS."""
-    return [
-        (getattr(library, write), getattr(library, read))
-        for library in map(ctypes.CDLL, _loaded("blas"))
-        for write, read in THREAD_FUNCTIONS
-        if hasattr(library, write)
-    ]
+    functions = []
+    for library in map(ctypes.CDLL, _loaded("blas")):
+        for write, read in THREAD_FUNCTIONS:
+            if hasattr(library, write):
+                functions.append((getattr(library, write), getattr(library, read)))
+    return functions
 
 
 def _loaded(*words: str) -> list[str]:

@@ -33,12 +33,18 @@ def warn_of(lines: Iterable[str]) -> None:
     _say(f"fenics-ehd: warning: {line}" for line in lines)
 
 
-def say_reducing(names: Iterable[str]) -> None:
-    """Print names of bodies before their reduction, and a note if forms must be compiled first."""
-    listed = ", ".join(names)
+def say_reducing(reduced: Iterable[str], read: Iterable[str]) -> None:
+    """Print names of bodies to reduce, and of those read from the cache, in one line.
+
+    A note is added if forms must be compiled first.
+    """
+    listed = ", ".join(reduced)
     compiled = any(forms_folder().glob("libffcx_forms_*.so"))
     once = "" if compiled else " (forms are compiled once, in about half a minute)"
-    _say([f"reducing {listed}{once}"] if listed else [])
+    texts = [f"reducing {listed}{once}"] if listed else []
+    if kept := ", ".join(read):
+        texts.append(f"reading {kept} from the cache (--no-cache reduces anew)")
+    _say(["; ".join(texts)] if texts else [])
 
 
 def _say(lines: Iterable[str]) -> None:

@@ -32,6 +32,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -70,7 +71,7 @@ LOCK = ".lock"
 #: Pattern of the name of an entry.
 NAME = re.compile(r"[0-9a-f]{32}")
 
-#: Waiting time after which a notice says that another process reduces the body [s].
+#: Waiting time after which a line reports that another process reduces the body [s].
 NOTICE = 2.0
 
 #: Time between two attempts to lock an entry [s].
@@ -167,12 +168,12 @@ def _versions() -> dict[str, str]:
 @functools.cache
 def _sources() -> str:
     """Checksum of the sources on which bodies depend."""
-    import fenics_ehd.meshes
-
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for name in SOURCES:
-        root = Path(next(iter(fenics_ehd.meshes.__path__))) if name == "meshes" else package / name
+        root = (
+            Path(str(resources.files("fenics_ehd.meshes"))) if name == "meshes" else package / name
+        )
         files = [root] if root.is_file() else sorted(root.rglob("*"))
         for file in files:
             if file.suffix in SOURCE_SUFFIXES:
@@ -184,14 +185,19 @@ def _sources() -> str:
 # The folder
 
 
+def is_on() -> bool:
+    """False if `VARIABLE` switches the cache off."""
+    return os.environ.get(VARIABLE) != OFF
+
+
 def folder() -> Path | None:
     """Folder of the cache, which is made if it is missing; None if it is not used.
 
     A folder that cannot be used is reported on standard error, once in a process.
     """
-    named = os.environ.get(VARIABLE, "")
-    if named == OFF:
+    if not is_on():
         return None
+    named = os.environ.get(VARIABLE, "")
     path = Path(named) if Path(named).is_absolute() else user_cache() / "fenics_ehd"
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -201,7 +207,7 @@ def folder() -> Path | None:
     except OSError as error:
         fault = error.strerror or str(error)
     if fault:
-        _report(f"reduced bodies are not kept: {path}: {fault}")
+        report(f"reduced bodies are not kept: {path}: {fault}")
         return None
     return path
 
@@ -218,7 +224,7 @@ def _fault(state: os.stat_result, *, directory: bool = True) -> str:
 
 
 @functools.cache
-def _report(line: str) -> None:
+def report(line: str) -> None:
     """Print a line on standard error, once in a process."""
     with suppress(OSError):  # the standard error output is closed
         print(escaped(f"fenics-ehd: {line}"), file=sys.stderr)
@@ -297,6 +303,8 @@ class Entry:
     ----------
     name
         Checksum of everything that makes the body; empty if the body is not kept.
+    made
+        Provenance that the body has.
     comm
         Ranks that share the part.
     with_mesh_error
@@ -305,6 +313,7 @@ class Entry:
     """
 
     name: str = ""
+    made: Mapping[str, str] = field(default_factory=dict)
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
     with_mesh_error: str = ""
 
@@ -323,7 +332,7 @@ class Entry:
         body = self.body()
         if body is None:
             return None
-        counts = self.comm.gather(len(structure.coordinates))
+        counts = self.comm.gather(len(structure.coordinates)) or []
         shares = self._on_first(lambda path: _read_basis(path, self._names, body, counts))
         share = self.comm.scatter([None] * self.comm.size if shares is None else shares)
         usable = share is not None and np.array_equal(share[0], structure.coordinates)
@@ -338,6 +347,8 @@ class Entry:
         """
         from fenics_ehd.reduction.part_files import save_basis
 
+        if not self.made.items() <= body.provenance.items():
+            return  # the model was changed while the part was meshed
         path = self.comm.bcast(self._on_first(lambda folder: folder))
         if path is None:
             return
@@ -351,7 +362,7 @@ class Entry:
             trim(path, LARGEST_SIZE)
         except (EhdError, OSError) as error:
             if self.comm.rank == 0:
-                _report(f"a reduced body is not kept: {error}")
+                report(f"a reduced body is not kept: {error}")
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -382,7 +393,7 @@ class Entry:
         """Body of the entry, or of that with the mesh error, which is then left out."""
         for name in self._names:
             body = _read(path / f"{name}{BODY}", load_body)
-            if body is not None:
+            if body is not None and self.made.items() <= body.provenance.items():
                 return body if name == self.name else without_mesh_error(body)
         return None
 
@@ -449,6 +460,6 @@ def _lock(path: Path) -> int | None:
         os.close(descriptor)
         if silent and time.monotonic() > began + NOTICE:
             silent = False
-            _report(f"waiting for another process that reduces the same part, {path}")
+            report(f"waiting for another process that reduces the same part, {path}")
         time.sleep(POLL)
     return None
