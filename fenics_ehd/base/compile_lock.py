@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from fenics_ehd.base.errors import CompilationError
-from fenics_ehd.base.files import lock_taken
+from fenics_ehd.base.files import lock_taken, user_cache
 from fenics_ehd.base.printed import escaped
 
 #: Waiting time after which a notice names the process that compiles [s].
@@ -31,16 +31,6 @@ POLL = 0.1
 
 #: Longest description of a process in a notice [characters].
 LONGEST = 300
-
-
-def user_cache() -> Path:
-    """Folder of the user's caches.
-
-    A relative ``XDG_CACHE_HOME`` is disregarded, as its specification demands: files would be read
-    from the current folder.
-    """
-    cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return cache if cache.is_absolute() else Path.home() / ".cache"
 
 
 def forms_folder() -> Path:

@@ -11,10 +11,10 @@ The basis is written first: an entry without a body does not exist. Both files a
 that cannot be read is made again. A file ``NAME.lock`` exists while the body is reduced, so that
 other processes wait for it instead of reducing the same part.
 
-The folder is ``fenics_ehd`` in the user's cache, or that of `VARIABLE`. It belongs to the user
-alone: a folder that others own or can write to is not used, since bodies in it may be anybody's. No
-fault of the folder ends a run: the part is then reduced anew. Of several ranks, the first one reads
-the folder, and decides for all.
+The folder is ``fenics_ehd`` in the user's cache, or that of `CACHE_VARIABLE`. It belongs to the
+user alone: a folder that others own or can write to is not used, since bodies in it may be
+anybody's. No fault of the folder ends a run: the part is then reduced anew. Of several ranks, the
+first one reads the folder, and decides for all.
 
 Imports inside functions: the folder can be listed without PETSc.
 """
@@ -39,9 +39,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.compile_lock import user_cache
 from fenics_ehd.base.errors import BodyFileError, EhdError
-from fenics_ehd.base.files import PART, lock_taken
+from fenics_ehd.base.files import CACHE_OFF, CACHE_VARIABLE, PART, lock_taken, user_cache
 from fenics_ehd.base.libraries import origin, version_of
 from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.processes import blas_kernels
@@ -52,12 +51,6 @@ if TYPE_CHECKING:
     from fenics_ehd.reduction.structure import Structure
 
 T = TypeVar("T")
-
-#: Environment variable with the path of another folder, or with `OFF`.
-VARIABLE = "FENICS_EHD_CACHE"
-
-#: Value of the variable with which no bodies are kept.
-OFF = "off"
 
 #: Largest size of all entries [bytes]; beyond it, entries are removed, the least recently used
 #: first. Entries of shipped scenes have 1 to 40 MB.
@@ -186,8 +179,8 @@ def _sources() -> str:
 
 
 def is_on() -> bool:
-    """False if `VARIABLE` switches the cache off."""
-    return os.environ.get(VARIABLE) != OFF
+    """False if `CACHE_VARIABLE` switches the cache off."""
+    return os.environ.get(CACHE_VARIABLE) != CACHE_OFF
 
 
 def folder() -> Path | None:
@@ -197,7 +190,7 @@ def folder() -> Path | None:
     """
     if not is_on():
         return None
-    named = os.environ.get(VARIABLE, "")
+    named = os.environ.get(CACHE_VARIABLE, "")
     path = Path(named) if Path(named).is_absolute() else user_cache() / "fenics_ehd"
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -219,7 +212,7 @@ def _fault(state: os.stat_result, *, directory: bool = True) -> str:
     if state.st_uid != os.geteuid():
         return f"it belongs to user {state.st_uid}, not to {os.geteuid()}"
     if state.st_mode & 0o022:
-        return f"others can write to it: use chmod 700, or another folder in {VARIABLE}"
+        return f"others can write to it: use chmod 700, or another folder in {CACHE_VARIABLE}"
     return ""
 
 
@@ -279,6 +272,21 @@ def stored(path: Path) -> list[Stored]:
         for name, some in files.items()
     ]
     return sorted(entries, key=lambda entry: entry.used)
+
+
+def described(entry: Stored) -> dict[str, Any]:
+    """Description of an entry for a list: its use, size, and what made its body."""
+    body = next(filter(None, (_read(file, load_body, use=False) for file in entry.files)), None)
+    provenance = {} if body is None else body.provenance
+    return {
+        "name": entry.name,
+        "used": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used)),
+        "size_bytes": entry.size,
+        "method": "damaged" if body is None else body.method,
+        "modes": 0 if body is None else body.modes,
+        "model": provenance.get("model", "").partition(" ")[0],
+        "reduction_time_s": float(provenance.get("reduction_time_s", "0")),
+    }
 
 
 def trim(path: Path, most: int) -> None:
@@ -404,16 +412,20 @@ def without_mesh_error(body: ReducedBody) -> ReducedBody:
     return replace(body, mesh_flexibility=unknown(), accuracy=accuracy)
 
 
-def _read(path: Path, load: Callable[[Path], T]) -> T | None:
-    """Content of a file of the cache; None if it is missing, of somebody else, or damaged."""
+def _read(path: Path, load: Callable[[Path], T], *, use: bool = True) -> T | None:
+    """Content of a file of the cache; None if it is missing, of somebody else, or damaged.
+
+    The date of the file becomes that of its last `use`.
+    """
     try:
         if _fault(path.lstat(), directory=False):
             return None
         content = load(path)
     except (BodyFileError, OSError):
         return None
-    with suppress(OSError):  # a folder that can only be read
-        os.utime(path)
+    if use:
+        with suppress(OSError):  # a folder that can only be read
+            os.utime(path)
     return content
 
 

@@ -34,6 +34,7 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.kept_bodies import Entry
 from fenics_ehd.scenes.needed_bodies import NeededBody
 from fenics_ehd.scenes.part import PROCESSOR_SECONDS, SECONDS, elastic_part, kept_entry
 from fenics_ehd.scenes.run import run_scene
@@ -104,7 +105,7 @@ def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> Reductions:
     """
     comm = MPI.COMM_SELF
     directory.mkdir(parents=True, exist_ok=True)
-    entries = []
+    entries: list[Entry] = []
     for body in bodies:
         settings = body.settings, body.key, body.film_element, body.film_edges
         # Only the intermediate results of the same bodies before give the same bits.
