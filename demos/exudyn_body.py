@@ -2,16 +2,17 @@
 #
 # Exudyn (https://github.com/jgerstmayr/EXUDYN, `pip install exudyn` in an environment of its own)
 # moves a body by a reference frame and modal coordinates, A. Zwoelfer and J. Gerstmayr, Acta
-# Mechanica 232 (2021) 835. Its equations need how the modes couple with rotations about all three
-# axes, which the part's own mass matrix gives: with the fields F (position x, unit translations,
-# modes) and `S_c F = e_c x F` node by node, the matrices `F^T M F`, `F^T M S_c F` and
-# `(S_c F)^T M (S_d F)`. Residual flexibility (M4) has no mass and no place there: take M1 or M3.
+# Mechanica 232 (2021) 835. Its equations contain the coupling of the modes with rotations about all
+# three axes, which is computed from the part's mass matrix M. With fields F (position x, unit
+# translations, modes) and `S_c F = e_c x F` at every node, these are the matrices `F^T M F`,
+# `F^T M S_c F` and `(S_c F)^T M (S_d F)`. Residual patterns (M4) have no mass in these equations:
+# use M1 or M3.
 #
 #     python demos/exudyn_body.py
 #
-# reduces the connecting rod, writes `rod.npz` in the keys that Exudyn's
-# `ObjectFFRFreducedOrderInterface.LoadFromFile` reads, and prints the frequencies of the free rod,
-# by Exudyn and by the reduction.
+# reduces the connecting rod, writes `rod.npz` with the keys that Exudyn's
+# `ObjectFFRFreducedOrderInterface.LoadFromFile` reads, and prints the frequencies of the free rod
+# from Exudyn and from the reduction.
 
 
 from pathlib import Path
@@ -25,12 +26,12 @@ import fenics_ehd as ehd
 from fenics_ehd.reduction.bore import rigid_fields, turned
 from fenics_ehd.reduction.matrices import MassOperator, inner, symmetric
 
-#: Position and unit translations stand before the elastic modes.
+#: Columns of the unit translations, after the position, and of the elastic modes.
 MOVES, MODES = slice(1, 4), slice(4, None)
 
 
 def inertia(structure: ehd.Structure, columns: np.ndarray) -> tuple[np.ndarray, ...]:
-    """``F^T M F``, ``F^T M S_c F`` and ``(S_c F)^T M (S_d F)`` of part-size modes (dofs, n)."""
+    """``F^T M F``, ``F^T M S_c F``, ``(S_c F)^T M (S_d F)`` for modes of all dofs (dofs, n)."""
     mass, comm = MassOperator(structure.mass), structure.comm
     position = structure.coordinates.reshape(-1, 1)
     fields = np.hstack([position, rigid_fields(structure.coordinates)[:, :3], columns])
@@ -42,7 +43,7 @@ def inertia(structure: ehd.Structure, columns: np.ndarray) -> tuple[np.ndarray, 
 
 
 def couplings(structure: ehd.Structure, columns: np.ndarray) -> dict[str, np.ndarray]:
-    """Constant matrices of Exudyn's equations, column ``3 * mode + axis`` of turned modes."""
+    """Constant matrices of Exudyn's equations; rotated modes have the columns 3 * mode + axis."""
     gram, spin, centrifugal = inertia(structure, columns)
     total, n = gram[1, 1], columns.shape[1]
     centre = gram[0, MOVES] / total
@@ -63,7 +64,7 @@ def couplings(structure: ehd.Structure, columns: np.ndarray) -> dict[str, np.nda
 
 
 def export(body: ehd.ReducedBody, structure: ehd.Structure, path: Path) -> Path:
-    """Write a body that kept its basis.
+    """Write a body for Exudyn; the body must have kept its basis.
 
     Mesh nodes for markers are those of the bore, then each boundary point, the mean of its
     surface: it moves with the frame as a node does.
@@ -84,7 +85,7 @@ def export(body: ehd.ReducedBody, structure: ehd.Structure, path: Path) -> Path:
         "fileVersion": 1,
         "type": "ObjectFFRFreducedOrderInterface",
         "rigidBodyNodeType": "NodeType.RotationEulerParameters",
-        # Exudyn looks for a key in it: in a text there is none.
+        # Exudyn searches this entry for a key, which a text does not contain.
         "postProcessingModes": "",
         "infoList": [n, len(nodes), 3, 4, 7, 7 + n],
         "modeBasis": basis.reshape(-1, n),
@@ -99,7 +100,7 @@ def export(body: ehd.ReducedBody, structure: ehd.Structure, path: Path) -> Path:
 
 
 def add_body(mbs: Any, path: Path, **motion: Any) -> dict[str, Any]:
-    """Add the body to an Exudyn system, a ``MainSystem`` that is not yet assembled.
+    """Add the body to an Exudyn system, a ``MainSystem`` that is not assembled yet.
 
     `motion` are arguments of Exudyn's ``AddObjectFFRFreducedOrder``: ``positionRef`` (where the
     bore's centre lies), ``rotationMatrixRef``, ``initialVelocity``, ``initialAngularVelocity``,
@@ -113,7 +114,7 @@ def add_body(mbs: Any, path: Path, **motion: Any) -> dict[str, Any]:
 
 
 def frequencies(path: Path) -> np.ndarray:
-    """Frequencies that Exudyn finds for the free part, six of them zero but for round-off [Hz]."""
+    """Frequencies of the free part from Exudyn [Hz]; six of them are zero except for round-off."""
     import exudyn
     from exudyn.solver import ComputeODE2Eigenvalues
 
@@ -125,13 +126,13 @@ def frequencies(path: Path) -> np.ndarray:
 
 
 def free_frequencies(body: ehd.ReducedBody) -> np.ndarray:
-    """Elastic frequencies of the free part [Hz], rigid motion eliminated."""
+    """Elastic frequencies of the free part [Hz], without rigid motion."""
     share = body.rigid_coupling.T @ np.linalg.solve(body.rigid_mass, body.rigid_coupling)
     return np.sqrt(eigh(body.stiffness, body.mass - share, eigvals_only=True)) / (2 * np.pi)
 
 
 def main() -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies of the rod by Exudyn and by the reduction [Hz]."""
+    """Print the frequencies of the rod [Hz] from Exudyn and from the reduction."""
     from mpi4py import MPI
 
     from fenics_ehd.scenes.part import elastic_part

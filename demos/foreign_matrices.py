@@ -1,6 +1,6 @@
 # # Matrices from another program
 #
-# The reduction asks for K, M, the nodes and the faces of the bore, and does not care who made them.
+# The reduction needs K, M, the nodes and the faces of the bore, from whichever program they come.
 # Here "another program" is forty lines of NumPy: a bearing ring of 8-node hexahedra, written to
 # Matrix Market files. dolfinx is not imported. Run it with
 #
@@ -25,13 +25,13 @@ CORNERS = np.array([(a, b, c) for c, b, a in itertools.product((0, 1), repeat=3)
 
 # ## The other program
 #
-# Nodes lie on cylinders about the z axis, z = 0 in the middle of the bore. Cells are numbered with
-# the radius fastest, so that the corners 0, 2, 4, 6 of the innermost ones are the bore; a 4-node
-# face has its corners in that order too, the first direction fastest.
+# Nodes lie on cylinders about the z axis, with z = 0 in the middle of the bore. Cells are numbered
+# with the radius fastest, so that the corners 0, 2, 4 and 6 of the innermost cells form the bore.
+# The corners of a 4-node face have the same order: the first direction is fastest.
 
 
 def mesh(around: int = 36, along: int = 4, across: int = 3) -> tuple[np.ndarray, ...]:
-    """Nodes (n, 3), cells (c, 8) and bore faces (f, 4)."""
+    """Nodes (n, 3) [m], cells (c, 8) and bore faces (f, 4) of the ring."""
     r, z = np.linspace(RADIUS, OUTER, across + 1), np.linspace(-WIDTH / 2, WIDTH / 2, along + 1)
     angle = 2 * np.pi * np.arange(around) / around
     z, a, r = (x.ravel() for x in np.meshgrid(z, angle, r, indexing="ij"))
@@ -43,7 +43,7 @@ def mesh(around: int = 36, along: int = 4, across: int = 3) -> tuple[np.ndarray,
 
 
 def assemble(nodes: np.ndarray, cells: np.ndarray) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-    """K and M of linear elasticity, degree of freedom ``3 * node + component``."""
+    """Matrices K and M of linear elasticity; dofs are numbered 3 * node + component."""
     mu, lame = YOUNG / (2 * (1 + POISSON)), YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
     size, x = 3 * len(nodes), nodes[cells]
     stiffness, mass = np.zeros((2, len(cells), 24, 24))
@@ -54,7 +54,7 @@ def assemble(nodes: np.ndarray, cells: np.ndarray) -> tuple[sparse.csr_matrix, s
         jacobian = np.einsum("cni,nd->cid", x, local)
         weight = np.abs(np.linalg.det(jacobian))[:, None, None] / 8
         gradient = local @ np.linalg.inv(jacobian)
-        # Strain (a, b) of a unit displacement d of node n, nine components a row.
+        # Strain (a, b) for a unit displacement d of node n, nine components per row.
         strain = np.einsum("cna,bd->cndab", gradient, np.eye(3))
         strain = (0.5 * (strain + np.swapaxes(strain, 3, 4))).reshape(len(cells), 24, 9)
         trace = strain[:, :, ::4].sum(axis=2)
@@ -72,15 +72,15 @@ def assemble(nodes: np.ndarray, cells: np.ndarray) -> tuple[sparse.csr_matrix, s
 
 # ## The reduction
 #
-# `bore_from_faces` integrates the load matrix J (15): nodal forces of nodal pressures. A boundary
-# point is a list of nodes, whose mean moves; here a strip of the outer surface, by which a rod
-# might be pulled. `Structure` takes files as well as SciPy or PETSc matrices, and every method
-# begins with checks of symmetry, definiteness, the six rigid motions and the bore's shape: what is
-# wrong is named.
+# `bore_from_faces` integrates the load matrix J (15), which gives nodal forces from nodal
+# pressures. A boundary point is a list of nodes, of which the mean displacement is a coordinate.
+# Here it is a strip of the outer surface, at which a rod could be joined. `Structure` takes files
+# as well as SciPy or PETSc matrices. Every method first checks symmetry, definiteness, the six
+# rigid motions and the bore's shape, and reports what is wrong.
 
 
 def main() -> tuple[float, float]:
-    """Reduce the ring; first frequency [Hz] of the stored body, and from SciPy and K, M alone."""
+    """Reduce the ring; first frequency [Hz] of the stored body, and from SciPy with K and M."""
     nodes, cells, faces = mesh()
     radius, angle = np.hypot(*nodes[:, :2].T), np.arctan2(nodes[:, 1], nodes[:, 0])
     pin = np.flatnonzero((radius > 0.999 * OUTER) & (np.abs(angle) < 0.3))
@@ -98,15 +98,15 @@ def main() -> tuple[float, float]:
         own = [f for f, of in zip(body.frequencies, body.kinds, strict=True) if of == kind]
         print(f"{len(own):3d} {kind:9s} {min(own):8.0f} to {max(own):8.0f} Hz")
 
-    # SciPy on the same matrices: six rigid motions, then the first elastic one.
+    # SciPy on the same matrices: six rigid motions, then the first elastic mode.
     squares = eigsh(k, 8, m, sigma=-((2 * np.pi * 500) ** 2), return_eigenvectors=False)
     expected = float(np.sqrt(np.sort(squares)[6]) / (2 * np.pi))
     print(f"first frequency {body.frequencies[0]:.3f} Hz, by SciPy {expected:.3f} Hz")
     return float(body.frequencies[0]), expected
 
 
-# From here on the body is one like any other: `body.bore_basis` is the motion of the bore, and
-# `fenics-ehd run slider-crank --body FILE` takes a rod with a point called `pin`.
+# From here on the body is like any other: `body.bore_basis` has the displacements of the bore, and
+# `fenics-ehd run slider-crank --body FILE` accepts a rod with a point named `pin`.
 
 if __name__ == "__main__":
     main()

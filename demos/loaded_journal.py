@@ -1,8 +1,8 @@
 # # The main bearing of an engine
 #
-# A rigid shaft in a rigid bearing, under a load that repeats with every working cycle: how near
-# does it come to the wall? The shaft's mass is small against the load W(t), so the film's force
-# and the load balance at every instant,
+# A rigid shaft runs in a rigid bearing, under a load that repeats with every working cycle: how
+# close does the shaft come to the bore? The shaft's mass is small, so the force of the film
+# balances the load W(t) at every instant,
 #
 #     F(e, e') + W(t) = 0,    F = - int p n dA,
 #
@@ -26,12 +26,12 @@ SPEED = 300.0  # rad/s
 
 # ## The mechanism
 #
-# The load is that of a single-cylinder four-stroke engine at 300 rad/s: a file of
-# `time_s,Fx_N,Fy_N`. The film has 20 x 5 cells with 9 nodes, the journal no mass.
+# The load is that of a single-cylinder four-stroke engine at 300 rad/s, from a file with the
+# columns `time_s,Fx_N,Fy_N`. The film has 20 x 5 cells with 9 nodes; the journal has no mass.
 
 
 def mechanism(load: str | Path) -> tuple[ehd.Mechanism, float]:
-    """A journal under a load, and the period [s]."""
+    """Mechanism of a journal under a load from a file, and the period of the load [s]."""
     grid = ehd.uniform_grid(radius=0.025, width=0.02, cells=(20, 5))
     film = ehd.Film(
         ehd.FilmParameters(grid, clearance=25e-6, lubricant=ehd.Lubricant(0.01), rate=SPEED)
@@ -51,14 +51,14 @@ def mechanism(load: str | Path) -> tuple[ehd.Mechanism, float]:
 
 # ## The periodic orbit
 #
-# What an engine bearing does, cycle after cycle, is the solution with `e(T) = e(0)`. Cycle after
-# cycle is integrated until no film changes from one to the next: a journal without mass hardly
-# remembers one stroke, so that two or three are enough. The steps of two cycles are not the same:
-# their films differ by about the tolerance, and a cycle repeats if it differs by no more.
+# In operation, cycle after cycle, the bearing follows the solution with `e(T) = e(0)`. Cycles are
+# integrated until no film changes from one to the next. A journal without mass forgets its start
+# within a stroke, so that two or three cycles are enough. The steps of two cycles differ, so their
+# films differ by about the tolerance; a cycle counts as periodic if it differs by no more.
 
 
 def main(load: str | Path = LOAD, tolerance: float = 1e-4) -> ehd.History:
-    """Find the orbit and print what a designer asks for first."""
+    """Compute the periodic orbit and print its main results."""
     journal, period = mechanism(load)
     result = ehd.simulate(
         journal, period=period, periodicity=5 * tolerance, tolerance=tolerance, order=2, first=1e-6

@@ -1,11 +1,11 @@
 # # A rigid bearing
 #
-# Shaft and bore are rigid, the load is constant: where does the shaft run, and does it run quietly?
+# Shaft and bore are rigid, and the load is constant: where does the shaft run, and is it stable?
 # The pressure solves Reynolds' equation with cavitation on 9-node elements,
 #
 #     div(h^3 / (12 eta) grad p) = U/2 dh/dx + dh/dt,    p >= 0,
 #
-# and a bearing much shorter than its diameter has a solution by hand, Ocvirk's, to check it with.
+# and a bearing much shorter than its diameter has an analytical solution by Ocvirk to compare with.
 # Run it with
 #
 #     python demos/rigid_bearing.py
@@ -27,7 +27,7 @@ from fenics_ehd.analysis.bearing import BearingResult
 
 
 def operating_point(load: float) -> BearingResult:
-    """The default bearing under a load [N]."""
+    """Print the operating point of the default bearing under a load [N]."""
     found = ehd.solve_bearing(ehd.BearingSettings(), load=load, with_coefficients=True)
     print(f"load {1e-3 * load:g} kN: eccentricity {found.eccentricity_ratio:.4f} of the clearance,")
     print(f"  attitude {np.degrees(found.attitude):.2f} degrees,")
@@ -39,16 +39,16 @@ def operating_point(load: float) -> BearingResult:
 
 # ## Coefficients
 #
-# For small motions about that point the film is a spring and a damper, x along the load:
+# For small motions about this point the film acts as a spring and a damper, with x along the load:
 #
 #     dF = -k dx - b dx'
 #
-# k is not symmetric. That is what makes a lightly loaded shaft whirl: above a certain mass, the
+# k is not symmetric, which makes a lightly loaded shaft whirl: above a certain mass, the
 # film drives a rigid rotor into an orbit at about half the shaft's speed.
 
 
 def coefficients(found: BearingResult) -> None:
-    """Print stiffness, damping and the threshold of whirl."""
+    """Print stiffness, damping and the stability threshold."""
     c = found.coefficients
     assert c is not None
     for name, matrix, unit in (("k", c.stiffness, "MN/m"), ("b", 1e3 * c.damping, "kN s/m")):
@@ -62,15 +62,15 @@ def coefficients(found: BearingResult) -> None:
 
 # ## Short-bearing theory
 #
-# Without the flow along the circumference the pressure is a parabola over the width. With its
-# negative half cut off, load and attitude are
+# Without flow along the circumference the pressure is a parabola over the width. If its negative
+# half is set to zero, load and attitude are
 #
 #     W = eta omega R B^3 / (4 c^2) eps / (1 - eps^2)^2 sqrt(16 eps^2 + pi^2 (1 - eps^2))
 #     tan(attitude) = pi / 4 sqrt(1 - eps^2) / eps
 
 
 def ocvirk(settings: ehd.BearingSettings, eps: float) -> tuple[float, float]:
-    """Load [N] and attitude [rad] of a short bearing at an eccentricity ratio."""
+    """Ocvirk's load [N] and attitude [rad] of a short bearing at an eccentricity ratio."""
     s, rest = settings, 1 - eps**2
     scale = s.viscosity * s.speed * s.radius * s.width**3 / (4 * s.clearance**2)
     load = scale * eps / rest**2 * np.sqrt(16 * eps**2 + np.pi**2 * rest)
@@ -78,7 +78,7 @@ def ocvirk(settings: ehd.BearingSettings, eps: float) -> tuple[float, float]:
 
 
 def shorter_and_shorter(eps: float = 0.5) -> float:
-    """Load over Ocvirk's for shorter and shorter bearings; that of the shortest."""
+    """Print the load over Ocvirk's for ever shorter bearings; returns that of the shortest."""
     print(f"width / diameter, load / Ocvirk's, attitude - Ocvirk's, at eccentricity {eps:g}:")
     ratio = np.nan
     for slenderness in (1.0, 0.5, 0.25, 0.1, 0.05):
@@ -92,12 +92,12 @@ def shorter_and_shorter(eps: float = 0.5) -> float:
     return ratio
 
 
-# The theory promises 1.7 times the load of a bearing as wide as its diameter, and is right to a
-# third of a percent at a twentieth of that.
+# The theory gives 1.7 times the load for a bearing as wide as its diameter, and has an error of a
+# third of a percent for a twentieth of this width.
 
 
 def main() -> float:
-    """The whole story; returns the load over Ocvirk's of the shortest bearing."""
+    """Run all parts; returns the load over Ocvirk's of the shortest bearing."""
     for load in (5e3, 200.0):
         coefficients(operating_point(load))
     return shorter_and_shorter()

@@ -1,9 +1,9 @@
 # # A rotor in a flexible housing
 #
-# An elastic shaft of one metre turns at 600 rad/s. Half way it runs in a lubricated bearing,
-# whose housing is elastic too; at three quarters of its length a force of 3.6 kN turns with it.
-# Section 5 of Krinner and Rixen. The shaft bends, so it tilts in the bearing, and the film is
-# thinnest at an edge. Run it with
+# An elastic shaft of one metre turns at 600 rad/s. At its middle it runs in a lubricated bearing,
+# whose housing is elastic as well. At three quarters of its length a force of 3.6 kN rotates with
+# it. This is section 5 of Krinner and Rixen. The shaft bends and tilts in the bearing, so the film
+# is thinnest at an edge. Run it with
 #
 #     python demos/rotor.py [revolutions]
 
@@ -21,12 +21,12 @@ STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 
 # ## The shaft
 #
-# Twenty Bernoulli beam elements on end springs with a disk half way, reduced to their 20 lowest
-# modes, ten in either plane, with the bearing empty.
+# Twenty Bernoulli beam elements on end springs, with a disk in the middle, are reduced to the 20
+# lowest modes of the shaft without its bearing, ten in each plane.
 
 
 def shaft() -> ehd.ShaftBody:
-    """The paper's shaft; bearing and force at shares of its length."""
+    """The paper's shaft; bearing and force are given by shares of its length."""
     found = ehd.ShaftBody(
         length=1.0,
         diameter=0.045,
@@ -46,12 +46,13 @@ def shaft() -> ehd.ShaftBody:
 
 # ## The housing
 #
-# A ring on a web and a foot, held at the foot: no rigid modes, the same code as for a rod. M4 keeps
-# ten modes; the remaining flexibility of the bore follows the pressure at once.
+# The housing is a ring on a web and a foot, clamped at the foot. It has no rigid modes, but the
+# code is that of a rod. M4 keeps ten modes and follows the film pressure by the remaining
+# flexibility.
 
 
 def housing() -> ehd.ReducedBody:
-    """Mesh, assemble, hold, reduce."""
+    """Mesh, assemble and reduce the clamped housing."""
     mesh = ehd.build_mesh(ehd.model_path("housing"), comm=MPI.COMM_SELF)
     structure = ehd.assemble_structure(mesh, STEEL, attachments=(), clamped="foot")
     body = ehd.residual_flexibility(structure, 10, centrifugal=False)
@@ -61,12 +62,12 @@ def housing() -> ehd.ReducedBody:
 
 # ## From rest
 #
-# The force is there at once, and the shaft swings out. The tolerance is a hundred times the
-# default, to be quick: what rings after the sudden start is damped by it.
+# The force acts from the start, and the shaft swings out. The tolerance is a hundred times the
+# default, which makes the run fast but damps the vibration after the sudden start.
 
 
 def main(revolutions: float = 0.25) -> ehd.History:
-    """Run, and say where the film is thinnest."""
+    """Run the rotor, and print where the film is thinnest."""
     part = housing()
     grid = ehd.film_grid(part.pressure_nodes)
     film = ehd.Film(

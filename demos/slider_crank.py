@@ -1,8 +1,8 @@
 # # The slider-crank
 #
-# A crank turns at 500 rad/s and drives a piston through a connecting rod whose big end runs in
-# oil. The rod is elastic: its bore opens under the film's pressure, and the film answers. This is
-# section 4 of Krinner and Rixen, from Python; every object of the way is at hand. Run it with
+# A crank turns at 500 rad/s and drives a piston through a connecting rod with a lubricated big end.
+# The rod is elastic: its bore widens under the pressure of the film, which changes the film. This
+# is section 4 of Krinner and Rixen in Python, with every object at hand. Run it with
 #
 #     python demos/slider_crank.py [revolutions]
 
@@ -22,13 +22,12 @@ STEEL = ehd.Material(youngs_modulus=210e9, poissons_ratio=0.3, density=7850.0)
 #
 # Gmsh meshes the rod (600 hexahedra with 20 nodes), dolfinx assembles K and M, and the
 # load-dependent method M3 keeps 6 vibration modes, 2 attachment modes at the piston's pin and 31
-# residual modes that follow the pressures of short and long bearings. The body that comes back
-# holds no array of the size of the part any more; its inventory lists the modes kept, and their
-# frequencies.
+# residual modes that follow the pressures of short and long bearings. The reduced body has no array
+# of the part's size; its inventory lists the modes that were kept, and their frequencies.
 
 
 def reduce() -> ehd.ReducedBody:
-    """Mesh, assemble, reduce."""
+    """Mesh, assemble and reduce the connecting rod."""
     structure = ehd.assemble_structure(
         ehd.build_mesh(ehd.model_path("conrod"), comm=MPI.COMM_SELF), STEEL
     )
@@ -42,12 +41,12 @@ def reduce() -> ehd.ReducedBody:
 
 # ## The mechanism
 #
-# Bodies with their points, joints between points, a drive on a body's angle. Positions are rough:
-# assembly closes the joints. The film has the cells of the rod's bore.
+# The mechanism has bodies with their points, joints between points, and a drive for a body's angle.
+# Positions are approximate: assembly closes the joints. The film has the cells of the rod's bore.
 
 
 def mechanism(rod: ehd.ReducedBody) -> ehd.Mechanism:
-    """The paper's machine."""
+    """Mechanism of the paper."""
     grid = ehd.film_grid(rod.pressure_nodes)
     film = ehd.Film(
         ehd.FilmParameters(grid, clearance=17e-6, lubricant=ehd.Lubricant(0.01), rate=SPEED)
@@ -70,16 +69,16 @@ def mechanism(rod: ehd.ReducedBody) -> ehd.Mechanism:
 
 # ## Online: one revolution
 #
-# Every step solves the film's pressures and all coordinates together. The shaft starts in the
-# middle of the bore; the film builds up within the first tenth of a millisecond, which takes steps
-# of 10 ns, later they are a hundred thousand times longer.
+# Every step solves for the film pressures and all coordinates together. The shaft starts in the
+# middle of the bore. The film builds up within the first tenth of a millisecond, in steps of 10 ns;
+# later steps are a hundred thousand times longer.
 #
-# Is the run trustworthy? The energy that drive, oil and structure exchange must add up. (The
-# command line prints more: the error of the gap by the reduction, and a verdict.)
+# Is the run trustworthy? The energies that drive, oil and structure exchange must balance.
+# (The command line also prints the error of the gap by the reduction, and a verdict.)
 
 
 def main(revolutions: float = 1.0) -> ehd.History:
-    """The whole way."""
+    """Reduce the rod, run the mechanism, and print the results."""
     end = revolutions * 2 * np.pi / SPEED
     result = ehd.simulate(mechanism(reduce()), end, largest=0.02 / revolutions)
     film = result.joints["big_end"]

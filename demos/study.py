@@ -1,14 +1,13 @@
 # # The error of each method against its time
 #
-# Which reduction method, and how many modes? A study runs one machine with each of them, measures
-# the curves of peak pressure and thinnest film against those of the full interface, and compares
-# run time and error. `fenics-ehd study slider-crank-paper` is the large one; this is the
-# smallest that still shows a difference: four methods over the first degrees of a revolution. Run
-# it with
+# Which reduction method is best, and with how many modes? A study runs one machine with each of
+# them. It compares run times, and errors of peak pressure and thinnest film relative to the full
+# interface. `fenics-ehd study slider-crank-paper` is the large study. This is the smallest one that
+# still shows a difference: four methods over the first degrees of a revolution. Run it with
 #
 #     python demos/study.py [FOLDER]
 #
-# A second call with the same folder runs nothing that is there already.
+# A second call with the same folder runs only what is missing.
 
 # +
 import sys
@@ -23,13 +22,13 @@ from fenics_ehd.study.pool import open_pool
 
 # ## What to run
 #
-# A variant is a name and the settings that make it: M1 and M2 get as many modes as M3 has
-# vibration and residual modes together. The reference keeps the response to every nodal pressure,
-# never the method that is judged, and takes finer steps. Its own errors are measured too: with
-# other steps, another film mesh, fewer vibration modes. Nothing below them means anything.
+# A variant is a name and settings: M1 and M2 get as many modes as M3 has vibration and residual
+# modes together. The reference keeps the response to every nodal pressure, which is none of the
+# compared methods, and takes finer steps. Its own errors are measured too: with other steps,
+# another film mesh, and fewer vibration modes. Errors below them have no meaning.
 #
-# The rod is a coarse one, 10 x 3 cells around the bore. Its film mesh is some percent off in
-# pressure, but all methods share that, and they are only compared with one another.
+# The rod is coarse, with 10 x 3 cells around the bore. Its film mesh has errors of some percent in
+# pressure, but these are common to all methods, which are compared only with one another.
 
 SCOPE = Scope(
     settings={
@@ -54,19 +53,19 @@ SCOPE = Scope(
 
 
 def plan() -> Study:
-    """The study of the paper's slider-crank with this scope."""
+    """Study of the paper's slider-crank with this scope."""
     return make_study("slider-crank-paper", scope=SCOPE, start=2e-4)
 
 
 # ## Run it
 #
-# Bodies first, of a part that is factorised once, then the runs, over as many processes as wanted.
-# Every run has its folder in `FOLDER/runs`, and `FOLDER/table.csv` is written again whenever one
-# ends.
+# First the bodies of the part are reduced, with one factorisation. Then the cases run, in any
+# number of processes. Every case has its folder in `FOLDER/runs`, and `FOLDER/table.csv` is
+# rewritten whenever one ends.
 
 
 def run(folder: Path, workers: int = 1) -> list[dict[str, Any]]:
-    """Rows of the table."""
+    """Run the study; rows of its table."""
     study = plan()
     with open_pool(workers) as pool, StudyFolder(folder, study) as place:
         return run_study(place, pool)
@@ -74,12 +73,12 @@ def run(folder: Path, workers: int = 1) -> list[dict[str, Any]]:
 
 # ## Read it
 #
-# With the same number of modes M3 comes several times nearer to the full interface than M1 and
-# M2, and M4 needs nine of them to be as near as the steps allow.
+# With the same number of modes, M3 is several times closer to the full interface than M1 and M2. M4
+# needs nine modes for the accuracy that the steps allow.
 
 
 def main(folder: str | Path = "results/demo-study") -> dict[str, dict[str, Any]]:
-    """Run, and print errors and times."""
+    """Run the study, and print errors and times."""
     rows = {row["run"]: row for row in run(Path(folder)) if row["group"] == "methods"}
     print(f"{'':28}{'modes':>6}{'pressure':>10}{'film':>9}{'run':>8}")
     for name, row in rows.items():

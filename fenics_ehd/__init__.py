@@ -26,7 +26,6 @@ __version__ = "0.4.0.dev0"
 
 #: Public names by the module that defines them.
 _NAMES = {
-    "analysis.bearing": ("bearing", "solve_bearing"),
     "analysis.bearing_settings": ("BearingSettings",),
     "analysis.equilibrium": ("equilibrium", "linearise"),
     "analysis.error_budget": ("error_budget",),
@@ -68,6 +67,7 @@ _NAMES = {
     "reduction.reductor": ("Reductor",),
     "reduction.residual_completion": ("residual_flexibility",),
     "reduction.structure": ("Structure",),
+    "scenes.bearing": ("bearing", "solve_bearing"),
     "scenes.build": ("Machine", "build"),
     "scenes.run": ("run",),
     "scenes.scene": ("Scene", "read_scene"),
@@ -79,6 +79,11 @@ _FORMER: dict[str, str] = {}
 _public = lazily(__name__, _NAMES, _FORMER)
 
 __all__ = ["__version__", "errors", *(name for names in _NAMES.values() for name in names)]
+
+
+def __dir__() -> list[str]:
+    """Names of the module, among them the public names whose modules are not imported yet."""
+    return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> Any:

@@ -43,6 +43,7 @@ LONGEST = (
     "test_readme.py", "test_cycle_sensitivity.py", "test_joint_heat.py", "test_own_parts.py",
     "test_held_run.py", "test_parallel_parts.py", "test_working_directory.py", "test_accuracy.py",
     "test_conserved_oil.py", "test_error_budget.py", "test_golden.py", "test_resume.py",
+    "test_study.py", "test_frames.py", "test_ranks.py", "test_bearing.py", "test_cli.py",
 )  # fmt: skip
 
 

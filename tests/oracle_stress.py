@@ -70,7 +70,7 @@ class StaticRod:
             # Where the film's integrals have the pressure push, on any mesh.
             area = sparse.csr_matrix(film.film.film.pressure_areas)
             pressing = area @ step.solution.films[0].pressure
-            on_bore = (film.film.bore.normal.T @ pressing).reshape(-1, 3)
+            on_bore = (film.film.surfaces[0].maps.normal.T @ pressing).reshape(-1, 3)
         load = np.zeros((len(structure.coordinates), 3))
         load[structure.bore.nodes] = on_bore
         load = load.ravel()

@@ -154,8 +154,8 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
     given = request.getfixturevalue(name)
     bodies, bearings = drawn(given, scale)
     for place in given.run.system.films:
-        bearing, nodes = bearings[place.name], given.shapes[place.bore_body].nodes
-        bore = given.run.part(place.bore_body).bores[place.bore]
+        bearing, nodes = bearings[place.name], given.shapes[place.surfaces[0].body].nodes
+        bore = given.run.part(place.surfaces[0].body).bores[place.surfaces[0].point]
         from_centre = nodes - bore.centre
         edge = np.flatnonzero(np.isclose(np.hypot(*from_centre[:, :2].T), bore.radius))
         x, y, z = from_centre[edge].T
@@ -166,7 +166,7 @@ def test_the_drawn_gap_is_the_enlarged_film(name, scale, request):
             # The journal is drawn where it is at half the bore's width.
             tilt = given.run.motion.coordinates[:, place.xi[2:4]]
             expected = expected + scale * tilt @ (np.stack([-np.sin(angle), np.cos(angle)]) * z)
-        body = bodies[place.bore_body]
+        body = bodies[place.surfaces[0].body]
         local = (body.nodes - body.pose[:, None, :2]) @ body.turns
         part = local[:, edge] - bore.centre[:2]
         between = part - bearing.offset[:, None]
@@ -488,7 +488,7 @@ def test_one_file_opens_all_bodies_and_films_where_the_motion_has_them(machine, 
             np.testing.assert_allclose(block.point_data["pressure_Pa"], film.pressure[step])
             np.testing.assert_allclose(block.point_data["gap_m"], film.gap[step])
             # Its circle is that of the bore: the journal's place less the eccentricity.
-            turn = rotation(run.marker(place.bore_body, "")[step, 2])
+            turn = rotation(run.marker(place.surfaces[0].body, "")[step, 2])
             centre = 0.5 * (block.points.max(axis=0) + block.points.min(axis=0))[:2]
             journal, _, point = place.joint.journal.partition(".")
             away = turn @ result.joints[place.name].eccentricity[step]

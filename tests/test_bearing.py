@@ -13,6 +13,8 @@ import pytest
 import fenics_ehd as ehd
 from fenics_ehd.analysis.equilibrium import stability
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.scenes.bearing import bearing_scene
+from fenics_ehd.scenes.schema import ConstantForceSettings
 
 R, C, ETA, OMEGA = 0.0225, 0.0225e-5, 0.01, 500.0
 PLAIN = ehd.BearingSettings(radius=R, clearance=C, width=2 * R, viscosity=ETA, speed=OMEGA)
@@ -377,3 +379,24 @@ def test_the_small_coefficient_of_a_plain_bearing_does_not_feel_its_mesh():
     small = [linear.stiffness[1, 0] for linear in found]
     assert small[0] == pytest.approx(small[1], rel=0.04)
     assert found[0].whirl_ratio == pytest.approx(found[1].whirl_ratio, rel=2e-3)
+
+
+def test_a_bearing_is_the_equilibrium_of_its_scene():
+    """The same scene as any machine's, with equal cells and the journal at a rough position."""
+    settings = ehd.BearingSettings(grooves=(ehd.AxialGroove(np.radians(80.0), 0.2, 1e5),))
+    graded = ehd.solve_bearing(settings, load=3e3)
+    scene = bearing_scene(settings, angle=0.0)
+    film = attrs.evolve(scene.joints["film"], cells=(96, 12))
+    shaft = ehd.MasslessBody(position=(5e-6, 5e-6))
+    machine = ehd.build(
+        attrs.evolve(
+            scene,
+            bodies={**scene.bodies, "shaft": shaft},
+            joints={**scene.joints, "film": film},
+            forces={"load": ConstantForceSettings(point="shaft", force=(3e3, 0.0))},
+        )
+    )
+    rest = ehd.equilibrium(machine.mechanism)
+    position = rest.z[rest.system.bodies["shaft"]][:2]
+    assert position == pytest.approx(graded.position, rel=2e-3)
+    assert rest.joints()["film"].pressure.max() == pytest.approx(graded.max_pressure, rel=2e-3)

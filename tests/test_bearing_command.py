@@ -11,7 +11,7 @@ import pytest
 from command_line import exit_of
 
 import fenics_ehd as ehd
-import fenics_ehd.analysis.bearing
+import fenics_ehd.scenes.bearing
 from fenics_ehd.base.files import keeping_failed_film
 
 PROMISED = {
@@ -142,7 +142,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--cells", "9999x999"], "at most 100000"),
         (
             ["--load", 5, "--groove", 0, 400, 0],
-            "groove 400 degrees wide: it must lie in",
+            "a groove is 400 degrees wide: its width must be at least 0",
         ),
         (
             ["--load", 5, "--groove", 0, 10, -1],
@@ -250,7 +250,7 @@ def test_failed_film_is_kept(call, tmp_path, monkeypatch):
         )
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(fenics_ehd.analysis.bearing, "solve_bearing", fail)
+    monkeypatch.setattr(fenics_ehd.scenes.bearing, "solve_bearing", fail)
     status, _, err = call("--eccentricity", 0.5)
     assert status == 1
     assert "no solution; the film is saved in failed_film.h5" in err

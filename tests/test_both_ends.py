@@ -16,7 +16,7 @@ from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
-from fenics_ehd.multibody.static_correction import BoreResponses
+from fenics_ehd.multibody.static_correction import PatternResponses
 from fenics_ehd.multibody.trust import surface_loads
 from fenics_ehd.plotting.animated_bodies import shape_of_bores
 from fenics_ehd.reduction.fixed_interface_modes import two_step_craig_bampton
@@ -144,7 +144,7 @@ def test_two_rods_answer_their_films_as_each_alone():
     def answers(names, *moving):
         machine = {"journal": ehd.RigidBody(1.0), **{name: rods[name] for name in moving}}
         system = System(ehd.Mechanism(machine, {name: joints[name] for name in names}))
-        responses, past, pressures, forces = BoreResponses(system), np.zeros(2000), [], []
+        responses, past, pressures, forces = PatternResponses(system), np.zeros(2000), [], []
         for name in moving:
             past[responses.of_body(name)] = 1e9 * np.cos(np.arange(body.residual.rank) + len(name))
         for place in system.films:
@@ -210,19 +210,19 @@ def test_what_presses_in_one_bore_moves_the_other(pin_cells, transfer, limit):
     responses = run.equations.responses
     responses.begin(SimpleNamespace(shift=0.0, past_x=run.state.x[0]))
     places = run.equations.system.films
-    assert [place.bore for place in places] == ["bore", "pin"]
+    assert [place.surfaces[0].point for place in places] == ["bore", "pin"]
     for i, j in ((0, 1), (1, 0)):
         pressures = [np.zeros(p.film.film.assembly.size) for p in places]
         angle = places[j].film.film.parameters.grid.node_positions[:, 0]
         pressures[j] = 1e7 * (1.0 + np.cos(angle))
         load = np.zeros(body.load_projection.shape[1])
-        own = body.rows_of(places[j].bore).pressures
-        load[own] = places[j].film.bore.structure_pressure(pressures[j])
+        own = body.rows_of(places[j].surfaces[0].point).pressures
+        load[own] = places[j].film.surfaces[0].maps.structure_pressure(pressures[j])
         moved = responses.gap_change_from_pressure(pressures)[responses.points[i]]
         residual = body.residual
-        nodes = body.rows_of(places[i].bore).nodes
+        nodes = body.rows_of(places[i].surfaces[0].point).nodes
         expected = residual.displacement[nodes] @ (residual.patterns @ load)
-        reading = places[i].film.bore.normal
+        reading = places[i].film.surfaces[0].maps.normal
         assert np.abs(moved).max() > 1e-10
         difference = np.abs(moved - reading @ expected.ravel()).max()
         assert difference < limit * np.abs(moved).max()
@@ -242,8 +242,10 @@ def test_the_error_estimate_of_each_bore_knows_the_pressures_in_both():
     loads = surface_loads(run.equations.system, pressures, step.x)["rod"]
     assert len(loads) == missing.shape[1]
     for place, film in zip(run.equations.system.films, step.solution.films, strict=True):
-        own = loads[body_of("m3").rows_of(place.bore).pressures]
-        np.testing.assert_array_equal(own, place.film.bore.structure_pressure(film.pressure))
+        bore = place.surfaces[0]
+        own = loads[body_of("m3").rows_of(bore.point).pressures]
+        expected = bore.surface.maps.structure_pressure(film.pressure)
+        np.testing.assert_array_equal(own, expected)
 
 
 def test_a_recorded_run_has_gaps_and_pressures_of_both_bores():

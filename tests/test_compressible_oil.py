@@ -43,6 +43,7 @@ def squeezed(cells, steps, amplitude=0.3, speed=100.0, supply=4e8, clearance=3e-
     return max(errors) / supply, state
 
 
+@pytest.mark.slow
 def test_a_squeezed_film_is_that_of_finite_volumes(figure):
     errors = []
     for cells, steps in ((16, 40), (64, 160)):

@@ -88,7 +88,7 @@ def test_a_run_does_not_step_through_the_bore():
 @pytest.mark.parametrize(
     ("share", "clearance", "limit", "reason"),
     [
-        (0.01, 200e-6, 0.2e-6, "the least film of surfaces without a roughness"),
+        (0.01, 200e-6, 0.2e-6, "the smallest film of surfaces without a roughness"),
         (0.01, 17e-6, 0.17e-6, "joints.pin.smallest_film of the clearance"),
         (1e-4, 200e-6, 0.02e-6, "joints.pin.smallest_film of the clearance"),
         (0.6, 17e-6, 10.2e-6, "joints.pin.smallest_film of the clearance"),

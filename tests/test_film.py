@@ -82,6 +82,7 @@ def test_warm_start_gives_the_cold_pressure_at_once(family, cells):
     np.testing.assert_array_equal(warm.cavitation.full_film, cold.cavitation.full_film)
 
 
+@pytest.mark.slow
 def test_steep_gap_gives_the_same_load_on_two_meshes():
     loads = []
     for cells in ((160, 24), (320, 32)):

@@ -155,6 +155,7 @@ def test_the_machine_puts_in_what_its_films_dissipate(name, figure):
     figure("friction", f"energy put into the machine, {name}, over exchanged", tight, most=1e-4)
 
 
+@pytest.mark.slow
 def test_means_over_a_cycle_balance():
     period = 2 * np.pi / OMEGA
     loaded, _ = journal(make_film((12, 2)), ellipse(0.2, 0.5, 2), period, friction=True)

@@ -186,7 +186,7 @@ def test_cycle_and_temperature_are_those_of_an_outer_search(figure):
         carried = OIL.density(temperature) * 2000.0 * found["mean_leaving_flow_m3_per_s"]
         return SUPPLY + 0.5 * found["mean_dissipated_power_W"] / carried - temperature
 
-    expected = brentq(excess, 90.0, 110.0, xtol=1e-3)
+    expected = brentq(excess, 90.0, 110.0, xtol=0.01)
     found = periodic_run(crank(ehd.Heat(supply_temperature=SUPPLY, tolerance=0.01)))
     off = abs(found.figures["big_end"]["effective_temperature_C"] - expected)
     figure("heat", "slider-crank: effective temperature from an outer search", off, most=0.05,

@@ -102,7 +102,7 @@ def test_rods_have_what_they_answer_by_alone():
     assert rigid.system.n == 11
     assert film.thickness.shape[1] == 2
     # The bore has the film's mesh.
-    assert film.bore._mortar is None
+    assert film.surfaces[0].maps._mortar is None
 
 
 def test_a_machine_without_friction_computes_none(monkeypatch):

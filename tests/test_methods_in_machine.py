@@ -120,7 +120,7 @@ def recorded(mechanism, end, folder):
     """Leave the history of a run; its pressures on the nodes of the bore, shape (k, steps)."""
     history = ehd.simulate(mechanism, end)
     history.save(folder)
-    bore = System(mechanism).films[0].film.bore
+    bore = System(mechanism).films[0].film.surfaces[0].maps
     pressures = history.pressures["big_end"]
     return np.column_stack([bore.structure_pressure(p) for p in pressures])
 

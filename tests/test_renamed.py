@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
+import fenics_ehd as ehd
 from fenics_ehd.base.lazy import lazily
 from fenics_ehd.base.renamed import renamed_arguments, renamed_attributes
 
@@ -58,6 +59,18 @@ def test_former_arguments_are_accepted_by_functions_and_constructors():
         assert Body(lift=3.7, mass=2.0) == Body(3.7, 2.0)
     with pytest.raises(TypeError, match="binding and its former name place"):
         bind(binding="bore", place="hole")
+
+
+def test_a_body_may_be_written_with_the_former_parameter():
+    with pytest.warns(DeprecationWarning, match=r"Old\.balance\(lift=\) is now") as notes:
+
+        class Old(ehd.MasslessBody):
+            def balance(self, coordinates, rates, accelerations, *, lift):
+                return lift
+
+    assert notes[0].filename == __file__
+    assert Old({}).balance(0, 0, 0, minus_gravity=9.81) == 9.81
+    assert Old({}).balance(0, 0, 0, lift=9.81) == 9.81
 
 
 def test_present_names_do_not_warn():

@@ -395,7 +395,7 @@ OF_A_LINKAGE = [
     ({f"{JOURNAL}.radius": None}, "joints.rocker_end.radius is missing: that of a rigid bore"),
     ({f"{JOURNAL}.clearance": 2e-3}, "rocker_end.clearance = 0.002 m must be"),
     ({f"{JOURNAL}.clearance": 20e-9}, "at least 1e-05 and below 0.1 of the bore radius"),
-    ({f"{JOURNAL}.eccentricity": [0.8, 0.8]}, "lies on the bore or beyond"),
+    ({f"{JOURNAL}.eccentricity": [0.8, 0.8]}, "would touch or penetrate the bore"),
     ({f"{JOURNAL}.grooves": [[90, 1e9, 3e5]]}, "joints.rocker_end.grooves: .*degrees wide"),
     ({f"{JOURNAL}.grooves": [[90, 1e-3, 3e5]]}, "rocker_end.grooves: .*cannot resolve groove"),
     # times
@@ -487,7 +487,9 @@ def test_both_bores_of_the_rod_are_elastic():
     coarse = {f"bodies.rod.geometry.{key}": number for key, number in geometry.items()}
     built = made(BOTH_ENDS, coarse)
     films = {place.name: place for place in System(built.mechanism).films}
-    assert {place.bore for place in films.values()} == {"bore", "pin"}
+    bores = [place.surfaces[0] for place in films.values()]
+    assert all(bore.surface.elastic for bore in bores)
+    assert {bore.point for bore in bores} == {"bore", "pin"}
     cells = [len(films[n].film.film.parameters.grid.cell_nodes) for n in ("big_end", "small_end")]
     assert cells == [10, 8]
     assert built.bodies["rod"].residual.rank > 100
@@ -499,8 +501,8 @@ def test_a_bore_that_is_not_listed_is_rigid(reduced_at_once):
         made(BOTH_ENDS, alone)
     size = {"joints.small_end.radius": 0.012, "joints.small_end.width": 0.022}
     built = made(BOTH_ENDS, alone | size, "rigid")
-    bores = {place.name: place.bore for place in System(built.mechanism).films}
-    assert bores == {"big_end": "bore", "small_end": ""}
+    elastic = {place.name: place.film.elastic for place in System(built.mechanism).films}
+    assert elastic == {"big_end": True, "small_end": False}
 
 
 @pytest.mark.parametrize(

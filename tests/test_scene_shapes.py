@@ -69,7 +69,7 @@ def covering_table(path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (rows((0, 90, 180), (-11, 11), oval), "3 angles: at least 4"),
+        (rows((0, 90, 180), (-11, 11), oval), "3 angles: give at least 4"),
         (rows((0, 90, 180, 270), (-11, 11), oval) + "\n90,-11,1", "one row for every angle"),
         (rows((0, 90, 180, 270), (-11, 5), oval), "must cover the bearing's width"),
         (rows((0, 90, 180, 270, 380), (0,), oval), "span 380 deg"),

@@ -154,6 +154,7 @@ def ring_at_its_bore(path, n):
     return np.abs(hoop - 5 / 3).max()
 
 
+@pytest.mark.slow
 def test_hoop_stress_at_the_bore_of_a_ring_converges_to_that_of_lame(tmp_path, figure):
     """p (b^2 + a^2) / (b^2 - a^2) at the surface, where stresses are largest: 5/3 for b = 2 a."""
     errors = [ring_at_its_bore(tmp_path / "ring.geo", n) for n in (2, 4, 8)]

@@ -74,7 +74,7 @@ def half_ranges(stress):
     return best
 
 
-@pytest.mark.parametrize("damping", [True, False])
+@pytest.mark.parametrize("damping", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_command_finds_the_extremes_of_the_run(folder, whole_rod, damping, capfd):
     option = "--damping" if damping else "--no-damping"
     status, out, _ = exit_of(

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.bearing_gap import minimum_film
+from fenics_ehd.analysis.bearing_mechanism import Bearing
 from fenics_ehd.cli.bearing import report, summary
+from fenics_ehd.scenes.bearing import build_bearing
 
 LOAD, ROUGHNESS = 8000.0, 0.5e-6
 ROUGH = ehd.BearingSettings(
@@ -77,4 +78,4 @@ def test_figures_of_contact_are_there_for_rough_surfaces_alone():
 
 def test_surfaces_that_overlap_too_far_are_refused():
     with pytest.raises(ehd.errors.GapClosedError, match="must be above -1 um"):
-        minimum_film(ROUGH, np.array([1.07 * ROUGH.clearance, 0.0]))
+        Bearing(ROUGH, build_bearing).open_gaps(np.array([1.07 * ROUGH.clearance, 0.0]))

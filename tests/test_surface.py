@@ -1,6 +1,10 @@
 """Surfaces of a film: a lopsided compliance at rest in the bore and turning with the journal."""
 
+import re
+from collections import deque
 from dataclasses import replace
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +20,9 @@ from test_coupled_steps import assert_derivatives as assert_contact_derivatives
 import fenics_ehd as ehd
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
+from fenics_ehd.results.recorded_run import continue_from, load_run_state, save_run_state
 
 pytestmark = pytest.mark.kernels
 
@@ -50,6 +56,12 @@ def test_derivatives_of_a_step_are_exact(shift, shape):
     assert_derivatives(System(swinging(journal_shape=shape)), shift, 1e-2, 1e-7)
 
 
+#: Groove in the journal.
+INLET = ehd.AxialGrooveSupply(
+    name="inlet", on="journal", angle=17.0, extent=34.0, length=2 * R / 3, pressure=4e5
+)
+
+
 def film_with(family="lagrange", **parameters):
     """Film with further parameters."""
     grid = ehd.uniform_grid(R, 2 * R, (12, 3), family)
@@ -61,6 +73,11 @@ def test_derivatives_with_contact_are_exact():
     mechanism = swinging(film, journal_shape=oval(2e-6, 0.3))
     point = assert_contact_derivatives(mechanism, 1e-6)
     assert point.films[0].contact.pressure.max() > 1e6
+
+
+def test_derivatives_with_a_supply_that_turns_are_exact():
+    film = film_with(feeds=(INLET,))
+    assert_contact_derivatives(swinging(film, journal_shape=oval(2e-6, 0.3)))
 
 
 @pytest.mark.parametrize("rough", [None, surfaces(C / 2, modulus=1e13)])
@@ -92,6 +109,28 @@ def test_the_power_of_all_forces_is_that_of_the_opening_gap():
     forces[binding.xi] += binding.film.load @ pressure
     forces[binding.turning_dofs] += (rows.load @ pressure) @ binding.turning_map
     assert forces @ rates == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_torque_on_a_journal_is_the_slope_of_the_energy_of_contact():
+    """Asperities are a spring: their torque is the loss of their energy by rotation."""
+    film = film_with(surfaces=surfaces(C / 2, modulus=1e13))
+    joint = {"journal_shape": oval(2e-6, 0.3), "eccentricity": (0.6 * C, 0.3 * C)}
+    run = Run(swinging(film, **joint), IntegratorOptions(), 1e-3)
+    step = next(run.until(1e-3))
+    (joint,) = step.solution.joints
+
+    def energy(turn):
+        x = step.x.copy()
+        x[joint.binding.turning[0]] += turn
+        gap = joint.binding.gap(x, step.rate, step.time)
+        return joint.contact.area @ joint.contact.at_gap(gap.thickness).potential
+
+    of_oil = replace(joint, contact=None).braking
+    friction = joint.contact.friction_torque(joint.touch, joint.state.gap)
+    expected = (energy(1e-5) - energy(-1e-5)) / 2e-5
+    assert abs(expected) > 1e-3 * abs(of_oil)
+    found = joint.braking - of_oil - friction
+    assert found == pytest.approx(expected, rel=1e-5)
 
 
 def test_rows_of_a_turning_surface_are_derivatives_of_its_gap():
@@ -222,3 +261,52 @@ def test_energy_balance_closes_with_the_tolerance():
     )
     assert tight < 0.3 * loose
     assert loose < 2e-2
+
+
+# --- Records
+
+
+def test_a_resumed_run_with_a_journal_that_turns_is_the_same_to_the_last_bit(tmp_path):
+    def recorder():
+        mechanism = swinging(journal_shape=oval(2e-6, 0.3))
+        return Recorder(Run(mechanism, IntegratorOptions(), 1e-3), 1e-3)
+
+    complete, stopped, resumed = (recorder() for _ in range(3))
+    deque(islice(complete.steps(), 12), maxlen=0)
+    deque(islice(stopped.steps(), 5), maxlen=0)
+    began = {"about": {"reduction_time_s": 0.0, "scene": "case"}, "digests": {}}
+    save_run_state(stopped, tmp_path, began)
+    continue_from(load_run_state(tmp_path), resumed, tmp_path)
+    deque(islice(resumed.steps(), 7), maxlen=0)
+    for found, expected in zip(resumed.rows, complete.rows, strict=True):
+        assert found["run/step_s"] == expected["run/step_s"]
+        np.testing.assert_array_equal(found["state/coordinates"], expected["state/coordinates"])
+        np.testing.assert_array_equal(found["state/rates"], expected["state/rates"])
+
+
+# --- The seam
+
+#: Rooms whose modules get surfaces from bodies, and modules that may know the kinds of surfaces:
+#: surfaces are defined or made there, or notices compare a body with its reduced part.
+ROOMS = ("multibody", "analysis", "results", "plotting", "scenes")
+KNOWING = ("multibody/surface", "multibody/elastic_bore", "multibody/body", "multibody/notices")
+
+#: Questions which side of a film is elastic.
+ASKING = re.compile(
+    r"\bElasticBore\b|\bBoreFilm\b|\.bore_body\b|\bfilm\.bore\b|\bbinding\.bore\b"
+    r"|\belastic_bore\(|isinstance\(.*\bFlexibleBody\b|surfaces\[\d\]\.(surface\.)?elastic"
+)
+
+
+def test_nothing_outside_asks_which_side_is_elastic():
+    package = Path(ehd.__file__).parent
+    files = [file for room in ROOMS for file in sorted((package / room).glob("*.py"))]
+    asked = [
+        f"{file.name}:{number}: {line.strip()}"
+        for file in files
+        if str(file.relative_to(package).with_suffix("")) not in KNOWING
+        for number, line in enumerate(file.read_text().splitlines(), 1)
+        if ASKING.search(line) and not line.startswith("from ") and "`" not in line
+    ]
+    assert len(files) > 50
+    assert not asked

@@ -1,10 +1,10 @@
 """One rigid bearing: equilibrium, forces, losses, heat and dynamic coefficients.
 
-The mechanism (`fenics_ehd.analysis.bearing_mechanism`) is a massless journal under a load along x,
-in one lubricated joint. Load and pressure balance (`fenics_ehd.analysis.equilibrium`). Shear adds a
-force of relative size c / R, which lubrication theory neglects: it enters the friction torque and
-the power only. At a given eccentricity the journal is held, at the attitude at which the film's
-force lies on the load line.
+The mechanism (`fenics_ehd.scenes.bearing`) is a massless journal in one lubricated joint, under a
+load along x (`fenics_ehd.analysis.bearing_mechanism`). Load and pressure balance
+(`fenics_ehd.analysis.equilibrium`). Shear adds a force of relative size c / R, which lubrication
+theory neglects: it enters the friction torque and the power only. At a given eccentricity the
+journal is held, at the attitude at which the film's force lies on the load line.
 
 If the supply temperature is given, the temperature of the oil is the one at which the leaving oil
 carries away the dissipated power (`fenics_ehd.film.heat`). A hotter film is thinner, dissipates
@@ -20,22 +20,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.bearing_gap import minimum_film
 from fenics_ehd.analysis.bearing_mechanism import (
     NO_PRESSURE,
+    Bearing,
     MeshedBearing,
     OperatingPoint,
     direction_of,
 )
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.analysis.equilibrium import DynamicCoefficients, linearise, stability
-from fenics_ehd.base.arguments import require_class, require_names, require_number
-from fenics_ehd.base.checks import as_float, require_finite
+from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import (
     EhdError,
     GapClosedError,
@@ -48,10 +46,10 @@ from fenics_ehd.base.errors import (
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import MOST_WITHIN_A_CELL, Film, FilmState, steepest_thickening
 from fenics_ehd.film.forces import FlowBalance
-from fenics_ehd.film.heat import Heat, TemperatureSearch, require_graded, run_away
+from fenics_ehd.film.heat import TemperatureSearch, require_graded
 from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.multibody.lubricated_joint import QUARTER
-from fenics_ehd.multibody.quantities import film_power
+from fenics_ehd.multibody.quantities import film_power, min_film_thickness
 
 #: Most meshes of one search.
 MOST_MESHES = 60
@@ -70,9 +68,6 @@ STRAIGHT = 1e-6
 
 #: Additional cells around of the other three meshes of the coefficients.
 EXTRA_CELLS = (2, 4, 6)
-
-#: Tolerance of the effective temperature [K].
-TEMPERATURE_TOLERANCE = 1e-6
 
 #: Least change of ln(viscosity) between two operating points from which the exponent of power over
 #: flow is computed: nothing but the temperature changes between them.
@@ -98,18 +93,18 @@ def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
     SolverError
         No equilibrium was found from the start.
     """
-    bearing = start.bearing
+    meshed = start.meshed
     position = start.position
     for _ in range(MOST_MESHES):
-        bearing = bearing.meshed_for(position)
-        point = bearing.rest(position, load)
+        meshed = meshed.meshed_for(position)
+        point = meshed.rest(position, load)
         position = point.position
-        if bearing.suits(position):
+        if meshed.suits(position):
             return point
     raise SolverError(f"load = {load:g} N: none of {MOST_MESHES} meshes suits its own equilibrium")
 
 
-def _at_load(settings: BearingSettings, load: float) -> OperatingPoint:
+def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
     """Equilibrium under a load, approached by other loads if it is not found at once.
 
     Raises
@@ -117,7 +112,8 @@ def _at_load(settings: BearingSettings, load: float) -> OperatingPoint:
     SettingsError
         The film cannot carry the load.
     """
-    point = _held(settings, 0.6)
+    settings = bearing.settings
+    point = _held(bearing, 0.6)
     if not point.carries:
         raise SettingsError(
             f"load = {load:g} N: the film has no pressure at speed = {settings.speed:g} rad/s, "
@@ -136,7 +132,7 @@ def _at_load(settings: BearingSettings, load: float) -> OperatingPoint:
                 ) from error
             aim = float(np.sqrt(aim * reached))
             continue
-        film = minimum_film(settings, point.position)
+        film = min_film_thickness(point.joint)
         if not settings.roughness and film < THINNEST_FILM * settings.clearance:
             raise SettingsError(
                 f"load = {load:g} N is too high: a film of {film / settings.clearance:.3g} "
@@ -148,7 +144,7 @@ def _at_load(settings: BearingSettings, load: float) -> OperatingPoint:
         aim = load
 
 
-def _held(settings: BearingSettings, ratio: float) -> OperatingPoint:
+def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
     """Journal held at an eccentricity ratio, at the expected attitude or the next with a film.
 
     Raises
@@ -156,6 +152,7 @@ def _held(settings: BearingSettings, ratio: float) -> OperatingPoint:
     SettingsError
         The shaft touches the bore at every attitude.
     """
+    settings = bearing.settings
     expected = _expected_attitude(settings)
     # Across the tilt of the shaft, its ends leave most of the gap.
     across = np.arctan2(settings.tilt[1], settings.tilt[0])
@@ -163,7 +160,7 @@ def _held(settings: BearingSettings, ratio: float) -> OperatingPoint:
     for angle in (*(expected + np.radians([0, 90, -90, 180])), across, across + np.pi):
         position = rotation(angle)[:, 0] * ratio * settings.clearance
         try:
-            return MeshedBearing(settings, position).rest(position)
+            return MeshedBearing(bearing, position).rest(position)
         except GapClosedError as error:
             message = str(error)
     raise SettingsError(f"eccentricity and tilt close the gap at every attitude: {message}")
@@ -179,7 +176,7 @@ LONGEST_TURN = 1.0
 FLAT = 0.05
 
 
-def _at_eccentricity(settings: BearingSettings, ratio: float) -> OperatingPoint:
+def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
     """Equilibrium at an eccentricity ratio in 0..1; at any attitude if the film has no pressure.
 
     The attitude is found by the secant rule. Its first step is that of a plain bearing, whose force
@@ -190,7 +187,7 @@ def _at_eccentricity(settings: BearingSettings, ratio: float) -> OperatingPoint:
     SettingsError
         No attitude puts the force on the load line, or the shaft touches the bore.
     """
-    point = _held(settings, ratio)
+    point = _held(bearing, ratio)
     off = direction_of(point.force_on_bore)
     if not point.carries:
         return point
@@ -207,7 +204,7 @@ def _at_eccentricity(settings: BearingSettings, ratio: float) -> OperatingPoint:
             return point
         position = rotation(turn) @ point.position
         try:
-            point = point.bearing.meshed_for(position).rest(position)
+            point = point.meshed.meshed_for(position).rest(position)
         except GapClosedError:
             turn *= 0.5
             continue
@@ -240,7 +237,7 @@ class BearingHeat:
 
 
 def _with_balanced_heat(
-    settings: BearingSettings, solve: Callable[[BearingSettings], OperatingPoint]
+    bearing: Bearing, solve: Callable[[Bearing], OperatingPoint]
 ) -> tuple[BearingHeat, OperatingPoint]:
     """Operating point at the effective temperature of its oil.
 
@@ -251,42 +248,38 @@ def _with_balanced_heat(
     HeatError
         There is no such temperature.
     """
-    supply = settings.supply_temperature
+    settings = bearing.settings
+    heat = settings.heat
+    supply = heat.supply_temperature
     require_graded(
         settings.graded, key=f"supply_temperature = {supply:g} C", lubricant="the bearing"
     )
-    heat = Heat(
-        supply_temperature=supply,
-        conducted_share=settings.conducted,
-        outlet_weight=settings.mixing,
-        tolerance=TEMPERATURE_TOLERANCE,
-    )
-    oil = make_lubricant(attrs.evolve(settings, temperature=supply), 0.0).oil
+    oil = make_lubricant(attrs.evolve(settings, temperature=supply).oil).oil
     assert oil is not None
-    search = TemperatureSearch(heat, oil, telling=LEAST_CHANGE)
+    search = TemperatureSearch(heat, oil, "bearing", least_change=LEAST_CHANGE)
     for _ in range(MOST_POINTS):
         temperature = search.temperature
         try:
-            point = solve(attrs.evolve(settings, temperature=temperature))
+            point = solve(bearing.changed(temperature=temperature))
         except EhdError as error:
-            if search.without_balance:
-                raise run_away("bearing", search, error) from error
-            if temperature > supply:
-                raise type(error)(
+            cause: EhdError | None = search.cause_of(error)
+            if cause is None and temperature > supply:
+                cause = type(error)(
                     f"at {temperature:.4g} C, the oil's effective temperature by its balance: "
                     f"{error}"
-                ) from error
-            raise
+                )
+            if cause is None:
+                raise
+            raise cause from error
         power = point.joint.dissipated
         flow = point.joint.flows.leaving
-        if abs(search.defect(power, flow)) <= TEMPERATURE_TOLERANCE:
+        if search.settled(power, flow):
             outlet = heat.outlet(oil, temperature, power, flow)
             return BearingHeat(temperature, outlet, flow), point
-        if not search.move(power, flow):
-            raise run_away("bearing", search)
+        search.move(power, flow)
     raise HeatError(
         f"supply_temperature = {supply:g} C: the effective temperature, "
-        f"{search.temperature:.6g} C, is not within {TEMPERATURE_TOLERANCE:g} K of its balance "
+        f"{search.temperature:.6g} C, is not within {heat.tolerance:g} K of its balance "
         f"after {MOST_POINTS} operating points"
     )
 
@@ -323,7 +316,7 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         Without force or eccentricity no derivative exists. Of compressible oil, derivatives lack
         the rate of the density.
     """
-    settings = point.bearing.settings
+    settings = point.meshed.settings
     if settings.density_law != "constant":
         raise SettingsError(
             f"density_law = '{settings.density_law}': the damping of compressible oil is not "
@@ -336,7 +329,7 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         )
     parts = []
     for extra in (0, *EXTRA_CELLS):
-        finer = attrs.evolve(settings, cells_around=settings.cells_around + extra)
+        finer = point.meshed.bearing.changed(cells_around=settings.cells_around + extra)
         rest = MeshedBearing(finer, point.position).rest(point.position, load).rest
         linear = linearise(rest).along(rest.system.bodies["shaft"].start + np.arange(2))
         parts.append([linear.stiffness, linear.damping])
@@ -430,8 +423,8 @@ class BearingResult:
         return self.friction_torque / (self.settings.radius * self.load) if self.load else None
 
 
-def solve_bearing(
-    settings: BearingSettings,
+def bearing_result(
+    bearing: Bearing,
     *,
     eccentricity: float | None = None,
     load: float | None = None,
@@ -441,8 +434,8 @@ def solve_bearing(
 
     Parameters
     ----------
-    settings
-        Settings of the bearing.
+    bearing
+        The bearing.
     eccentricity, load
         Eccentricity ratio in 0..1 or load [N], exactly one of them.
     with_coefficients
@@ -461,7 +454,6 @@ def solve_bearing(
     VerificationError
         A figure of the result is no finite number.
     """
-    require_class("settings", settings, BearingSettings)
     if (eccentricity is None) == (load is None):
         raise SettingsError("exactly one of eccentricity and load must be given")
     if eccentricity is not None and not 0 <= require_number("eccentricity", eccentricity) < 1:
@@ -471,19 +463,19 @@ def solve_bearing(
     if load is not None and not 0 < require_number("load", load):
         raise SettingsError(f"load = {load:g} N must be a finite number above 0")
 
-    def solve(point_settings: BearingSettings) -> OperatingPoint:
+    def solve(at_temperature: Bearing) -> OperatingPoint:
         if load is not None:
-            return _at_load(point_settings, load)
+            return _at_load(at_temperature, load)
         assert eccentricity is not None
-        return _at_eccentricity(point_settings, eccentricity)
+        return _at_eccentricity(at_temperature, eccentricity)
 
     # Figures that overflow are refused below.
     with np.errstate(all="ignore"):
         heat = None
-        if settings.heated:
-            heat, point = _with_balanced_heat(settings, solve)
+        if bearing.settings.heated:
+            heat, point = _with_balanced_heat(bearing, solve)
         else:
-            point = solve(settings)
+            point = solve(bearing)
         _require_resolved(point)
         result = _result(point, with_coefficients, heat)
     _require_finite_figures(result)
@@ -505,32 +497,9 @@ def _require_finite_figures(result: BearingResult) -> None:
         )
 
 
-def bearing(
-    *,
-    eccentricity: float | None = None,
-    load: float | None = None,
-    with_coefficients: bool = False,
-    **settings: Any,
-) -> BearingResult:
-    """Operating point by settings as keywords, see `BearingSettings` and `solve_bearing`.
-
-    The load may have a unit: ``"5 kN"``.
-    """
-    require_names("bearing", settings, attrs.fields_dict(BearingSettings))
-    size = as_float(load, "N")
-    if load is not None:
-        require_finite("load", size, "N")
-    return solve_bearing(
-        BearingSettings(**settings),
-        eccentricity=eccentricity,
-        load=size,
-        with_coefficients=with_coefficients,
-    )
-
-
 def _require_resolved(point: OperatingPoint) -> None:
     """Refuse pressures that the mesh does not resolve: oil that thickens too much within a cell."""
-    steepest = steepest_thickening(point.bearing.film, point.state.pressure)
+    steepest = steepest_thickening(point.meshed.film, point.state.pressure)
     if not steepest <= MOST_WITHIN_A_CELL:
         raise ViscosityError(
             f"the viscosity grows {steepest:.3g} times within a film cell, above "
@@ -541,14 +510,14 @@ def _require_resolved(point: OperatingPoint) -> None:
 
 def _tilting_moment(point: OperatingPoint) -> np.ndarray:
     """Moment of pressure and contact on the shaft, from the load line, shape (2,) [N m]."""
-    film = point.bearing.film
+    film = point.meshed.film
     joint = point.joint
     area = film.parameters.grid.radius**2 * film.assembly.area
     pressing = area * film.assembly.at_points(joint.pressure)[0]
     if joint.contact is not None:
         pressing += (joint.contact.area * joint.touch.pressure).reshape(area.shape)
     x, y = film.points.normal * film.points.height * pressing
-    return np.asarray(rotation(point.bearing.angle) @ np.array([y.sum(), -x.sum()]))
+    return np.asarray(rotation(point.meshed.angle) @ np.array([y.sum(), -x.sum()]))
 
 
 def _result(
@@ -556,8 +525,8 @@ def _result(
 ) -> BearingResult:
     """Figures of an operating point."""
     position = point.position
-    settings = point.bearing.settings
-    film = point.bearing.film
+    settings = point.meshed.settings
+    film = point.meshed.film
     joint = point.joint
     load = float(np.hypot(*point.force_on_bore)) if point.carries else 0.0
     pressure, pressure_angle = _peak(point)
@@ -570,7 +539,7 @@ def _result(
         attitude=direction_of(position) if load and position.any() else None,
         max_pressure=pressure,
         max_pressure_angle=pressure_angle,
-        min_film_thickness=minimum_film(settings, position),
+        min_film_thickness=min_film_thickness(joint),
         eccentricity_ratio=float(np.hypot(*position)) / settings.clearance,
         sommerfeld_number=unit / load if load else None,
         # 0.0 + x: zero without a minus sign.
@@ -585,7 +554,7 @@ def _result(
         position=position,
         film=film,
         state=point.state,
-        angle=point.bearing.angle,
+        angle=point.meshed.angle,
     )
 
 
@@ -599,14 +568,14 @@ def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
     return ContactFigures(force, share, joint.touch.pressure.max(), joint.rubbed)
 
 
-def _peak(found: OperatingPoint) -> tuple[float, float | None]:
-    """Peak pressure between the nodes, and its angle from the maximum film."""
-    film = found.bearing.film
-    nodal = found.state.pressure
-    if not float(nodal.max()) > NO_PRESSURE * film.parameters.pressure_scale:
+def _peak(point: OperatingPoint) -> tuple[float, float | None]:
+    """Peak pressure between the nodes [Pa], and its angle from the maximum film [rad]."""
+    joint = point.joint
+    scale = point.meshed.film.parameters.pressure_scale
+    if not float(joint.pressure.max()) > NO_PRESSURE * scale:
         return 0.0, None
-    (highest,), (angle,), _ = film.parameters.grid.rows.largest(nodal[None])
-    if not found.position.any():
+    (highest,), (angle,), _ = joint.rows.largest(joint.pressure[None])
+    if not point.position.any():
         return float(highest), None
-    centre = direction_of(found.position) - found.bearing.angle
+    centre = direction_of(point.position) - point.meshed.angle
     return float(highest), float(np.mod(angle - centre - np.pi, 2 * np.pi))

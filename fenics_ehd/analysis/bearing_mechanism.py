@@ -1,12 +1,17 @@
-"""Mechanism of a rigid bearing: a massless journal in one lubricated joint.
+"""One rigid bearing with its journal at a position: mesh, loads and equilibrium.
 
 The film's mesh is graded by the gap, and made for one position of the journal. If the bore is
 round, the film's frame has its x axis through the journal; grooves are turned into this frame. The
 mesh is made again if the journal comes to rest at a position for which it is not suited.
+
+`Bearing.build` makes the mechanism (`fenics_ehd.scenes.bearing`): the bodies ``shaft`` and
+``bore``, the joint ``film``, and drives. The position of the journal and what holds it, a load or a
+point, are added here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,22 +19,24 @@ from typing import Any
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.bearing_gap import AROUND, gaps, minimum_film, shape_of
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.analysis.equilibrium import Equilibrium, balanced
+from fenics_ehd.base.errors import GapClosedError
 from fenics_ehd.base.plane import rotation
-from fenics_ehd.film.film import Film, FilmState
-from fenics_ehd.film.grid import FilmGrid, gap_graded_grid
-from fenics_ehd.film.lubricant import make_lubricant
-from fenics_ehd.film.parameters import FilmParameters
-from fenics_ehd.film.rough_surfaces import RoughSurfaces
-from fenics_ehd.film.supply import AxialGroove, Sides
+from fenics_ehd.film.film import FilmState
+from fenics_ehd.film.grid import FilmGrid, MeshMaker, gap_graded_grid
+from fenics_ehd.film.rough_surfaces import DEEPEST_CONTACT, length_scale
 from fenics_ehd.multibody.body import MasslessBody, ground
 from fenics_ehd.multibody.forces import PointForce
-from fenics_ehd.multibody.joints import Revolute, Speed
+from fenics_ehd.multibody.joints import Revolute
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.quantities import JointStep
+
+#: Angles and heights at which the gap is sampled before the film has a mesh.
+ANGLES = 720
+HEIGHTS = 41
+AROUND = np.linspace(0.0, 2 * np.pi, ANGLES, endpoint=False)
 
 #: Largest factor between the gap that a mesh was made for and the gap that it is used for.
 LARGEST_FACTOR = 1.2
@@ -45,6 +52,65 @@ ROUND_OFF = 1e-11
 
 #: Below this share of ``12 eta Omega (R / c)^2``, a pressure is round-off.
 NO_PRESSURE = 1e-13
+
+#: Function that makes the mechanism of a bearing from its settings, the angle from the load line to
+#: the film's frame [rad], and the film's mesh.
+BuildBearing = Callable[[BearingSettings, float, MeshMaker], Mechanism]
+
+
+@dataclass(frozen=True)
+class Bearing:
+    """A rigid bearing that can be meshed for any position of its journal.
+
+    Attributes
+    ----------
+    settings
+        Settings of the bearing.
+    build
+        Function that makes its mechanism.
+    """
+
+    settings: BearingSettings
+    build: BuildBearing
+
+    def changed(self, **changes: Any) -> Bearing:
+        """The bearing with changes of its settings."""
+        return replace(self, settings=attrs.evolve(self.settings, **changes))
+
+    def gaps(self, position: np.ndarray) -> np.ndarray:
+        """Film thickness for an eccentricity, x along the load, shape (2,) [m].
+
+        Returns
+        -------
+        numpy.ndarray
+            Thickness at all `ANGLES` from the load line and `HEIGHTS`, shape (720, 41) [m].
+        """
+        s = self.settings
+        height = s.width * np.linspace(-0.5, 0.5, HEIGHTS)
+        around = np.stack([np.cos(AROUND), np.sin(AROUND)], axis=-1)
+        round_gap = s.clearance - around @ position
+        return round_gap[:, None] + s.relative_shape().radial(AROUND[:, None], height)
+
+    def open_gaps(self, position: np.ndarray) -> np.ndarray:
+        """Film thickness for an eccentricity, see `gaps`; a journal on its bore is refused.
+
+        Raises
+        ------
+        GapClosedError
+            The thickness is not positive; rough surfaces may overlap, up to a limit.
+        """
+        s = self.settings
+        thickness = self.gaps(position)
+        thinnest = float(thickness.min())
+        least = DEEPEST_CONTACT * s.roughness
+        if not thinnest > least:
+            also = ", or the deviations of the bore" if s.bore_shape is not None else ""
+            raise GapClosedError(
+                f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be "
+                f"{f'above {least * 1e6:.3g} um' if least else 'positive'}: "
+                f"lower the eccentricity or the tilt{also}"
+            )
+        return thickness
 
 
 @attrs.frozen
@@ -63,55 +129,53 @@ class MeshedBearing:
 
     Parameters
     ----------
-    settings
-        Settings of the bearing.
+    bearing
+        The bearing.
     position
         Eccentricity that the mesh is made for, x along the load, shape (2,) [m].
 
     Attributes
     ----------
-    settings
-        Settings of the bearing.
+    bearing, settings
+        The bearing and its settings.
     angle
         Angle from the load line to the x axis of the film's frame [rad].
     film
         Film in this frame.
+
+    Raises
+    ------
+    GapClosedError
+        The journal touches the bore.
     """
 
-    def __init__(self, settings: BearingSettings, position: np.ndarray):
-        minimum_film(settings, position)
-        self.settings = settings
-        self.angle = 0.0 if settings.bore_shape is not None else direction_of(position)
-        self._surfaces = RoughSurfaces.of(settings, settings.contact_modulus)
-        self._made_for = self._profile(position)
-        self.film = self._film()
+    def __init__(self, bearing: Bearing, position: np.ndarray):
+        thickness = bearing.open_gaps(position)
+        self.bearing = bearing
+        self.settings = bearing.settings
+        self.angle = 0.0 if self.settings.bore_shape is not None else direction_of(position)
+        self._made_for = self._profile(thickness)
+        self._unloaded = bearing.build(self.settings, self.angle, self._mesh)
+        self.film = self._joint.film
 
-    def _film(self) -> Film:
-        """Film on a mesh graded by the gap."""
-        s = self.settings
-        regions = tuple(replace(g, angle=g.angle - self.angle) for g in s.grooves)
-        if s.line_at_max_film:
-            regions = (AxialGroove(np.pi, 0.0),)
-        oil = make_lubricant(s, 0.0 if s.graded else s.viscosity)
-        squeeze = float(np.hypot(*s.squeeze)) / s.clearance
-        rate = max(abs(s.speed), abs(s.bore_speed), squeeze) or 1.0
-        sides = Sides(lower=s.ambient, upper=s.ambient)
-        grid = self._grid(regions)
-        return Film(
-            FilmParameters(grid, s.clearance, oil, rate, sides, regions, surfaces=self._surfaces)
-        )
+    @property
+    def _joint(self) -> LubricatedJoint:
+        """Lubricated joint of the mechanism without a load."""
+        joint = self._unloaded.joints["film"]
+        assert isinstance(joint, LubricatedJoint)
+        return joint
 
-    def _grid(self, regions: tuple[AxialGroove, ...]) -> FilmGrid:
-        """Mesh that is finer in the thin film, with lines at the edges of grooves."""
+    def _mesh(self, edges: np.ndarray) -> FilmGrid:
+        """Mesh that is finer in the thin film, with lines at the edges of grooves [rad]."""
         s = self.settings
-        edges = sorted(edge for region in regions for edge in region.edges)
         cells = s.cells_around, s.cells_along
-        return gap_graded_grid(s.radius, s.width, cells, s.element, self._thickness, edges)
+        return gap_graded_grid(s.radius, s.width, cells, s.element, self._thickness, sorted(edges))
 
-    def _profile(self, position: np.ndarray) -> np.ndarray:
+    def _profile(self, thickness: np.ndarray) -> np.ndarray:
         """Thickness that the mesh follows, by angle: the smallest, or the length of rough ones."""
-        thickness = gaps(self.settings, position).min(axis=1)
-        return thickness if self._surfaces is None else self._surfaces.length(thickness)
+        thinnest = thickness.min(axis=1)
+        roughness = self.settings.roughness
+        return length_scale(thinnest, roughness) if roughness else thinnest
 
     def _thickness(self, angle: np.ndarray) -> np.ndarray:
         """Thickness that the mesh was made for, at angles in the film's frame."""
@@ -123,12 +187,12 @@ class MeshedBearing:
             off = direction_of(rotation(-self.angle) @ position)
             if abs(off) > (ALIGNED_WITH_LINE if self.settings.line_at_max_film else ALIGNED):
                 return False
-        factor = self._profile(position) / self._made_for
+        factor = self._profile(self.bearing.gaps(position)) / self._made_for
         return bool(np.all((factor < LARGEST_FACTOR) & (factor > 1 / LARGEST_FACTOR)))
 
     def meshed_for(self, position: np.ndarray) -> MeshedBearing:
         """A bearing with a mesh for an eccentricity: the bearing itself if its mesh is suited."""
-        return self if self.suits(position) else MeshedBearing(self.settings, position)
+        return self if self.suits(position) else MeshedBearing(self.bearing, position)
 
     def mechanism(self, position: np.ndarray, load: float | None) -> Mechanism:
         """Mechanism with the journal at an eccentricity [m], under a load [N] or held (None)."""
@@ -136,33 +200,22 @@ class MeshedBearing:
         into_frame = rotation(-self.angle)
         # In the frame of the bore, which turns.
         turning = s.direction * s.bore_speed * np.array([-position[1], position[0]])
-        joint = LubricatedJoint(
-            "shaft",
-            "bore",
-            self.film,
+        unloaded = self._unloaded
+        start = tuple(position)
+        shaft = MasslessBody(position=start, velocity=s.squeeze)
+        bodies = {**unloaded.bodies, "shaft": shaft, "ground": ground({"held": start})}
+        film = replace(
+            self._joint,
             eccentricity=tuple(into_frame @ position),
             eccentricity_rate=tuple(into_frame @ (s.squeeze - turning)),
-            bore_shape=shape_of(s, self.angle),
-            shear_rule=s.shear_rule,
-            cavitation=s.cavitation,
         )
-        joints: dict[str, Any] = {"film": joint, "axis": Revolute(("bore", "ground"))}
+        joints = {**unloaded.joints, "film": film}
         forces = {}
         if load is None:
             joints["held"] = HeldPoint(("shaft", "ground.held"), np.array(s.squeeze))
         else:
             forces["load"] = PointForce("shaft", (1.0, 0.0), lambda _: (load, 0.0))
-        start = tuple(position)
-        bodies = {
-            "shaft": MasslessBody(position=start, velocity=s.squeeze),
-            "bore": MasslessBody(),
-            "ground": ground({"held": start}),
-        }
-        drives = {
-            "shaft": Speed(s.direction * s.speed),
-            "bore": Speed(s.direction * s.bore_speed, self.angle),
-        }
-        return Mechanism(bodies, joints, drives, forces)
+        return replace(unloaded, bodies=bodies, joints=joints, forces=forces)
 
     def rest(self, position: np.ndarray, load: float | None = None) -> OperatingPoint:
         """Equilibrium under a load [N], or with the journal held at an eccentricity [m]."""
@@ -175,13 +228,13 @@ class OperatingPoint:
 
     Attributes
     ----------
-    bearing
+    meshed
         Bearing with its mesh.
     rest
         Equilibrium of the mechanism.
     """
 
-    bearing: MeshedBearing
+    meshed: MeshedBearing
     rest: Equilibrium
 
     @cached_property
@@ -198,7 +251,7 @@ class OperatingPoint:
     def position(self) -> np.ndarray:
         """Eccentricity, x along the load, shape (2,) [m]."""
         eccentricity = self.rest.z[self.rest.system.bodies["shaft"]][:2]
-        centred = np.hypot(*eccentricity) < ROUND_OFF * self.bearing.settings.clearance
+        centred = np.hypot(*eccentricity) < ROUND_OFF * self.meshed.settings.clearance
         return np.zeros(2) if centred else eccentricity
 
     @property
@@ -209,8 +262,8 @@ class OperatingPoint:
     @property
     def carries(self) -> bool:
         """True if the film's force exceeds the round-off of the pressures that it is the sum of."""
-        s = self.bearing.settings
-        scale = self.bearing.film.parameters.pressure_scale
+        s = self.meshed.settings
+        scale = self.meshed.film.parameters.pressure_scale
         least = ROUND_OFF * self.state.pressure.max() + NO_PRESSURE * scale
         return float(np.hypot(*self.force_on_bore)) > least * s.radius * s.width
 

@@ -23,12 +23,12 @@ from fenics_ehd.base.fields import (
     number,
     pair,
     radial_clearance,
-    require_thin_film,
     shear_rule,
     viscosity,
 )
 from fenics_ehd.base.fields import speed as angular_speed
 from fenics_ehd.base.needs import NO_TEMPERATURE, only_with
+from fenics_ehd.base.plane import rotation
 from fenics_ehd.base.settings import require_effects
 from fenics_ehd.base.shared_settings import (
     ROUGH,
@@ -40,11 +40,15 @@ from fenics_ehd.base.shared_settings import (
 )
 
 if TYPE_CHECKING:
+    from fenics_ehd.film.heat import Heat
     from fenics_ehd.film.kinematics import Shape
     from fenics_ehd.film.supply import AxialGroove
 
 #: Viscosity of the paper's oil, the default [Pa s].
 VISCOSITY = 0.01
+
+#: Tolerance of the effective temperature [K].
+TEMPERATURE_TOLERANCE = 1e-6
 
 #: Largest number of cells of a mesh: such a mesh is solved in minutes.
 MOST_CELLS = 100_000
@@ -91,7 +95,9 @@ class BearingSettings(OilSettings, Roughness):
     )
     mixing: float = only_with(outlet_weight(), "supply_temperature")
     contact_modulus: float = only_with(
-        number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", above=0), "roughness", words=ROUGH
+        number(115e9, "1 / sum of (1 - nu^2) / E of both [Pa]", least=1e6, below=1e17),
+        "roughness",
+        words=ROUGH,
     )
     #: Shape of the bore, angles from the load line; None: round.
     bore_shape: Shape | None = None
@@ -100,6 +106,37 @@ class BearingSettings(OilSettings, Roughness):
     def heated(self) -> bool:
         """True if the temperature of the oil follows from the balance of its heat."""
         return self.supply_temperature > NO_TEMPERATURE
+
+    @property
+    def heat(self) -> Heat:
+        """Balance of the heat; without a supply temperature there is none."""
+        from fenics_ehd.film.heat import Heat
+
+        return Heat(
+            supply_temperature=self.supply_temperature,
+            conducted_share=self.conducted,
+            outlet_weight=self.mixing,
+            tolerance=TEMPERATURE_TOLERANCE,
+        )
+
+    @property
+    def oil(self) -> OilSettings:
+        """The oil alone; with a grade or kinematic viscosities, without the default viscosity."""
+        values = {field.name: getattr(self, field.name) for field in attrs.fields(OilSettings)}
+        return OilSettings(**(values | {"viscosity": 0.0 if self.graded else self.viscosity}))
+
+    def relative_shape(self, angle: float = 0.0) -> Shape:
+        """Shape of the bore relative to the shaft, in a frame at an angle from the load line [rad].
+
+        A tilted shaft is a misaligned bore. The angle is zero for a bore that is not round.
+        """
+        from fenics_ehd.film.kinematics import Shape
+
+        shape = self.bore_shape or Shape()
+        if not any(self.tilt):
+            return shape
+        tilt = shape.misalignment - rotation(-angle) @ self.tilt
+        return attrs.evolve(shape, misalignment=tilt.tolist())
 
     @property
     def plain(self) -> bool:
@@ -112,7 +149,6 @@ class BearingSettings(OilSettings, Roughness):
             raise SettingsError(
                 f"cells = {self.cells_around}x{self.cells_along}: at most {MOST_CELLS} are allowed"
             )
-        require_thin_film(self.clearance, self.radius, "clearance")
         # At this slope one end touches when the middle is centred.
         limit = 2 * self.clearance / self.width
         if not math.hypot(*self.tilt) < limit:

@@ -1,13 +1,13 @@
 """Largest Floquet multiplier of a periodic solution: growth of a small change over a cycle.
 
-The map from a cycle's start to its end is linear for small changes, and its eigenvalues are the
-multipliers: the solution is stable if all lie within the unit circle; a change along an eigenvector
-is multiplied by its multiplier in each cycle. Arnoldi's method finds the largest from a few cycles
-with moved starts (Saad, Numerical Methods for Large Eigenvalue Problems, chapter 6). All these
-cycles have the steps of one cycle, so that their ends differ by the changes and not by choices of
-the step control.
+The map from the start of a cycle to its end is linear for small changes. Its eigenvalues are the
+multipliers, and a change along an eigenvector is multiplied by its multiplier in each cycle. The
+solution is stable if all multipliers lie within the unit circle. Arnoldi's method finds the largest
+multiplier from a few cycles with changed starts (Saad, Numerical Methods for Large Eigenvalue
+Problems, chapter 6). All these cycles have the steps of one cycle, so that their ends differ by the
+changes and not by choices of the step control.
 
-Temperatures that are balanced over cycles stay as they are; the phase of a machine without an
+Temperatures that are balanced over cycles are kept constant. The phase of a machine without an
 imposed speed is one of its changes.
 """
 
@@ -27,35 +27,35 @@ from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.tabulated import extrapolation_weights
 
-#: Change of the start, relative to the gaps: large against Newton's tolerance; the error by the
-#: curvature of the map is of this size.
+#: Size of the changes of the start, relative to the gaps. It is large compared with Newton's
+#: tolerance; the curvature of the map causes an error of about this size.
 SIZE = 1e-3
 
-#: Tolerance of Newton's last update.
+#: Tolerance of Newton's last update in the simulated cycles.
 NEWTON = 1e-8
 
 #: Largest number of cycles with changed starts.
 MOST = 12
 
-#: Residual of the largest Ritz value at which the iteration ends.
+#: Residual of the largest Ritz value, over its magnitude, at which the iteration ends.
 RESIDUAL = 5e-3
 
-#: A multiplier below which a change is lost in Newton's tolerance.
+#: Multiplier below which a change is smaller than Newton's tolerance after a cycle.
 LEAST = 1e-4
 
 
 @dataclass(frozen=True)
 class Multiplier:
-    """The largest multiplier.
+    """The largest Floquet multiplier of a periodic solution.
 
     Attributes
     ----------
     value
-        Complex multiplier; of a conjugate pair the one with positive imaginary part [-].
+        Complex multiplier [-]; of a conjugate pair, the one with a positive imaginary part.
     residual
-        Residual of the eigenvalue equation [-].
+        Residual of the eigenvalue equation, which estimates the error of the multiplier [-].
     cycles
-        Number of cycles simulated.
+        Number of cycles that were simulated.
     """
 
     value: complex
@@ -63,7 +63,7 @@ class Multiplier:
     cycles: int
 
     def figures(self) -> dict[str, float]:
-        """Entries of ``summary.json``."""
+        """Entries of ``summary.json``: magnitude, angle and residual of the multiplier, cycles."""
         return {
             "largest_multiplier": abs(self.value),
             "largest_multiplier_angle_deg": float(np.degrees(np.angle(self.value))),
@@ -75,21 +75,21 @@ class Multiplier:
 def largest_multiplier(
     run: Run, period: float, between: Callable[[], object] = lambda: None
 ) -> Multiplier:
-    """Largest multiplier of the periodic solution of a run; the state of the run does not change.
+    """Largest multiplier of the periodic solution of a run, whose state is not changed.
 
     Parameters
     ----------
     run
-        Run at the end of a cycle.
+        Run at the end of a cycle of the periodic solution.
     period
-        [s].
+        Period of the solution [s].
     between
-        Called between two steps.
+        Function that is called between two steps.
 
     Raises
     ------
     StepSizeError
-        A cycle with a moved start has no solution at the steps of the unchanged cycle.
+        A cycle with a changed start has no solution at the steps of the unchanged cycle.
     """
     cycle = _Cycle(copy(run), period, between)
     basis = [cycle.first()]
@@ -113,12 +113,12 @@ def largest_multiplier(
 
 
 def multiplier(history: History) -> Multiplier:
-    """Largest multiplier of the periodic solution of `simulate`.
+    """Largest multiplier of the periodic solution that `simulate` returned.
 
     Raises
     ------
     InputError
-        The history was read from a folder, or is not of a periodic solution.
+        The history was read from a folder, or the solution is not periodic.
     """
     solved = solved_run(history)
     if solved.cycles is None:
@@ -127,9 +127,10 @@ def multiplier(history: History) -> Multiplier:
 
 
 class _Cycle:
-    """The map of a cycle for changes of the integrator's past points, shape (2, points, n).
+    """Linear map of one cycle: from a change of the integrator's past points to that at the end.
 
-    The first axis has x and its rate.
+    Changes are relative to the points of the periodic solution and have the shape (2, points, n);
+    the first axis is x and its rate.
     """
 
     def __init__(self, run: Run, period: float, between: Callable[[], object]):
@@ -146,28 +147,28 @@ class _Cycle:
         norm = run.norm
         gaps = norm.gaps(self._start.observed[0])
         self._clearance = min(film.film.clearance for film in run.equations.system.films)
-        # Observed quantities and their rates.
+        # Lengths that changes of the observed quantities, and of their rates, are relative to.
         scales = np.full(len(self._start.observed[0]), self._clearance)
         scales[: len(gaps)] = norm.lengths(gaps) * np.sqrt(len(gaps))
         self._scales = np.stack([scales, 2 * np.pi / period * scales])
         self._end = self._through(self._start)
 
     def _through(self, start: RunState) -> RunState:
-        """State at the end of a cycle from a start."""
+        """Simulate a cycle from a start; returns the state at its end."""
         replay = Replay(self._run, self._course, NEWTON, start=start)
         for _ in replay.until(start.time + self._period):
             self._between()
         return replay.state
 
     def first(self) -> np.ndarray:
-        """A change of all coordinates that keeps joints closed, of size 1."""
+        """First change, of size 1: all coordinates change, and all joints remain closed."""
         system = self._run.equations.system
         start = self._start
         measure = np.abs(system.error_measure).max(axis=0, initial=0.0)
         lengths = np.full(system.n, self._clearance)
         largest = 1.0 / measure[measure > 0.0].min(initial=1.0)
         np.divide(self._clearance / largest, measure, out=lengths, where=measure > 0.0)
-        # Arbitrary numbers, the same in every run.
+        # The numbers are arbitrary, but the same in every run.
         rough = SIZE * lengths * np.cos(1.0 + 2.0 * np.arange(system.n))
         z = start.x[0][: system.n]
         v = start.rate[0][: system.n]
@@ -180,18 +181,18 @@ class _Cycle:
         return change / np.sqrt(self.product(change, change))
 
     def product(self, one: np.ndarray, other: np.ndarray) -> float:
-        """Product of two changes at their newest points, of gaps relative to the film."""
+        """Scalar product of two changes, from the relative changes at their newest points."""
         return float(np.sum(self._measured(one) * self._measured(other)))
 
     def _measured(self, change: np.ndarray) -> np.ndarray:
-        """Relative changes of gaps, and of coordinates, and of their rates, shape (2, k)."""
+        """Relative changes of gaps, other observed quantities, and their rates, shape (2, k)."""
         norm = self._run.norm
         newest = self._start.x[0]
         observed = [norm.observe(newest + part) - norm.observe(newest) for part in change[:, 0]]
         return np.array(observed) / self._scales
 
     def after(self, change: np.ndarray) -> np.ndarray:
-        """A change at the end of the cycle."""
+        """Change at the end of the cycle due to a change at its start."""
         run = self._run
         start = self._start
         x = start.x + SIZE * change[0]
@@ -200,7 +201,7 @@ class _Cycle:
         run.equations.keep_within(x, run.norm.film_gaps(observed[0]))
         end = self._through(replace(start, x=x, rate=rate, observed=observed))
         difference = np.stack([end.x - self._end.x, end.rate - self._end.rate]) / SIZE
-        # The next cycle begins with points at other distances than those that this one ended with.
+        # The points at the end of this cycle and at the start of the next have other distances.
         known = end.times - end.time
         weights = extrapolation_weights(known, (start.times - start.time)[:, None])
         return np.einsum("kp,dkn->dpn", weights, difference)

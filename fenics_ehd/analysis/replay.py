@@ -1,15 +1,15 @@
-"""Replay: the recorded steps of a run repeated by another mechanism, or with longer steps.
+"""Replay: another mechanism repeats the recorded steps of a run, or takes longer steps.
 
-A run leaves a trajectory, the solutions at its steps. Errors and derivatives are differences
-between it and the trajectory of a run that differs a little: longer steps, a finer film, a gap with
-the flexibility that a basis lacks, a parameter one per cent larger, another start. A replay
-computes such a trajectory. At chosen times it starts Newton's method from the recorded solution,
-interpolated to the nodes of the other film, plus the difference at the time before,
+The solutions at the steps of a run are its trajectory. Errors and derivatives are differences
+between this trajectory and that of a run that differs a little: by longer steps, a finer film, a
+gap with the flexibility that a basis lacks, a parameter one per cent larger, or another start. A
+replay computes such a trajectory at chosen times. It starts Newton's method from the recorded
+solution, interpolated to the nodes of the other film, plus the difference at the previous time,
 
     u_k = trajectory_k + (u_(k-1) - trajectory_(k-1)).
 
-Newton's method then needs hardly more than one iteration a step, and errors travel along the motion
-as those of the run do. The steps are given: differences contain no noise of a step control.
+Newton's method then needs little more than one iteration per step, and errors are carried along by
+the motion as in the run. Since the steps are given, differences contain no noise of a step control.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from fenics_ehd.multibody.recorder import Recorder, history_of, solution
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import summarised_history
 
-#: Ratio of cells of `finer_grid`, in both directions. The finer mesh removes most of the error,
-#: for all orders. Meshes half as fine show less: from 10 x 3 to 20 x 5 cells errors of a rod's
-#: film fall to a thirty-fifth, those of a small pin to a third.
+#: Ratio of the numbers of cells in `finer_grid` and in the given grid, in both directions. Most of
+#: the error vanishes on the finer mesh, for all orders. Meshes half as fine show less: from 10 x 3
+#: to 20 x 5 cells, errors of a rod's film fall to a thirty-fifth, those of a small pin to a third.
 FINER = 1.5
 
-#: Largest growth of a step, from one step of the run to two that grow themselves. Formulas of
-#: order two are zero-stable below 2.41.
+#: Largest ratio of a step to the step before, for steps that combine several steps of the run.
+#: Formulas of order two are zero-stable below 2.41.
 LONGEST = 2.4
 
 RunState = IntegratorState[SolverState]
@@ -57,10 +57,10 @@ RunState = IntegratorState[SolverState]
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(History):
-    """A history that replays follow: solutions at ascending times, after a state.
+    """A history that replays follow: solutions at ascending times after a start.
 
-    The trajectory of a replay also has ``state/accelerations`` of coordinates and amplitudes of
-    residual patterns, shape (k, n + r).
+    The trajectory of a replay also has the array ``state/accelerations`` of coordinates and
+    amplitudes of residual patterns, shape (k, n + r).
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Trajectory(History):
     start
         State before the first step.
     search
-        Search for a periodic solution whose last cycle these steps are; None: there was no search.
+        Search for a periodic solution whose last cycle these steps are; None without a search.
     """
 
     base: Run = field(kw_only=True)
@@ -78,33 +78,33 @@ class Trajectory(History):
 
     @property
     def period(self) -> float | None:
-        """Period of a cycle that repeats [s]."""
+        """Period of the cycle [s]; None if the run is not periodic."""
         return None if self.search is None else self.search.period
 
     @property
     def began(self) -> float:
-        """Time before the first step [s]."""
+        """Time at the start of the first step [s]."""
         return self.start.time
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times of the steps, shape (k,) [s]."""
+        """Times at the ends of the steps, shape (k,) [s]."""
         return np.asarray(self.values["time"])
 
     @cached_property
     def x(self) -> np.ndarray:
-        """Coordinates and amplitudes of residual patterns, shape (k, n + r)."""
+        """Coordinates and amplitudes of residual patterns at the steps, shape (k, n + r)."""
         return np.hstack([self.coordinates, self.quasi_static])
 
     def state(self, name: str) -> np.ndarray:
-        """Array of the group ``state``, of no joint or body: ``multipliers`` for example."""
+        """Array of the group ``state`` of the history, by name: ``multipliers`` for instance."""
         return np.asarray(self.values[f"state/{name}"])
 
     @cached_property
     def extremes(self) -> np.ndarray:
-        """`QUANTITIES` of every film at every step, shape (2, k, films) [Pa], [m].
+        """Peak pressure [Pa] and thinnest film [m] of every film at every step, (2, k, films).
 
-        They lie between the nodes, see `fenics_ehd.base.extremes`.
+        They may lie between nodes, see `fenics_ehd.base.extremes`.
         """
         films = [joint.film for joint in self.joints.values()]
         each = [
@@ -114,9 +114,9 @@ class Trajectory(History):
         return np.array(each).transpose(1, 2, 0)
 
     def with_next(self, share: float) -> Trajectory:
-        """The trajectory of a cycle, followed by a share of the next cycle.
+        """The trajectory of a cycle, extended by a part of the next cycle, `share` of the period.
 
-        In the next cycle angles are larger by whole turns.
+        In the next cycle, angles of rotating bodies are larger by whole turns.
         """
         assert self.search is not None
         period = self.search.period
@@ -135,12 +135,12 @@ class Trajectory(History):
         )
 
     def widened(self, changes: Sequence[np.ndarray]) -> Trajectory:
-        """The trajectory with changed gaps.
+        """The trajectory with the gaps of all films changed.
 
         Parameters
         ----------
         changes
-            Changes of the gap of every film where it is observed, shape (k, w) [m].
+            Change of the gap of every film at its observed points, shape (k, w) [m].
         """
         gaps = {}
         for (name, joint), change in zip(self.joints.items(), changes, strict=True):
@@ -149,7 +149,7 @@ class Trajectory(History):
         return self.changed(gaps)
 
     def halved(self) -> Trajectory:
-        """The trajectory with another point halfway to each of its points."""
+        """The trajectory with an additional point in the middle of each step."""
         n = self.coordinates.shape[1]
         size = self.x.shape[1]
         first = {
@@ -160,7 +160,7 @@ class Trajectory(History):
 
         def halved(values: np.ndarray, before: Any) -> np.ndarray:
             middles = 0.5 * (np.concatenate([[before], values[:-1]]) + values)
-            if values.dtype == bool:  # no corner lies between two steps
+            if values.dtype == bool:  # there is no corner within a step
                 middles = np.zeros_like(values)
             return np.stack([middles, values], axis=1).reshape(-1, *values.shape[1:])
 
@@ -174,7 +174,7 @@ class Trajectory(History):
 
 
 def solved_run(history: History) -> Recorder:
-    """Run whose history `simulate` returned.
+    """Recorder of the run whose history `simulate` returned.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def solved_run(history: History) -> Recorder:
 
 
 def trajectory_of(solved: Recorder) -> Trajectory:
-    """Trajectory of a run from its start, or of the current cycle from the start of that cycle."""
+    """Trajectory of a complete run, or of the current cycle of a periodic run."""
     first = solved.first
     steps = solved.history().each(lambda values: values[first:])
     return Trajectory(**vars(steps), base=solved.run, start=solved.began, search=solved.cycles)
@@ -203,18 +203,18 @@ def recorded(
     cycles: PeriodicSolver | None = None,
     look: Callable[[MechanismStep], Mapping[str, float]] = lambda step: {},
 ) -> Trajectory:
-    """Trajectory of the steps that a run takes.
+    """Take the steps of a run, and record them as a trajectory.
 
     Parameters
     ----------
     run
-        Takes the steps.
+        Run that takes the steps.
     end
-        Time of the last step of a run without a search [s].
+        End time of a run without a search [s].
     cycles
-        Search for a periodic solution, which decides about the end; its last cycle is returned.
+        Search for a periodic solution, which determines the end; its last cycle is recorded.
     look
-        Columns of a step, by path with unit.
+        Function that returns further columns of a step, by path with unit.
     """
     size = run.equations.system.n + run.equations.responses.size
     start = run.state
@@ -233,7 +233,7 @@ def recorded(
 
 
 def finer_grid(grid: FilmGrid) -> FilmGrid:
-    """Grid with `FINER` times as many cells in both directions, graded alike."""
+    """Grid with `FINER` times as many cells in both directions and the same grading."""
     return FilmGrid(grid.radius, _divided(grid.angles), _divided(grid.heights), grid.family)
 
 
@@ -244,12 +244,12 @@ def _divided(boundaries: np.ndarray) -> np.ndarray:
 
 
 def with_finer_films(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with all films on `finer_grid`, whose cells end at the edges of grooves.
+    """Replace the grids of all films by `finer_grid`, with cell boundaries at edges of grooves.
 
     Raises
     ------
     SettingsError
-        Edges of grooves are nearer to each other than cells are long.
+        Edges of grooves are closer to each other than the length of a cell.
     """
     joints = dict(mechanism.joints)
     for name, joint in mechanism.joints.items():
@@ -264,8 +264,8 @@ def with_finer_films(mechanism: Mechanism) -> Mechanism:
 def interpolations(source: Run, target: Run) -> list[sparse.spmatrix]:
     """Matrices from nodal values of the films of one run to the same films of another run.
 
-    For films with the same number of nodes, which are the same nodes and may have moved, the matrix
-    is the identity.
+    If a film has the same number of nodes in both runs, the nodes are the same, though they may
+    have moved; its matrix is the identity.
     """
     matrices = []
     for films in zip(source.equations.system.films, target.equations.system.films, strict=True):
@@ -279,16 +279,16 @@ def interpolations(source: Run, target: Run) -> list[sparse.spmatrix]:
 
 
 def transferred_state(state: RunState, source: Run, target: Run, span: float = 1.0) -> RunState:
-    """State of one run as a state of another run with the same coordinates.
+    """Convert a state of one run to a state of another run with the same coordinates.
 
-    Coordinates stay; of films that conserve oil the void fraction of the gap stays.
+    Coordinates are kept. For films with mass-conserving cavitation, void fractions are kept.
 
     Parameters
     ----------
     state
         State of the source.
     source, target
-        The two runs.
+        Run with the state, and run for which the state is converted.
     span
         Time in the target over time in the source.
     """
@@ -311,16 +311,16 @@ def transferred_state(state: RunState, source: Run, target: Run, span: float = 1
     return IntegratorState(state.times * span, x, rate, observed, state.step * span)
 
 
-#: Smallest part of a step that is tried.
+#: Smallest part of a step that is tried if the step has no solution.
 LEAST_PART = 1 / 16
 
-#: Largest share of a trajectory's time that may be left out for lack of a solution: beyond it there
-#: is no estimate.
+#: Largest part of a trajectory's time that may be left out because no solution was found. Beyond
+#: it there is no estimate.
 MOST_LEFT_OUT = 0.1
 
 
 class Replay(Run):
-    """A run along the trajectory of another run.
+    """A run that follows the trajectory of another run.
 
     Parameters
     ----------
@@ -329,26 +329,27 @@ class Replay(Run):
     trajectory
         Trajectory of a run of the same mechanism, or of a slightly different one.
     tolerance
-        On Newton's last update.
+        Tolerance of Newton's last update.
     start
-        First state; None: the start of the trajectory.
+        State before the first step; by default that of the trajectory.
     stride
-        Steps of the trajectory in one step, if they grow slowly and no table has a row between.
+        Number of steps of the trajectory that form one step; fewer if steps would grow fast, or
+        would contain a row of a table.
     changes
-        Given changes of the gap of every film where it is observed, at the times of the trajectory,
-        shape (k, w) [m].
+        Given changes of the gap of every film at its observed points and the times of the
+        trajectory, shape (k, w) [m].
     same_coordinates
-        Whether coordinates mean what they mean in the trajectory, which then is the first guess.
+        Whether coordinates mean the same as in the trajectory, which is then the first guess.
     forgiving
-        Whether a step without a solution is divided, and left out if a part has no solution either:
-        the replay then continues from the end of this step in the trajectory.
+        Whether a step without a solution is divided. If a part has no solution either, the rest of
+        the step is left out, and the replay continues from its end in the trajectory.
 
     Attributes
     ----------
     iterations
-        Newton iterations so far.
+        Number of Newton iterations so far.
     left_out
-        Time that was left out [s].
+        Time that was left out because no solution was found [s].
     """
 
     def __init__(
@@ -378,12 +379,12 @@ class Replay(Run):
         self._forgiving = forgiving
 
     def until(self, end: float) -> Iterator[MechanismStep]:
-        """All steps of the trajectory, from the present state to an end time [s].
+        """Follow the trajectory from the present state to an end time [s], and yield the steps.
 
         Raises
         ------
         StepSizeError
-            There is no solution near the trajectory.
+            No solution near the trajectory was found, or too much time was left out.
         """
         trajectory = self._trajectory
         began = self.state.time
@@ -416,7 +417,7 @@ class Replay(Run):
             last_size = self.state.time - before
 
     def _in_parts(self, row: int, time: float) -> Iterator[MechanismStep]:
-        """Steps to a row of the trajectory in two parts or more, as far as there are solutions."""
+        """Try to reach a row of the trajectory in several parts; yield those with a solution."""
         began = self.state.time
         reached = 0.0
         part = 0.5
@@ -430,7 +431,7 @@ class Replay(Run):
             yield step
 
     def _rejoin(self, row: int, time: float) -> None:
-        """Continue from a row of the trajectory, unless its time [s] has been reached."""
+        """Continue from the trajectory at a row, unless its time [s] has been reached."""
         if self.state.time >= time:
             return
         self.left_out += time - self.state.time
@@ -452,14 +453,14 @@ class Replay(Run):
             self._guess.forget()
 
     def _next(self, times: np.ndarray, row: int, last_size: float) -> int:
-        """Row at the end of the next step, which crosses no corner and misses no row of a table.
+        """Row at the end of the next step, which contains no corner and no row of a table inside.
 
         Parameters
         ----------
         times
             Times of all rows, shape (k,) [s].
         row, last_size
-            Row at the end of the last step, and its length [s].
+            Row at the end of the last step, and size of the last step [s].
         """
         time = self.state.time
         target = min(row + self._stride, len(times) - 1)
@@ -475,7 +476,7 @@ class Replay(Run):
         return target
 
     def _step(self, row: int, time: float, share: float = 1.0) -> MechanismStep | None:
-        """Step to a row of the trajectory, or a share of the way there; None: no solution."""
+        """Take a step to a row of the trajectory, or a part of the way; None without a solution."""
         control = self.control
         state = self.state
         norm = self.norm
@@ -515,9 +516,9 @@ class Replay(Run):
 def _between(
     values: np.ndarray, row: int, share: float, first: np.ndarray | None = None
 ) -> np.ndarray:
-    """Values at a share of the way to a row.
+    """Values at a part of the way from the previous row to a row.
 
-    Before row 0 are the first values, or those of row 0 if none are given.
+    The values before row 0 are `first`, or those of row 0 if `first` is None.
     """
     if share == 1.0:
         return values[row]
@@ -531,14 +532,14 @@ class _Guess:
     Parameters
     ----------
     run
-        Follows the trajectory.
+        Run that follows the trajectory.
     trajectory
-        Trajectory of the steps.
+        Trajectory that is followed.
 
     Attributes
     ----------
     patterns
-        Number of residual patterns in the derivatives.
+        Number of residual patterns that the derivatives contain.
     """
 
     def __init__(self, run: Run, trajectory: Trajectory):
@@ -548,10 +549,11 @@ class _Guess:
         self._pressures = equations.lower == 0.0
         self._voids = ~self._pressures
         self._voids[equations.rest] = False
-        # Unknowns of the trajectory at the nodes of these films; coordinates are not among them.
+        # Unknowns of the trajectory at the nodes of this run's films; coordinates are stored
+        # separately.
         self._values = np.zeros((len(trajectory), len(equations.lower)))
         multipliers = trajectory.state("multipliers")
-        # Another drive or joint has other multipliers, which begin at zero.
+        # If the drives or joints differ, there are other multipliers, which start from zero.
         if multipliers.shape[1] == equations.rest_size - equations.system.n:
             self._values[:, equations.rest][:, equations.system.n :] = multipliers
         matrices = interpolations(trajectory.base, run)
@@ -567,32 +569,32 @@ class _Guess:
         self.forget()
 
     def begin(self, state: RunState) -> None:
-        """Begin at the start of the trajectory; angles may be larger by whole turns."""
+        """Start from a state near the trajectory's; its angles may be larger by whole turns."""
         start = self._trajectory.start.x[0][: self._trajectory.x.shape[1]]
         self._x_difference = state.x[0][: len(start)] - start
 
     def forget(self) -> None:
-        """Expect no difference from the trajectory."""
+        """Assume that there is no difference from the trajectory."""
         self._x_difference = np.zeros(self._trajectory.x.shape[1])
         self._value_difference = np.zeros(self._values.shape[1])
 
     def _recorded_at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates with patterns, and values, of the trajectory itself."""
+        """Coordinates with pattern amplitudes, and unknowns, of the trajectory, see `at`."""
         start = self._trajectory.start.x[0][: self._trajectory.x.shape[1]]
         x = _between(self._trajectory.x, row, share, start)
         return x, _between(self._values, row, share)
 
     def at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates with patterns, and values, at a share of the way to a row."""
+        """First guess of coordinates with pattern amplitudes, and of unknowns, before a row."""
         x, values = self._recorded_at(row, share)
         guess = values + self._value_difference
-        # In the cavities of the trajectory the pressure is zero for any last difference.
+        # In the cavities of the trajectory the guess of the pressure is zero.
         guess[self._pressures] *= values[self._pressures] > 0.0
         guess[self._voids] = np.clip(guess[self._voids], 0.0, 1.0)
         return x + self._x_difference, guess
 
     def learn(self, row: int, share: float, step: Step[CoupledState], solver: SolverState) -> None:
-        """Store the difference of the solution at a share of the way to a row."""
+        """Store the difference between the solution of a step and the trajectory."""
         x, values = self._recorded_at(row, share)
         self._x_difference = step.x[: len(x)] - x
         self._value_difference = solver.values[0] - values
@@ -600,23 +602,28 @@ class _Guess:
 
 
 def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> History:
-    """Steps of a run, or of its last cycle, taken by another mechanism.
+    """Repeat the steps of a run, or of its last cycle, with another mechanism.
 
     Parameters
     ----------
     history
-        From `simulate`.
+        History that `simulate` returned.
     mechanism
-        With the same coordinates; films may have other meshes.
+        Mechanism with the same coordinates; its films may have other meshes.
     stride
-        Steps of the run in one step.
+        Number of steps of the run that form one step.
+
+    Returns
+    -------
+    History
+        History of the other mechanism.
 
     Raises
     ------
     InputError
         The history was read from a folder.
     StepSizeError
-        There is no solution near that of the run.
+        No solution near that of the run was found.
     """
     trajectory = trajectory_of(solved_run(history))
     require_class("mechanism", mechanism, Mechanism)

@@ -1,17 +1,17 @@
-"""Derivatives of extremes and means of a run, or of its periodic cycle, along its parameters.
+"""Derivatives of extremes and means of a run, or of its periodic cycle, to its parameters.
 
-With a parameter p changed by a share of its scale s to either side the steps of the run are taken
-once more (`Replay`),
+The steps of the run are repeated (`Replay`) with a parameter p larger and smaller by a share eps of
+its scale s,
 
     dq/dp = (q(p + eps s) - q(p - eps s)) / (2 eps s).
 
-Runs that choose their steps differ by the noise of this choice, 1e-4 of an extreme at a tolerance
-of 1e-4, which is a hundredth of a derivative along 1 %. In the same steps, solved to round-off,
-objectives are as smooth as the equations. A cycle is repeated until it is periodic.
+Runs that choose their own steps differ by the noise of this choice: 1e-4 of an extreme at a
+tolerance of 1e-4, which is a hundredth of the change by 1 %. In the same steps, solved to
+round-off, objectives are as smooth as the equations. A cycle is repeated until it is periodic.
 
-Extremes lie between nodes and between steps (`fenics_ehd.base.extremes`): the largest nodal value
-jumps where the peak passes a node, a saw-tooth along any parameter, whose slopes are wrong by the
-distance of nodes. A mean is the integral of cubics through four steps.
+Extremes are taken between nodes and between steps (`fenics_ehd.base.extremes`). The largest nodal
+value jumps whenever the peak passes a node: along any parameter it is a saw-tooth, whose slopes
+have errors of the order of the node distance. A mean is the integral of cubics through four steps.
 """
 
 from __future__ import annotations
@@ -45,33 +45,34 @@ from fenics_ehd.multibody.periodic import repeats
 from fenics_ehd.multibody.quantities import joint_row
 from fenics_ehd.multibody.trust import integral
 
-#: Change of a parameter over its scale. Differences have errors of its square; friction, whose oil
-#: in cavities appears and disappears point by point, has a derivative only over such a share.
+#: Change of a parameter over its scale. The error of a difference is of the order of its square.
+#: Friction needs a change of this size: the oil in cavities appears and disappears point by point.
 SHARE = 0.01
 
-#: Tolerance of Newton's last update. The squeeze velocity has its error over the step: in steps of
-#: a degree 1e-6 puts a peak pressure's derivative 0.9 % off, 1e-8 less than 0.01 %.
+#: Tolerance of Newton's last update. Its error over the step enters the squeeze velocity: with
+#: steps of a degree, 1e-6 changes a peak pressure's derivative by 0.9 %, 1e-8 by less than 0.01 %.
 NEWTON = 1e-8
 
-#: Tolerance of a periodic cycle, as a share of the gaps.
+#: Tolerance of a periodic cycle, relative to the gaps.
 PERIODICITY = 1e-6
 
-#: Tolerance of balanced temperatures [K].
+#: Tolerance of temperatures from a heat balance [K].
 BALANCE = 1e-4
 
-#: Factor of the first two tolerances on finer films, which show by how much a derivative changes.
+#: Factor on the tolerances `NEWTON` and `PERIODICITY` for finer films, which only show how much a
+#: derivative changes.
 ROUGHLY = 10.0
 
-#: Largest number of cycles.
+#: Largest number of cycles until a cycle is periodic.
 MOST = 40
 
-#: Change of a parameter, over its scale, with which a mechanism is built to compare its periods.
+#: Change of a parameter over its scale, with which periods of a mechanism are compared.
 TINY = 3e-6
 
-#: Change of a number of periods in a cycle that is round-off.
+#: Largest relative change of the number of periods in a cycle that is only round-off.
 SAME = 1e-9
 
-#: Kinds of objectives by the prefix of their names, and the sign of the extreme; a mean has none.
+#: Prefixes of the names of objectives, with the sign of an extreme and 0 for a mean.
 KINDS = {"max": 1, "min": -1, "mean": 0}
 
 
@@ -81,12 +82,12 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
     Parameters
     ----------
     times, values
-        Times of the steps from the start of the run or the cycle [s], and values, shape (steps,).
+        Times of the steps since the start of the run or cycle [s], and values, shape (steps,).
     period
-        Period of a cycle whose last step is its start [s]; None: the curve is not periodic.
+        Period of a cycle, which starts at its last step [s]; None if the curve is not periodic.
     """
     if period is not None:
-        # The end of a cycle is its start, too.
+        # The start of a cycle has the values of its end.
         times = np.append(0.0, times)
         values = np.append(values[-1], values)
     length = times[-1] - times[0]
@@ -94,7 +95,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
 
 
 def columns_of(step: MechanismStep) -> dict[str, float]:
-    """Columns of every lubricated joint at a step, by path with unit."""
+    """Results of every lubricated joint at a step, by path with unit."""
     return {
         f"joints/{joint.binding.name}/{column}": value
         for joint in step.solution.joints
@@ -104,7 +105,7 @@ def columns_of(step: MechanismStep) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Objective:
-    """An extreme or a mean of a column of one joint.
+    """A result that is differentiated: extreme or mean of a column of a joint.
 
     Attributes
     ----------
@@ -113,7 +114,7 @@ class Objective:
     kind
         ``"max"``, ``"min"`` or ``"mean"``.
     column
-        Name with its unit, as in a history.
+        Name of the column with its unit, as in a history.
     """
 
     joint: str
@@ -122,17 +123,17 @@ class Objective:
 
     @property
     def name(self) -> str:
-        """As in a summary: ``min_film_thickness_m``, ``mean_friction_power_W``."""
+        """Name as in a summary: ``min_film_thickness_m``, ``mean_friction_power_W``."""
         extreme = self.column.startswith(("max_", "min_"))
         return self.column if extreme else f"{self.kind}_{self.column}"
 
     def value(self, trajectory: Trajectory) -> float:
-        """Value for a run, or its last cycle, whose trajectory has the columns of `columns_of`.
+        """Value in a run or its last cycle, whose trajectory has the columns of `columns_of`.
 
         Raises
         ------
         VerificationError
-            It is no finite number.
+            The value is not a finite number.
         """
         values = trajectory.joints[self.joint].columns[self.column]
         times = trajectory.times - trajectory.began
@@ -143,26 +144,26 @@ class Objective:
             result = over_time(times, values, trajectory.period, KINDS[self.kind])[0]
         if not np.isfinite(result):
             raise VerificationError(
-                f"{self.joint}.{self.name} is no finite number in this run: ask for another one"
+                f"{self.joint}.{self.name} is not a finite number in this run: choose another one"
             )
         return result
 
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A number that a mechanism is made with.
+    """A number on which a mechanism depends, for derivatives.
 
     Attributes
     ----------
     name
-        For messages.
+        Name of the parameter, for messages.
     scale
-        Number, in the unit of the parameter, that changes are shares of.
+        Size to which changes are relative, in the unit of the parameter.
     make
-        Returns the mechanism with the parameter changed by a share of its scale, and the time to
-        simulate, or the period, over that of the unchanged mechanism.
+        Function of a change, as a share of the scale. It returns the changed mechanism, and the
+        time to simulate, or the period, over that of the unchanged mechanism.
     same_coordinates
-        Whether reduced bodies stay as they are, so that coordinates keep their meaning.
+        Whether reduced bodies do not change, so that coordinates keep their meaning.
     """
 
     name: str
@@ -172,12 +173,12 @@ class Parameter:
 
 
 def settled(trajectory: Trajectory) -> Trajectory:
-    """The run in its own steps, its periodic cycle repeated until only round-off is left.
+    """Repeat a periodic cycle in its own steps until it is periodic to round-off; else unchanged.
 
     Raises
     ------
     PeriodicityError, SolverError
-        From the steps, and `PeriodicSolver`.
+        A step or the search for the periodic cycle failed.
     """
     if trajectory.search is None:
         return trajectory
@@ -192,23 +193,23 @@ def derivatives(
     share: float = SHARE,
     finer: bool = False,
 ) -> dict[Objective, float]:
-    """Derivatives of objectives along a parameter, in the steps of a run that is `settled`.
+    """Derivatives of objectives to a parameter, by differences in the steps of a `settled` run.
 
     Parameters
     ----------
     trajectory
         Trajectory of the run.
     parameter, objectives
-        To differentiate along, and to differentiate.
+        Parameter that is changed, and results that are differentiated.
     share
-        Change of the parameter to either side over its scale.
+        Change of the parameter to either side, over its scale.
     finer
-        Whether films have half as many cells again in both directions.
+        Whether the films are refined by a factor of 1.5 in both directions.
 
     Raises
     ------
     PeriodicityError, SolverError, SettingsError
-        From the steps and `PeriodicSolver`; there is no finer film.
+        A step or the search for a periodic cycle failed, or there is no finer film.
     """
     sides: list[Trajectory] = []
     for sign in (1, -1):
@@ -224,7 +225,7 @@ def derivatives(
 
 
 def _balanced(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with temperatures that are balanced to `BALANCE`."""
+    """Set the tolerance of heat balances in a mechanism to `BALANCE`."""
     joints = dict(mechanism.joints)
     for name, joint in mechanism.joints.items():
         if isinstance(joint, LubricatedJoint) and joint.heat is not None:
@@ -239,7 +240,7 @@ def _repeated(
     same_coordinates: bool = True,
     slack: float = 1.0,
 ) -> Trajectory:
-    """Steps of a run taken by another mechanism.
+    """Repeat the steps of a run, or its periodic cycle, with another mechanism.
 
     Parameters
     ----------
@@ -248,9 +249,9 @@ def _repeated(
     span
         Time to simulate, or period, over that of the run.
     same_coordinates
-        See `Parameter`.
+        Whether coordinates keep their meaning, see `Parameter`.
     slack
-        Factor of the tolerances.
+        Factor on the tolerances.
     """
     base = trajectory.base
     search = trajectory.search
@@ -276,7 +277,7 @@ def sensitivity(
     parameters: Mapping[str, float],
     of: Sequence[str],
 ) -> dict[str, dict[str, float]]:
-    """Derivatives of objectives of a run from `simulate` along parameters of its mechanism.
+    """Derivatives of results of a run from `simulate` to parameters of its mechanism.
 
     Parameters
     ----------
@@ -284,33 +285,34 @@ def sensitivity(
         History of the run, or of its periodic solution, whose period must not depend on the
         parameters.
     make
-        Returns the mechanism with the same coordinates for parameters by name.
+        Function that returns the mechanism for parameters given by name; its coordinates must not
+        change.
     parameters
-        Values that the run was made with, none of them 0.
+        Values of the parameters in the run, by name; none may be 0.
     of
-        Objectives: ``big_end.min_film_thickness``, ``mean_friction_power``.
+        Names of the results: ``big_end.min_film_thickness``, ``mean_friction_power``.
 
     Returns
     -------
     dict
-        Derivatives by objective, then by parameter.
+        Derivatives by result, then by parameter.
 
     Raises
     ------
     InputError
         The history was read from a folder.
     SensitivityError
-        There is no such objective, or no derivative along a parameter.
+        A result does not exist, or there is no derivative to a parameter.
     SolverError
-        From the steps.
+        A step failed.
     """
     trajectory = trajectory_of(solved_run(history))
 
     def parameter(name: str, value: float) -> Parameter:
         if not value:
             raise SensitivityError(
-                f"parameters: {name} = 0 has no size that a small change could be a share of: give "
-                "a value other than 0"
+                f"parameters: {name} = 0 has no size to which a change can be relative: give a "
+                "value other than 0"
             )
 
         def changed(share: float) -> tuple[Mechanism, float]:
@@ -337,19 +339,20 @@ def sensitivity(
 def check_periods(
     mechanism: Mechanism, period: float | None, parameters: Sequence[Parameter]
 ) -> None:
-    """Refuse parameters along which there is no periodic solution.
+    """Refuse parameters on which the period of only some parts of a cycle depends.
 
     Parameters
     ----------
     mechanism, period
-        Mechanism and period of the run [s]; None: the run is not periodic.
+        Mechanism of the run, and its period [s]; None if the run is not periodic.
     parameters
-        To differentiate along.
+        Parameters to check.
 
     Raises
     ------
     SensitivityError
-        Naming what keeps its own period although the cycle's changes, or the other way round.
+        A drive or load keeps its own period although that of the cycle changes, or the reverse; the
+        message names it.
     """
     if period is None:
         return
@@ -362,29 +365,29 @@ def check_periods(
         ]
         if off:
             raise SensitivityError(
-                f"{parameter.name}: along it alone {', '.join(off)} would not repeat with the "
-                "cycle any more, and no derivative exists: ask along a parameter that does not "
-                "change any period, or run the scene with both changed together"
+                f"{parameter.name}: if it changes alone, {', '.join(off)} no longer repeats with "
+                "the cycle, and no derivative exists: choose a parameter that changes no period, "
+                "or run the scene with both changed together"
             )
 
 
 def objective_of(name: str, paths: Collection[str]) -> Objective:
-    """Objective of a name, ``big_end.min_film_thickness``.
+    """Objective from its name, ``big_end.min_film_thickness``.
 
-    Its unit may follow the name. A bare name is accepted with a warning if exactly one joint has
-    such a quantity.
+    The unit may follow the name. The name of the joint may be missing if only one joint has such a
+    quantity; this gives a warning.
 
     Parameters
     ----------
     name
         Name of the objective.
     paths
-        Paths of the columns of a run: ``joints/big_end/min_film_thickness_m``.
+        Paths of the columns in the history of the run: ``joints/big_end/min_film_thickness_m``.
 
     Raises
     ------
     SensitivityError
-        There is none of that name.
+        No objective has this name; the message suggests another one.
     """
     known: dict[str, dict[str, Objective]] = {}
     for path in paths:
@@ -417,7 +420,7 @@ def objective_of(name: str, paths: Collection[str]) -> Objective:
 
 
 def _objectives(joint: str, column: str) -> list[Objective]:
-    """Objectives of a column: none of a position, which may jump or go around."""
+    """Objectives for a column; none for an angle or a height, which may jump."""
     if column.endswith(("_deg", "_height_m")):
         return []
     kind = column.partition("_")[0]

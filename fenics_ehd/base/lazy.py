@@ -20,7 +20,7 @@ def lazily(
         Name of the package.
     modules
         Public names by the module that defines them, relative to the package.
-    Present name of every former name, which is accepted with a warning.
+    former
         Present name of every former one, which is accepted with a warning.
 
     Raises

@@ -21,6 +21,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Container, Mapping
 from functools import wraps
+from inspect import signature
 from typing import Any, TypeVar
 
 #: Version without the former names.
@@ -95,7 +96,10 @@ class _FormerAttribute:
     def __get__(self, instance: Any, owner: type) -> Any:
         """Value of the present attribute, of an instance or of the class."""
         self._warn(owner)
-        return getattr(owner if instance is None else instance, self.name)
+        value: Any = owner if instance is None else instance
+        for part in self.name.replace("[", ".").replace("]", "").split("."):
+            value = value[int(part)] if part.isdigit() else getattr(value, part)
+        return value
 
     def __set__(self, instance: Any, value: Any) -> None:
         """Assign to the present attribute."""
@@ -111,7 +115,7 @@ def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
     Parameters
     ----------
     names
-        Present name of every former one.
+        Present name of every former one, or a path to its value: ``"surfaces[0].body"``.
     """
 
     def decorate(cls: Cls) -> Cls:
@@ -120,6 +124,34 @@ def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
         return cls
 
     return decorate
+
+
+def accept_former_parameter(cls: type, method: str, former: str, name: str) -> None:
+    """Let a class define a method with the former name of a keyword parameter.
+
+    It is meant for ``__init_subclass__`` of classes that users derive from, as the method is called
+    with the present name. Methods with the present name are not changed, and cost nothing more.
+
+    Parameters
+    ----------
+    cls, method
+        The class, and the name of the method.
+    former, name
+        Former and present name of the parameter.
+    """
+    function = cls.__dict__.get(method)
+    if function is None or former not in signature(function).parameters:
+        return
+    label = f"{cls.__name__}.{method}"
+    warn_renamed(f"{label}({former}=)", f"{label}({name}=)", depth=3)
+
+    @wraps(function)
+    def called_by_present_name(*arguments: Any, **keywords: Any) -> Any:
+        if name in keywords:
+            keywords[former] = keywords.pop(name)
+        return function(*arguments, **keywords)
+
+    setattr(cls, method, called_by_present_name)
 
 
 def renamed_arguments(**names: str) -> Callable[[Renamed], Renamed]:

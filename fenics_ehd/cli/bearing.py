@@ -371,7 +371,7 @@ def bearing(
             "--temperature and --supply-temperature exclude each other: give the effective "
             "temperature of the film, or the supply temperature from which it is computed"
         )
-    from fenics_ehd.analysis.bearing import solve_bearing
+    from fenics_ehd.scenes.bearing import solve_bearing
 
     if plot:
         from fenics_ehd.plotting.maps import plot_bearing

@@ -137,8 +137,8 @@ def check() -> None:
 def _film(_: Path) -> str:
     import numpy as np
 
-    from fenics_ehd.analysis.bearing import solve_bearing
     from fenics_ehd.analysis.bearing_settings import BearingSettings
+    from fenics_ehd.scenes.bearing import solve_bearing
 
     settings = BearingSettings(radius=0.02, width=0.04, clearance=2e-5)
     attitude = np.degrees(solve_bearing(settings, eccentricity=0.6).attitude or 0.0)

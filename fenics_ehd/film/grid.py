@@ -161,6 +161,10 @@ class FilmGrid:
         return sparse.csr_matrix((values.ravel(), columns.ravel(), starts), shape)
 
 
+#: Function that makes the mesh of a film from the edges of its axial grooves [rad].
+MeshMaker = Callable[[np.ndarray], FilmGrid]
+
+
 def uniform_grid(
     radius: float,
     width: float,

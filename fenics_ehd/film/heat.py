@@ -45,7 +45,7 @@ EXPONENTS = (0.0, 2.0)
 #: Smallest change of ln(viscosity) from which n is computed. In the cycle after a change of
 #: temperature the film still depends on the previous one: power and flow have an error of 0.1 % per
 #: K of the change.
-TELLING = 0.05
+LEAST_CHANGE = 0.05
 
 #: Distance that temperatures keep from the highest one of the oil, because of round-off [K].
 ROUNDING = 1e-9
@@ -146,7 +146,9 @@ class TemperatureSearch(Stateful):
     ----------
     heat, oil
         Settings of the heat balance, and oil of the film.
-    telling
+    name
+        Name of the film or key of its heat, for messages.
+    least_change
         Change of ln(viscosity) above which the exponent is computed from two temperatures.
 
     Attributes
@@ -173,10 +175,18 @@ class TemperatureSearch(Stateful):
         "last": Value("float", (2,), required=False),
     }
 
-    def __init__(self, heat: Heat, oil: TemperatureLaw, *, telling: float = TELLING):
+    def __init__(
+        self,
+        heat: Heat,
+        oil: TemperatureLaw,
+        name: str = "heat",
+        *,
+        least_change: float = LEAST_CHANGE,
+    ):
         self.heat = heat
         self.oil = oil
-        self._telling = telling
+        self._name = name
+        self._least_change = least_change
         oil.viscosity(heat.supply_temperature)  # refuses a temperature out of range
         self.temperature = heat.supply_temperature
         self.without_balance = False
@@ -199,14 +209,17 @@ class TemperatureSearch(Stateful):
         """Temperature that balances power [W] and flow [m3/s], less the current one [K]."""
         return self.heat.balanced(self.oil, self.temperature, power, flow) - self.temperature
 
-    def move(self, power: float, flow: float) -> bool:
+    def settled(self, power: float, flow: float) -> bool:
+        """True if the heat is balanced within its tolerance."""
+        return abs(self.defect(power, flow)) <= self.heat.tolerance
+
+    def move(self, power: float, flow: float) -> None:
         """Set the next temperature, from power [W] and flow [m3/s] at the current one.
 
-        Returns
-        -------
-        bool
-            False if the current temperature is the oil's highest and the balance requires a higher
-            one.
+        Raises
+        ------
+        HeatError
+            The current temperature is the oil's highest, and the balance requires a higher one.
         """
         heat = self.heat
         oil = self.oil
@@ -220,7 +233,7 @@ class TemperatureSearch(Stateful):
         if not rise > 0.0:
             self.temperature = supply
             self.last = None
-            return True
+            return
         viscosity = oil.viscosity(here)
         if rise < np.inf:
             self._learn(float(np.log(viscosity)), float(np.log(rise)))
@@ -231,17 +244,37 @@ class TemperatureSearch(Stateful):
 
         if excess(hottest) > 0.0:
             self.without_balance = True
+            if here >= hottest:
+                raise self._run_away(", the highest at which the viscosity of the oil is known")
             self.temperature = min(_thinner(oil, here, hottest), hottest)
-            return here < hottest
+            return
         self.temperature = _root(excess, supply, hottest)
-        return True
+
+    def cause_of(self, error: Exception) -> HeatError | None:
+        """Heat error that explains the failure of a film; None if its heat can be balanced."""
+        return self._run_away(f" ({error})") if self.without_balance else None
+
+    def _run_away(self, last: str) -> HeatError:
+        """Make the error of a film whose heat no temperature balances.
+
+        Parameters
+        ----------
+        last
+            Remark on the last temperature, for the message.
+        """
+        return HeatError(
+            f"{self._name}: the oil cannot carry away the heat: {self.power:.3g} W with a flow of "
+            f"{1e6 * self.flow:.3g} cm3/s have no balance up to {self.temperature:.4g} C{last}: "
+            "raise the clearance, the supply or conducted_share, or lower supply_temperature or "
+            "the speed"
+        )
 
     def _learn(self, viscosity: float, rise: float) -> None:
         """Set the exponent from logarithms of viscosity and temperature rise at two temperatures.
 
         The rise is proportional to P / Q.
         """
-        if self.last is not None and abs(viscosity - self.last[0]) > self._telling:
+        if self.last is not None and abs(viscosity - self.last[0]) > self._least_change:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])
             self.exponent = float(np.clip(slope, *EXPONENTS))
         self.last = np.array([viscosity, rise])
@@ -262,24 +295,3 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     from scipy.optimize import brentq
 
     return float(brentq(function, low, high, xtol=1e-12))
-
-
-def run_away(name: str, search: TemperatureSearch, error: Exception | None = None) -> HeatError:
-    """Make the error to raise for a film whose heat no temperature balances.
-
-    Parameters
-    ----------
-    name
-        Name of the film for the message.
-    search
-        Search of the film's temperature, at its last temperature.
-    error
-        Failure of the film at the last temperature; None if that is the oil's highest temperature.
-    """
-    last = f" ({error})" if error else ", the highest at which the viscosity of the oil is known"
-    return HeatError(
-        f"{name}: the oil cannot carry away the heat: {search.power:.3g} W with a flow of "
-        f"{1e6 * search.flow:.3g} cm3/s have no balance up to {search.temperature:.4g} C{last}: "
-        "raise the clearance, the supply or conducted_share, or lower supply_temperature or the "
-        "speed"
-    )

@@ -42,7 +42,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import attrs
 import numpy as np
@@ -295,6 +295,11 @@ class Shape(Deviations):
         return total
 
 
+def is_shape(value: Any) -> TypeGuard[Shape]:
+    """True of a `Shape` and of a user's object with its `radial`."""
+    return hasattr(value, "radial")
+
+
 def require_shape(name: str, value: Any) -> None:
     """Refuse a value that is neither a `Shape`, None, nor a user's object with a method `radial`.
 
@@ -303,7 +308,7 @@ def require_shape(name: str, value: Any) -> None:
     SettingsError
         If the value is another object; the message names the argument and the object's class.
     """
-    if not hasattr(value, "radial"):
+    if not is_shape(value):
         require_class(name, value, Shape, optional=True)
 
 

@@ -123,6 +123,12 @@ def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
     )
 
 
+def length_scale(gap: np.ndarray, roughness: float) -> np.ndarray:
+    """``h_T / (dh_T / dh)`` of nominal gaps at a combined roughness, all in [m]; above 0."""
+    value, share = mean_gap(gap / roughness)
+    return roughness * value / np.maximum(share, np.finfo(float).tiny)
+
+
 def pressure_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
     """Pressure flow factor phi_p for H = `ratio`, by the published formula."""
     c, r = PRESSURE
@@ -395,5 +401,4 @@ class RoughSurfaces(Roughness):
 
         It is positive for every overlap.
         """
-        value, share = mean_gap(gap / self.roughness)
-        return self.roughness * value / np.maximum(share, np.finfo(float).tiny)
+        return length_scale(gap, self.roughness)

@@ -23,6 +23,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import attrs
 import numpy as np
@@ -33,6 +34,7 @@ from fenics_ehd.base.arguments import require_class, require_number, require_pai
 from fenics_ehd.base.fields import REQUIRED, number, pair, place, places
 from fenics_ehd.base.needs import only_with
 from fenics_ehd.base.plane import rotation
+from fenics_ehd.base.renamed import accept_former_parameter
 from fenics_ehd.multibody.surface import BORE, Side, Surface
 from fenics_ehd.reduction.body import ELASTIC, InertiaIntegrals, ReducedBody
 
@@ -272,6 +274,10 @@ class Body(ABC):
 
     #: Whether the axis tilts at the body's points, as that of a bent shaft does.
     tilts = False
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        accept_former_parameter(cls, "balance", "lift", "minus_gravity")
 
     @property
     @abstractmethod

@@ -38,7 +38,7 @@ from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.film_models import FilmModel
 from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.static_correction import BoreResponses
+from fenics_ehd.multibody.static_correction import PatternResponses
 from fenics_ehd.multibody.surface import TurningRows
 
 #: Largest separation over sigma at which derivatives contain contact. The contact pressure there is
@@ -190,7 +190,7 @@ class Contacts:
         If the mortar transfers pressures to a rough bore with residual patterns.
     """
 
-    def __init__(self, system: System, responses: BoreResponses):
+    def __init__(self, system: System, responses: PatternResponses):
         self._responses = responses
         self.joints = [
             None if binding.film.film.parameters.surfaces is None else JointContact(binding)
@@ -320,7 +320,7 @@ class ContactColumns:
     def __init__(
         self,
         contacts: Contacts,
-        responses: BoreResponses,
+        responses: PatternResponses,
         films: Sequence[FilmPoint],
         first: int,
     ):

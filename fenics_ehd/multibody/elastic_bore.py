@@ -1,13 +1,14 @@
 """Elastic bores: the bore of a reduced body as one surface of a film.
 
 If the meshes of a body's bore and of its film match, shape functions of the bore are evaluated at
-the film's Gauss points. If they do not match, pressures are transferred to the bore either
-conservatively, ``F = int N_s n p``, with the resultants of the film, or by the paper's mortar (14)
-and the body's load matrix. A bore may have holes. The gap in a hole follows the bore as extended
-from the rim (`fenics_ehd.film.transfer`). The film's pressure in a hole does not load the elastic
-modes: these are loaded on the remaining surface alone, as in the body's load matrix. The pressure
-in a hole is part of the force between journal and body, because the oil in the hole presses on the
-far end of its passage.
+the Gauss points of the film. If they do not match, pressures are transferred to the bore in one of
+two ways: conservatively, ``F = int N_s n p``, with the resultants of the film; or by the paper's
+mortar (14) and the body's load matrix.
+
+A bore may have holes. The gap in a hole is that of the bore surface extended from the rim
+(`fenics_ehd.film.transfer`). Pressure in a hole does not load the elastic modes, as in the body's
+load matrix. It is part of the force between journal and body, because the oil in the hole presses
+on the far end of its passage.
 """
 
 from __future__ import annotations
@@ -44,14 +45,17 @@ from fenics_ehd.reduction.body import (
 from fenics_ehd.reduction.bore import SAMPLED, BoreSurface, turned
 from fenics_ehd.reduction.mesh_error import smooth_part
 
-#: Largest difference of the film's load from the body's load, over the largest load, of a cosine
-#: pressure. The body integrates over quadratic cells, whose areas differ from those of the cylinder
-#: by 1e-5 with 20 cells.
+#: Largest difference between the loads of a cosine pressure by the film and by the body, over the
+#: largest load. The body integrates over quadratic cells, whose areas differ from those of the
+#: cylinder by 1e-5 with 20 cells.
 LOAD_TOLERANCE = 5e-4
 
 
 def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> SurfaceMesh:
-    """Surface mesh of a body's bore; the nodes of a bore without cells must be structured."""
+    """Make the surface mesh of a body's bore from nodes [m] and cells.
+
+    The nodes of a bore without cells must be those of a structured mesh.
+    """
     if cells.size:
         return SurfaceMesh.on_cylinder(nodes, cells, family)
     grid = film_grid(nodes)
@@ -61,12 +65,12 @@ def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> SurfaceMe
 
 
 def sampling_grid(bore: BoreSurface) -> FilmGrid:
-    """Grid at whose nodes the mesh error of a part's bore is stored."""
+    """Film mesh at whose nodes the mesh error of a part's bore is stored."""
     return uniform_grid(bore.radius, bore.width, SAMPLED)
 
 
 class BoreFilm:
-    """Linear maps of one film in the bore of one body.
+    """Linear maps between a film and the elastic modes of the bore of a reduced body.
 
     Parameters
     ----------
@@ -81,28 +85,30 @@ class BoreFilm:
     Attributes
     ----------
     outward, tangential
-        Components of the elastic modes at the Gauss points, shape (g, n).
+        Outward and tangential components of the elastic modes at the Gauss points, shape (g, n)
+        each.
     normal
-        Outward displacement at the Gauss points of displacements of the bore nodes, sparse,
-        shape (g, 3 m).
+        Sparse matrix from displacements of the bore nodes to outward displacements at the Gauss
+        points, shape (g, 3 m).
     observed_normal
-        The same at Gauss points and film nodes, shape (w, 3 m).
+        Sparse matrix from displacements of the bore nodes to outward displacements at Gauss points
+        and film nodes, shape (w, 3 m).
     projected
-        Mortar from nodal pressures of the film to those of the bore; None: without mortar.
+        Mortar matrix from nodal pressures of the film to those of the bore; None without mortar.
     observed
         Outward components of the elastic modes at Gauss points and film nodes, shape (w, n).
     force, load
-        Force of nodal film pressures along x and y, shape (2, nodes), and generalised forces on
-        the elastic modes, shape (n, nodes).
+        Force along x and y for unit nodal pressures of the film, shape (2, nodes), and generalised
+        forces on the elastic modes, shape (n, nodes).
     holes, solid
         Holes of the bore's mesh, and solid fraction of every Gauss point's area, shape (cells,
-        points); None: the bore has no holes.
+        points); the latter is None without holes.
 
     Raises
     ------
     InterfaceMismatchError
-        The bore is not the film's cylinder, or the body's load matrix does not
-        belong to the bore.
+        If the bore is not the film's cylinder, or the body's load matrix does not belong to the
+        bore.
     """
 
     def __init__(self, body: ReducedBody, film: Film, transfer: str = "conservative"):
@@ -113,7 +119,7 @@ class BoreFilm:
         self._check_size(body, film)
         mesh = bore_surface(body.bore_nodes, body.bore.cells, body.bore.family)
         m = len(body.bore_nodes)
-        # Unit translations along x and y, then the elastic modes.
+        # Columns are unit translations along x and y, then the elastic modes.
         fields = np.zeros((m, 3, 2 + body.modes))
         fields[:, 0, 0] = fields[:, 1, 1] = 1.0
         fields[:, :, 2:] = body.bore_basis
@@ -126,7 +132,7 @@ class BoreFilm:
         self.outward = self.observed[:inside]
         # n . (e_z x u) is minus the component of u along the circumference.
         self.tangential = -(normal @ turned(fields[:, 2:], 2))
-        # Cells of 4 and of 9 nodes may have the same nodes, with other shape functions.
+        # Meshes of 4-node and of 9-node cells may have the same nodes, but other shape functions.
         family = body.bore.pressure_family or film_layout(body.pressure_nodes)[1]
         alike = grid.family == family
         self._order = match(body.pressure_nodes, grid.nodes) if alike else None
@@ -177,7 +183,7 @@ class BoreFilm:
         return pressure[self._order]
 
     def _check_load(self, body: ReducedBody, film: Film) -> None:
-        """Refuse a load matrix J whose work of a smooth pressure is not that of the film."""
+        """Refuse a load matrix J whose force for a smooth pressure is not that of the film."""
         grid = film.parameters.grid
         for angle_of, component in ((np.cos, 1), (np.sin, 2)):
             pressure = 1.0 + angle_of(grid.node_positions[:, 0])
@@ -186,14 +192,17 @@ class BoreFilm:
             defect = np.abs(of_film - expected).max() / np.abs(expected).max()
             if not defect <= LOAD_TOLERANCE:
                 raise InterfaceMismatchError(
-                    f"film and body disagree on the work of a pressure by {defect:.1e} "
+                    f"forces of a pressure by film and by body differ by {defect:.1e} "
                     f"(relative, component {component}), above {LOAD_TOLERANCE:.0e}: the body's "
                     "load matrix does not belong to its bore"
                 )
 
 
 def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
-    """Tangential component of the mean translation of every field, at the Gauss points."""
+    """Tangential component, at the Gauss points, of the mean translation in every mode, (g, n).
+
+    `outward` and `tangential` are components of the modes at the Gauss points, shape (g, n) each.
+    """
     cosine, sine = (x.ravel()[:, None] for x in film.points.normal)
     area = film.assembly.area.ravel() / film.assembly.area.sum()
     x = area @ (cosine * outward - sine * tangential)
@@ -216,11 +225,11 @@ class ElasticBore(Surface):
     Attributes
     ----------
     body, point, damping_time
-        As given.
+        Arguments of the constructor.
     centre
         Centre of the undeformed bore in the frame of the part, shape (3,) [m].
     part
-        Reduced body with this bore alone.
+        Reduced body with this bore only.
     maps
         Linear maps between film and body.
     """
@@ -238,12 +247,12 @@ class ElasticBore(Surface):
 
     @property
     def mortar(self) -> bool:  # type: ignore[override]
-        """Whether pressures reach the bore by a mortar: its mesh does not match the film's."""
+        """Whether a mortar transfers pressures, because bore and film meshes do not match."""
         return self.maps.projected is not None
 
     @property
     def rows(self) -> SurfaceRows:
-        """Constant maps of the modes; the film's frame moves with their mean translation."""
+        """Constant maps of the elastic modes; the film's frame has their mean translation."""
         maps = self.maps
         carried = _mean_translation(self.side.film, maps.outward, maps.tangential)
         mean = 0.5 * maps.tangential - carried
@@ -251,7 +260,7 @@ class ElasticBore(Surface):
 
     @property
     def compliance(self) -> Compliance | None:
-        """Residual patterns of the part at this bore (M4); None: the part has none."""
+        """Residual patterns of the part at this bore (M4); None if the part has none."""
         residual = self.part.residual
         if residual is None or not residual.rank:
             return None
@@ -262,7 +271,7 @@ class ElasticBore(Surface):
         to_gap = maps.normal[:, plane].tocsr()
         to_observed = maps.observed_normal[:, plane].tocsr()
         if maps.projected is not None:
-            # Pressures that reach the bore by the mortar load it with the body's own matrix.
+            # Pressures that the mortar transfers load the bore by the body's own load matrix.
             from_pressure = sparse.csr_matrix(maps.projected)
             from_forces = sparse.csr_matrix((from_pressure.shape[0], to_gap.shape[0]))
             amplitudes = residual.patterns
@@ -285,14 +294,14 @@ class ElasticBore(Surface):
         )
 
     def missing_flexibility(self, component: str) -> MissingFlexibility:
-        """Flexibility that the basis or the mesh of the part lacks, see `Surface`."""
+        """Flexibility missing in basis or mesh, see `Surface.missing_flexibility`."""
         return self._missing_in_basis if component == "basis" else self._missing_in_mesh
 
     @property
     def _missing_in_basis(self) -> MissingFlexibility:
-        """Error of the basis, with M4 also that of the neglected inertia of its patterns."""
+        """Error of the basis; with M4 also that of the neglected inertia of residual patterns."""
         missing = self.body.missing_flexibility_at(self.point)
-        # Outward displacements of the bore's nodes.
+        # Matrix from outward displacements of the bore's nodes to their x, y and z components.
         radial = self.part.bore_nodes * [1.0, 1.0, 0.0]
         radial /= np.linalg.norm(radial, axis=1)[:, None]
         nodes = np.repeat(np.arange(len(radial)), 3)
@@ -307,7 +316,7 @@ class ElasticBore(Surface):
 
     @property
     def _missing_in_mesh(self) -> MissingFlexibility:
-        """Error of the part's mesh under pressures on its bores and forces on its points."""
+        """Error of the part's mesh due to pressures on its bores and forces on its points."""
         missing = self.body.mesh_flexibility
         if not missing.size:
             return MissingFlexibility(missing, sparse.csr_matrix((0, 0)), self.damping_time)
@@ -322,7 +331,7 @@ class ElasticBore(Surface):
         return MissingFlexibility(error, to_observed, self.damping_time)
 
     def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
-        """Displacement of the bore by elastic coordinates and amplitudes, see `Surface`."""
+        """Displacement of the bore in modes and patterns, see `Surface.displacement`."""
         bore = self.part.bore
         surface = bore_surface(bore.coordinates, bore.cells, bore.family)
         fields = bore_fields(self.part)
@@ -332,7 +341,7 @@ class ElasticBore(Surface):
     def nodal_forces(
         self, pressure: np.ndarray, contact: np.ndarray | float, angles: np.ndarray
     ) -> np.ndarray:
-        """Forces on the nodes of the bore by the film's integrals, see `Surface`."""
+        """Forces of a film on the nodes of the bore, see `Surface.nodal_forces`."""
         forces = self.side.film.pressure_areas @ pressure
         if self.maps.solid is not None:
             forces *= self.maps.solid.reshape(-1, 1)
@@ -340,27 +349,23 @@ class ElasticBore(Surface):
         return (self.maps.normal.T @ forces).T.reshape(len(angles), -1, 3)
 
     def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray:
-        """Pressures at the pressure nodes of all bores of the part, see `Surface`."""
+        """Pressures at the pressure nodes of all bores of the part, see `Surface.loads`."""
         loads = np.zeros(self.body.load_projection.shape[1])
         loads[self.body.rows_of(self.point).pressures] = self.maps.structure_pressure(pressure)
         return loads
 
 
 def neglected_inertia(body: ReducedBody, residual: ResidualFlexibility) -> np.ndarray:
-    """Gap error per acceleration of the residual amplitudes.
+    """Gap error per acceleration of the residual amplitudes, shape (m, r).
 
-    It is the static response of the residual patterns to their inertia force ``-M_rr y''``.
-
-    Returns
-    -------
-    numpy.ndarray
-        Outward bore displacement, shape (m, r).
+    It is the outward displacement of the bore's m nodes in the static response of the residual
+    patterns to their inertia force ``-M_rr y''``.
     """
     shape = body.outward(residual.displacement)
     return (shape / residual.stiffness) @ residual.mass
 
 
 def slowest_pattern(residual: ResidualFlexibility) -> float:
-    """``1 / omega`` of the slowest residual pattern on its own stiffness and mass [s]."""
+    """Time constant ``1 / omega`` of the slowest residual pattern, from stiffness and mass [s]."""
     root = 1.0 / np.sqrt(residual.stiffness)
     return float(np.sqrt(np.linalg.norm(root[:, None] * residual.mass * root, 2)))

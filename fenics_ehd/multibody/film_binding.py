@@ -1,7 +1,8 @@
-"""Films of lubricated joints, bound to coordinates of a mechanism.
+"""Binding of films and their surfaces to the coordinates of a mechanism.
 
-A `JointFilm` has its own coordinates. `FilmBinding` has their indices among all coordinates z of a
-mechanism, those of both surfaces included, and evaluates gap and turning surface at values of z.
+A `JointFilm` has its own coordinates. `FilmBinding` has the indices of these coordinates, and of
+those of both surfaces, among all coordinates z of a mechanism. It evaluates the gap and a turning
+surface from z.
 """
 
 from __future__ import annotations
@@ -12,32 +13,32 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.kinematics import Gap
-from fenics_ehd.multibody.elastic_bore import ElasticBore
 from fenics_ehd.multibody.lubricated_joint import JointFilm, LubricatedJoint
 from fenics_ehd.multibody.surface import Surface, TurningRows
 
 
 @dataclass(frozen=True, eq=False)
 class BoundSurface:
-    """A surface of a film, bound to coordinates of the mechanism.
+    """Surface of a film, bound to the coordinates of the mechanism.
 
     Attributes
     ----------
     surface
         The surface.
     body, point
-        Names of its body and of the point of the body.
+        Name of the surface's body, and name of the body's point at the surface.
     marker
         Marker at the centre of the undeformed surface.
     modes
-        Indices of its elastic coordinates in z, shape (n,).
+        Indices of the elastic coordinates of the surface in z, shape (n,).
     angle
-        Index of the body's angle in z; None: the body cannot turn.
+        Index of the body's angle in z; None if the body cannot turn.
     mounted
-        Angle of a body that cannot turn, else 0 [rad].
+        Constant angle of a body that cannot turn, else 0 [rad].
     key
-        Name of the surface in files: that of the joint, of a journal with ``.journal`` behind.
+        Name of the surface in files: name of the joint, followed by ``.journal`` for a journal.
     """
 
     surface: Surface
@@ -50,13 +51,21 @@ class BoundSurface:
     key: str
 
     def angle_of(self, values: np.ndarray) -> float:
-        """Angle [rad] from z, or angular speed [rad/s] from rates; 0 if the body cannot turn."""
+        """Angle of the body from z [rad], or angular speed from rates of z [rad/s].
+
+        It is 0 if the body cannot turn.
+        """
         return 0.0 if self.angle is None else values[self.angle]
 
 
+@renamed_attributes(
+    bore_body="surfaces[0].body",
+    bore_angle="surfaces[0].angle",
+    journal_angle="surfaces[1].angle",
+)
 @dataclass(frozen=True, eq=False)
 class FilmBinding:
-    """Film of a lubricated joint, bound to coordinates of the mechanism.
+    """Film of a lubricated joint, bound to the coordinates of the mechanism.
 
     Attributes
     ----------
@@ -65,11 +74,11 @@ class FilmBinding:
     film
         Linear maps of the joint; `film.film` is the `Film`.
     xi
-        Indices of ``(e, psi, q)`` in z, shape (n,).
+        Indices of the joint's coordinates ``(e, psi, q)`` in z, shape (n,).
     rows
-        Rows of the joint's constraints in g.
+        Indices of the joint's constraints in g.
     surfaces
-        Surfaces of bore and journal.
+        Surfaces of bore and journal, bound to the coordinates.
     """
 
     name: str
@@ -93,18 +102,18 @@ class FilmBinding:
         return 0.0, self.relative_angle(z)
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
-        """Gap and velocities at coordinates of the mechanism and their rates, see `JointFilm`."""
+        """Gap and velocities from coordinates z, their rates and time [s], see `JointFilm.gap`."""
         speed = self.relative_speed(rates)
         angle = self.relative_angle(z)
         modes = z[self.turning_modes], rates[self.turning_modes]
         return self.film.gap(z[self.xi], rates[self.xi], speed, angle, time, modes)
 
     def turning_coordinates(self, z: np.ndarray) -> np.ndarray:
-        """Coordinates ``(q, alpha)`` of a turning surface, shape (k,)."""
+        """Coordinates ``(q, alpha)`` of a turning surface from z, shape (k,)."""
         return np.append(z[self.turning_modes], self.relative_angle(z))
 
     def turning_rows(self, z: np.ndarray, rates: np.ndarray) -> TurningRows | None:
-        """Rows of the turning surface at coordinates and rates; None if no surface turns."""
+        """Derivatives of the gap by the coordinates of a turning surface; None if none turns."""
         surface = self.film.turning
         if surface is None:
             return None
@@ -113,30 +122,30 @@ class FilmBinding:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Indices in z of the angles in `relative_angle`."""
+        """Indices in z of the angles of journal and bore, without bodies that cannot turn."""
         angles = [surface.angle for surface in reversed(self.surfaces)]
         return np.array([angle for angle in angles if angle is not None], dtype=int)
 
     @cached_property
     def signs(self) -> np.ndarray:
-        """Signs of the angles in `relative_angle`."""
+        """Signs, +1 or -1, with which the angles `turning` enter `relative_angle`."""
         known = [surface.angle is not None for surface in reversed(self.surfaces)]
         return np.array([1.0, -1.0])[known]
 
     @cached_property
     def turning_modes(self) -> np.ndarray:
-        """Indices in z of the elastic coordinates of a turning surface."""
+        """Indices in z of the elastic coordinates of a turning surface; empty if none turns."""
         modes = [bound.modes for bound in self.surfaces if bound.surface.turning]
         return np.concatenate([*modes, np.zeros(0, dtype=int)])
 
     @cached_property
     def turning_dofs(self) -> np.ndarray:
-        """Indices in z of ``q`` of a turning surface and of the angles in `relative_angle`."""
+        """Indices in z of the elastic coordinates of a turning surface, then of `turning`."""
         return np.concatenate([self.turning_modes, self.turning])
 
     @cached_property
     def turning_map(self) -> np.ndarray:
-        """Matrix from values at `turning_dofs` to those of ``(q, alpha)``."""
+        """Matrix from values of z at `turning_dofs` to coordinates ``(q, alpha)``."""
         return linalg.block_diag(np.eye(len(self.turning_modes)), self.signs)
 
     def angles(self, values: np.ndarray) -> tuple[float, float]:
@@ -146,18 +155,3 @@ class FilmBinding:
         """
         bore, journal = self.surfaces
         return journal.angle_of(values), bore.angle_of(values)
-
-    @property
-    def journal_angle(self) -> int | None:
-        """Index of the journal's angle in z; None: the journal cannot turn."""
-        return self.surfaces[1].angle
-
-    @property
-    def bore_body(self) -> str:
-        """Name of the body with the bore."""
-        return self.surfaces[0].body
-
-    @property
-    def bore(self) -> str:
-        """Name of the bore if it is that of a flexible body, else empty."""
-        return self.surfaces[0].point if isinstance(self.surfaces[0].surface, ElasticBore) else ""

@@ -188,7 +188,7 @@ class RotatingForce(Force):
     During the ramp the amplitude grows as ``(1 - cos(pi t / ramp)) / 2``.
     """
 
-    point: str = text(REQUIRED, "where it acts, shaft.disk")
+    point: str = text(REQUIRED, "point on which the force acts, shaft.disk")
     amplitude: float = number(
         REQUIRED, "[N]", above=0, usual=(1e-3, 1e8), example="3600 for 3.6 kN"
     )

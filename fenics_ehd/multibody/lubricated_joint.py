@@ -1,34 +1,34 @@
-"""Lubricated joints: the journal of one body in the bore of another, both of any shape.
+"""Lubricated joints: the journal of one body in the bore of another, with surfaces of any shape.
 
 The additional coordinates of a joint are the eccentricity e of the journal in the bore's frame and,
-if the journal's body tilts, the tilt psi. Constraints tie them to the bodies,
+if the journal's body tilts, the tilt psi. The constraints
 
-    x_bore + A(theta) e - x_journal = 0,    A(theta) psi - psi_journal = 0,
+    x_bore + A(theta) e - x_journal = 0,    A(theta) psi - psi_journal = 0
 
-and the multipliers of these are the film's force. The gap is not computed from a difference of
-positions: the error of the large motion would be a false squeeze velocity, as large as the true
-one.
+tie them to the bodies, and the multipliers of the constraints are the force of the film. The gap is
+not computed from a difference of positions, because errors of the large motion would cause a false
+squeeze velocity as large as the true one.
 
-With the bore's elastic displacement ``u = Psi q`` at its undeformed place, to leading order in
-c / R,
+With the elastic displacement ``u = Psi q`` of the bore in its undeformed position, the gap to
+leading order in c / R is
 
-    h = c - n . (e + z (psi_y, -psi_x)) + n . u,
+    h = c - n . (e + z (psi_y, -psi_x)) + n . u.
 
-and surfaces that are not round add their deviations (`fenics_ehd.multibody.surface`, which has
-the terms of either side). Forces are the integrals of the same fields times the pressure: gap and
-force are conjugate, except in holes and with the mortar (`fenics_ehd.multibody.elastic_bore`). They
-act on both bodies at the journal's centre. The torque about the centre is that of the oil's shear,
-and of the pressure on a journal that is not round: ``T = int p dh/dalpha dA`` on the journal, -T on
-the bore, alpha the angle of the journal relative to the bore.
+Surfaces that are not round add their deviations; `fenics_ehd.multibody.surface` has the terms of
+both sides. Forces are the integrals of the same fields times the pressure, so that gap and force
+are conjugate, except in holes and with the mortar (`fenics_ehd.multibody.elastic_bore`). They act
+on both bodies at the centre of the journal. The torque about this centre is that of the oil's
+shear, and that of the pressure on a journal that is not round: ``T = int p dh/dalpha dA`` on the
+journal and -T on the bore, with the angle alpha of the journal relative to the bore.
 
-The eccentricity of an elastic part refers to the part's mean axes, which may be several clearances
-away from the deformed bore. The centre of the deformed bore is that of the least-squares circle of
-its surface (the LSCI of roundness measurement,
+The eccentricity in an elastic part refers to the part's mean axes, which may be several clearances
+away from the deformed bore. The centre of the deformed bore is defined as that of the least-squares
+circle of its surface (the LSCI of roundness measurement,
 weisang.com/en/documents-articles/leastsquarescircle_en). For deviations u that are small against
-the radius it is the circle ``u_0 + d . n`` with the least ``int (u - u_0 - d . n)^2 dA`` over the
-film. Without gaps in the surface d is the first harmonic, ``d = 2 <u n>``. The first harmonic of
-the gap ``h = c + u - n . e`` is ``n . (d - e)``: minus the eccentricity ``e - d`` of the journal in
-the circle.
+the radius it is the circle ``u_0 + d . n`` with the smallest ``int (u - u_0 - d . n)^2 dA`` over
+the film. For a surface without holes d is the first harmonic, ``d = 2 <u n>``. The first harmonic
+of the gap ``h = c + u - n . e`` is ``n . (d - e)``, which gives the eccentricity ``e - d`` of the
+journal in the circle.
 """
 
 from __future__ import annotations
@@ -52,19 +52,18 @@ from fenics_ehd.film.heat import Heat, require_graded
 from fenics_ehd.film.kinematics import Gap, Shape, require_inside, require_shape
 from fenics_ehd.film.supply import AMBIENTS
 from fenics_ehd.multibody.body import ANGLE, POSITION, TILT
-from fenics_ehd.multibody.elastic_bore import BoreFilm, ElasticBore
 from fenics_ehd.multibody.joints import ADDITIONAL, SECOND, Geometry, Joint
 from fenics_ehd.multibody.surface import BORE, JOURNAL, Side, Surface, observed_positions
 from fenics_ehd.multibody.tabulated import Variation, variations_of
 
-#: Unit matrix of the plane.
+#: Unit matrix, shape (2, 2).
 UNIT = np.eye(2)
 
-#: Rotation by a quarter turn.
+#: Matrix of a rotation by a quarter turn, shape (2, 2).
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])
 
-#: Rows of e and of psi, their indices in u, and the indices of the journal's position and tilt,
-#: which they are tied to.
+#: For e and for psi: rows of their constraints, their indices in u, and the indices in u of the
+#: journal's position or tilt.
 TIED = (
     (slice(0, 2), slice(ADDITIONAL, ADDITIONAL + 2), slice(SECOND, SECOND + 2)),
     (
@@ -75,7 +74,7 @@ TIED = (
 )
 
 
-#: Allowed words of a lubricated joint, by argument.
+#: Allowed words for arguments of a lubricated joint.
 WORDS = {
     "transfer": TRANSFERS,
     "shear_rule": SHEAR_RULES,
@@ -91,7 +90,7 @@ class LubricatedJoint:
     Attributes
     ----------
     journal, bore
-        Markers of journal and bore; a flexible body without a named bore has the point ``bore``.
+        Markers of journal and bore. The bore of a flexible body has the name ``bore`` by default.
     film
         Film on the bore.
     transfer
@@ -102,22 +101,23 @@ class LubricatedJoint:
     eccentricity, eccentricity_rate
         Eccentricity of the journal in the bore's frame and its rate, at the start [m], [m/s].
     smallest_film
-        Film thickness over clearance at which a run ends. For a value up to 0.01 the limit is at
+        Film thickness over clearance below which a run ends. For values up to 0.01 the limit is at
         most 0.2 um (`fenics_ehd.multibody.run.touching_film`).
     bore_shape, journal_shape
-        Radial deviations in the frames of the two bodies; None: round.
+        Radial deviations of both surfaces in the frames of their bodies; None for round surfaces.
     shear_rule
         Rule for shear in the cavitated zone, see `fenics_ehd.film.forces`.
     heat
-        Balance of the film's heat over a cycle; None: the temperature of the oil is constant.
+        Settings of the heat balance over a cycle; None for a constant temperature of the oil.
     cavitation
         Cavitation condition, one of `CAVITATIONS`. ``"mass-conserving"``, the condition of
         Jakobsson, Floberg and Olsson (JFO), needs a bilinear mesh.
     initial_filling
         Fluid fraction of the gap at the start, 0 to 1, with mass-conserving cavitation.
     ambient
-        Medium outside the sides, ``"air"`` or ``"oil"``; oil flows back in at a side with suction.
-        Outside a side above cavitation pressure the medium is always oil.
+        Medium outside the sides, ``"air"`` or ``"oil"``, with mass-conserving cavitation. Oil can
+        flow back into the film, air cannot. Outside a side above cavitation pressure it is always
+        oil.
     """
 
     journal: str
@@ -146,7 +146,7 @@ class LubricatedJoint:
         require_inside(share, rough=parameters.surfaces is not None)
 
     def _check_arguments(self) -> None:
-        """Refuse words, numbers and classes of single arguments."""
+        """Refuse arguments of a wrong class, unknown words and numbers out of range."""
         for name in ("journal", "bore"):
             require_class(name, getattr(self, name), str)
         require_class("film", self.film, Film)
@@ -168,7 +168,7 @@ class LubricatedJoint:
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variations of the supplies' pressures, see `fenics_ehd.multibody.tabulated`."""
+        """Variations of supply pressures over time, see `fenics_ehd.multibody.tabulated`."""
         return tuple(
             variation
             for feed in self.film.parameters.feeds
@@ -178,14 +178,15 @@ class LubricatedJoint:
 
 @dataclass(frozen=True)
 class Eccentric(Joint):
-    """Constraints of a lubricated joint.
+    """Constraints that tie eccentricity and tilt of a lubricated joint to its bodies.
 
     Attributes
     ----------
     first, second
         Markers of bore and journal.
     additional
-        Number of additional coordinates: 2 of the eccentricity and 2 of the tilt, if any.
+        Number of additional coordinates: 2 for the eccentricity, and 2 for the tilt if the journal
+        tilts.
     """
 
     first: str
@@ -203,7 +204,10 @@ class Eccentric(Joint):
         return self.additional
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Difference of eccentricity and tilt from those of the bodies, see `Joint`."""
+        """Constraint function: difference between eccentricity and tilt and those of the bodies.
+
+        See `Joint.geometry`.
+        """
         turn = rotation(u[ANGLE])
         turn_derivative = QUARTER @ turn
         pairs = TIED[: self.additional // 2]
@@ -233,10 +237,10 @@ SurfaceOf = Callable[[Side], Surface]
 
 
 class JointFilm:
-    """Linear maps between a joint's film and ``xi = (e, psi, q)``: n coordinates.
+    """Linear maps between a joint's film and its n coordinates ``xi = (e, psi, q)``.
 
-    The elastic coordinates q are those of surfaces at rest in the bore's frame. What a turning
-    surface adds is not linear in its coordinates, see `Surface.turning_rows`.
+    The elastic coordinates q are those of surfaces at rest in the bore's frame. The effect of a
+    turning surface is not linear in its coordinates, see `Surface.turning_rows`.
 
     Parameters
     ----------
@@ -250,11 +254,11 @@ class JointFilm:
     Attributes
     ----------
     film
-        Film of the joint, with a temperature of the joint's own if its heat is balanced.
+        Film of the joint. If its heat is balanced, it is a copy with its own temperature.
     surfaces
         Surfaces of bore and journal.
     turning
-        The surface that turns through the film; None: none.
+        Surface that turns through the film; None if no surface turns.
     plain
         Whether both surfaces are round.
     elastic
@@ -262,18 +266,19 @@ class JointFilm:
     shaft_radius
         Radius of the journal [m].
     friction, shear_rule
-        See `LubricatedJoint`.
+        Settings of the joint, see `LubricatedJoint`.
     journal_coordinates
-        Number of coordinates of the journal in the bore: 2 of e, and 2 of psi if it tilts.
-    thickness, mean_velocity, sliding_velocity
-        Change of the gap and, per rate, of the two velocities of `Gap` for unit coordinates, at
-        the g Gauss points, shape (g, n).
+        Number of coordinates of the journal in the bore: 2 for e, and 2 for psi if it tilts.
+    thickness
+        Change of the gap at the g Gauss points for unit coordinates, shape (g, n).
+    mean_velocity, sliding_velocity
+        Change of mean and sliding velocity at the Gauss points for unit rates, shape (g, n) each.
     observed
-        Change of the gap at Gauss points and nodes, shape (w, n).
+        Change of the gap at Gauss points and nodes for unit coordinates, shape (w, n).
     deviation
         Constant change of the gap at Gauss points and nodes, shape (w,) [m].
     load
-        Generalised forces of nodal pressures on xi, shape (n, nodes).
+        Generalised forces on xi for unit nodal pressures, shape (n, nodes).
     """
 
     def __init__(
@@ -284,7 +289,7 @@ class JointFilm:
         *,
         tilting: bool = False,
     ):
-        # Joints may share a film, but not the temperature of the film.
+        # Joints may have the same film, but not the same temperature.
         film = self.film = joint.film if joint.heat is None else joint.film.with_own_temperature()
         self.shaft_radius = film.parameters.grid.radius - self.clearance
         self.friction = joint.friction
@@ -325,40 +330,33 @@ class JointFilm:
 
     @property
     def size(self) -> int:
-        """Number n of coordinates."""
+        """Number n of the coordinates xi."""
         return self.thickness.shape[1]
 
     @property
-    def bore(self) -> BoreFilm | None:
-        """Maps of an elastic bore; None: the bore is rigid."""
-        bore = self.surfaces[0]
-        return bore.maps if isinstance(bore, ElasticBore) else None
-
-    @property
     def clearance(self) -> float:
-        """Radial clearance, that of the film's parameters [m]."""
+        """Radial clearance of the film [m]."""
         return self.film.parameters.clearance
 
     @cached_property
     def circle(self) -> np.ndarray:
-        """Rows whose product with a gap at the film's nodes is the journal's eccentricity.
+        """Matrix, shape (2, k), from the gap at the film's k nodes to the journal's eccentricity.
 
-        It is the distance of the centres of the least-squares circles of both surfaces.
-
-        Returns
-        -------
-        numpy.ndarray
-            Rows of x and y in the frame of the bore, shape (2, k).
+        The eccentricity, x and y in the frame of the bore, is the distance between the centres of
+        the least-squares circles of both surfaces.
         """
         angle, _ = self.film.parameters.grid.node_positions.T
         waves = np.stack([np.ones_like(angle), -np.cos(angle), -np.sin(angle)])
-        # Weights of the nodes are the integrals of their shape functions over the bore.
+        # The weight of a node is the integral of its shape function over the bore.
         weighted = waves * np.ravel(self.film.pressure_areas.sum(axis=0))
-        # Weights of the corners of 8-node cells are negative, but not the sums over the cells.
+        # Corners of 8-node cells have negative weights, but the weight of every cell is positive.
         return np.linalg.solve(weighted @ waves.T, weighted)[1:]
 
     def lengths(self, thickness: np.ndarray) -> np.ndarray:
-        """Lengths that changes of gaps are compared with [m]; the gaps between smooth surfaces."""
+        """Lengths to which changes of the gaps `thickness` are relative [m].
+
+        They are the gaps themselves, unless surfaces are rough.
+        """
         surfaces = self.film.parameters.surfaces
         return thickness if surfaces is None else surfaces.length(thickness)
 
@@ -379,11 +377,11 @@ class JointFilm:
             Coordinates of the joint and their rates, shape (n,).
         shaft_rate, relative_angle
             Angular speed [rad/s] and angle [rad] of the journal relative to the bore. The angle
-            has an influence if the journal is not round or has supplies.
+            matters only if the journal is not round or has supplies.
         time
-            Time, which pressures of supplies may depend on [s].
+            Time [s], on which supply pressures may depend.
         modes
-            Elastic coordinates of the turning surface, if any, and their rates.
+            Elastic coordinates of the turning surface and their rates; empty if none turns.
         """
         speed = self.shaft_radius * shaft_rate
         shape = self.film.points.angle.shape
@@ -412,7 +410,10 @@ class JointFilm:
 def _journal_fields(
     angle: np.ndarray, height: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outward and tangential motion of the journal for unit ``e_x, e_y, psi_x, psi_y``."""
+    """Outward and tangential displacement of the journal for unit ``e_x, e_y, psi_x, psi_y``.
+
+    Both have the shape (points, count); count is 2 without tilt, else 4.
+    """
     cosine = np.cos(angle)
     sine = np.sin(angle)
     outward = np.stack([cosine, sine, -height * sine, height * cosine], axis=-1)

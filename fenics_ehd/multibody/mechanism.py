@@ -1,8 +1,8 @@
-"""Mechanisms: bodies, joints, drives and forces, their unknowns, equations of motion.
+"""Mechanisms of bodies, joints, drives and forces: unknowns, and equations of motion.
 
-Coordinates z are those of the bodies, then the additional coordinates of every lubricated joint.
-With constraints g and multipliers l on position and m on velocity level (Gear, Gupta and
-Leimkuhler 1985), without the forces of the films,
+Coordinates z are those of the bodies, followed by the additional coordinates of every lubricated
+joint. With constraints g, multipliers l on position level and m on velocity level (Gear, Gupta and
+Leimkuhler 1985), the equations without the forces of the films are
 
     z' = v + W G^T m,   F(z, v, v') + G^T l = Q(z, v, t),   g(z, t) = 0,   G v + g_t = 0.
 
@@ -55,24 +55,25 @@ from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_
 
 
 def _require_drive(name: str, value: Any) -> None:
-    """Refuse a drive that is no function of time; the `System` refuses a torque, by its name."""
+    """Refuse a drive that is no function of time, except for a torque, which `System` refuses."""
     if not isinstance(value, Torque):
         require_callable(name, value)
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Bodies with their joints, drives and forces.
+    """Mechanism: bodies with their joints, drives and forces.
 
     Attributes
     ----------
     bodies
-        Bodies by name; ``ground`` exists without being listed.
+        Bodies by name; ``ground`` need not be listed.
     joints
         Ideal and lubricated joints by name; their markers are ``"body.point"``, or ``"body"``
         for the body's origin.
     drives
-        Angle and angular speed over the time, by the name of the driven body.
+        Functions of time [s] that return angle [rad] and angular speed [rad/s], by name of the
+        driven body.
     forces
         Forces and torques by name.
     gravity
@@ -97,7 +98,7 @@ class Mechanism:
         require_pair("gravity", self.gravity)
 
     def variations(self) -> Iterator[tuple[str, Variation]]:
-        """Variations of all forces, drives and supplies, with the key of each."""
+        """Yield key and variation of every force, drive and supply that varies."""
         for kind in ("forces", "drives", "joints"):
             for name, source in getattr(self, kind).items():
                 # A force of two components has two names: "wind.x" and "wind.y".
@@ -108,7 +109,7 @@ class Mechanism:
 
 @dataclass(frozen=True, eq=False)
 class BoundMarker:
-    """A marker of joints or forces, bound to coordinates of the mechanism.
+    """Marker of joints or forces, bound to the coordinates of the mechanism.
 
     Attributes
     ----------
@@ -117,7 +118,7 @@ class BoundMarker:
     dofs
         Indices of the body's coordinates in z.
     columns
-        Indices of the marker's values in u, once for every joint and force with this marker.
+        Indices of the marker's values in u, one slice for each joint and force with this marker.
     """
 
     body: Body
@@ -130,13 +131,23 @@ class BoundMarker:
         return self.body.marker(self.point, self.body.start)
 
     def at(self, z: np.ndarray) -> Marker:
-        """Marker at coordinates z; the marker of a body without coordinates is constant."""
+        """Values and derivatives of the marker at coordinates z; constant if the body has none."""
         return self.body.marker(self.point, z[self.dofs]) if self.body.size else self._rough
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A joint of the mechanism, its rows of g and the indices of its values in u."""
+    """Joint or drive, the rows of its equations in the constraints g, and its values in u.
+
+    Attributes
+    ----------
+    name, joint
+        Name and object of the joint.
+    rows
+        Indices of its equations in g.
+    columns
+        Indices in u of the values of its markers and of its additional coordinates.
+    """
 
     name: str
     joint: Joint
@@ -145,29 +156,31 @@ class Constraint:
 
 
 class System:
-    """Layout of a mechanism; see `fenics_ehd.multibody.mechanism` for its equations.
+    """Mechanism with the indices of its bodies, joints and forces among all unknowns.
+
+    The equations are in `fenics_ehd.multibody.mechanism`.
 
     Attributes
     ----------
     mechanism
         The mechanism.
     n, m, k
-        Numbers of coordinates z, constraints g, and values u of all joints and forces.
+        Number of coordinates z, of constraints g, and of values u of all joints and forces.
     bodies, angles
         Indices in z of every body's coordinates, and of the angle of every body that can turn, by
         name of the body.
     markers
-        Markers by name.
+        Markers of all joints and forces by name.
     additional
-        Indices of joints' additional coordinates in u and in z.
+        Pairs of slices: indices of a joint's additional coordinates in u and in z.
     films
-        Films of the lubricated joints.
+        Bindings of the films of all lubricated joints.
     constraints
-        Joints, ideal and lubricated, then drives.
+        Constraints of ideal and lubricated joints, then those of drives.
     forces
-        Forces with the indices of their values in u.
+        Pairs of a force and the indices of its markers' values in u.
     weights, mobility
-        Diagonal of W, and readiness of each coordinate to change in assembly, shape (n,).
+        Diagonal of W, and compliance of each coordinate in assembly, shape (n,) each.
     minus_gravity
         Negative gravitational acceleration, shape (2,) [m/s^2].
     """
@@ -181,10 +194,10 @@ class System:
             if not callable(drive):
                 raise SettingsError(
                     f"drives.{name} must be a Speed or a function that returns angle and angular "
-                    "speed at a time: list a Torque in forces"
+                    "speed at a time: a Torque belongs to forces"
                 )
         bodies: dict[str, Body] = {"ground": ground(), **mechanism.bodies}
-        # By name: results do not depend on the order in which things are listed.
+        # Bodies are sorted by name, so that results do not depend on their order in the mechanism.
         self._bodies = {name: bodies[name] for name in sorted(bodies)}
         self._check_names()
         self.bodies: dict[str, slice] = {}
@@ -229,7 +242,7 @@ class System:
         self.m += joint.rows
 
     def _columns(self, markers: tuple[str, ...], additional: int = 0) -> slice:
-        """New indices in u for the values of markers and for additional coordinates."""
+        """Assign new indices in u to the values of markers and to additional coordinates."""
         first = self.k
         for marker in markers:
             name, body, point = self._named(marker)
@@ -264,7 +277,7 @@ class System:
         )
 
     def _bound(self, joint: str, surface: Surface, marker: str) -> BoundSurface:
-        """Surface of a joint at a marker, bound to the coordinates of its body."""
+        """Bind a surface of a joint, at a marker, to the coordinates of its body."""
         name, body, point = self._named(marker)
         last = self.bodies[name].stop
         at_rest = f"{name}.{body.at_rest(point)}" if surface.elastic and point else marker
@@ -285,7 +298,7 @@ class System:
         Raises
         ------
         SettingsError
-            Naming the key of the joint, force or drive as a scene has it.
+            If there are any; the message names the key of the joint, force or drive in a scene.
         """
         points = {name: body.point_names for name, body in self._bodies.items()}
         mechanism = self.mechanism
@@ -308,12 +321,12 @@ class System:
         require_single_bores(bores)
 
     def _named(self, marker: str) -> tuple[str, Body, str]:
-        """Name of the body, body and point of a marker."""
+        """Name of a marker's body, the body, and name of the point."""
         name, _, point = marker.partition(".")
         return name, self._bodies[name], point
 
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
-        """Indices in z, body, and the body's values of arrays over z, for bodies that move."""
+        """Yield every body with coordinates: indices in z, body, and its parts of arrays over z."""
         for name, body in self._bodies.items():
             dofs = self.bodies[name]
             if body.size:
@@ -321,7 +334,7 @@ class System:
 
     @cached_property
     def tables(self) -> list[TabulatedLoad]:
-        """Tables whose rows no step may cross, with the angles that they are read at."""
+        """Tables whose rows no step may miss, with the indices of their angles in z."""
         return [
             TabulatedLoad(variation.curve, self.angles.get(variation.angle_of))
             for _, variation in self.mechanism.variations()
@@ -331,7 +344,7 @@ class System:
 
     @cached_property
     def rough_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates of the bodies and joints before assembly, and rates, shape (n,) each."""
+        """Coordinates before assembly, and their rates, shape (n,) each."""
         z = np.zeros(self.n)
         v = np.zeros(self.n)
         for dofs, body, _ in self.each_body():
@@ -344,42 +357,44 @@ class System:
         return z, v
 
     def worst(self, rows: np.ndarray) -> tuple[str, float]:
-        """Name of the constraint with the largest of values of shape (m,), and the largest size."""
+        """Name of the joint in whose rows the largest of m values lies, and its absolute value."""
         row = int(np.argmax(np.abs(rows)))
         worst = next(c for c in self.constraints if c.rows.start <= row < c.rows.stop)
         return worst.name, float(np.abs(rows[row]))
 
     @property
     def least_damping(self) -> float:
-        """Smallest damping ratio of a mode of any body."""
+        """Smallest damping ratio of all modes of all bodies; infinite without modes."""
         return min((body.least_damping for body in self._bodies.values()), default=np.inf)
 
     @cached_property
     def error_measure(self) -> np.ndarray:
-        """Matrix that makes body coordinates dimensionless for the step control, shape (k, n)."""
+        """Matrix from changes of z to dimensionless errors, shape (k, n), see `Body`."""
         measure = linalg.block_diag(*(body.error_measure() for body in self._bodies.values()))
         return np.pad(measure, ((0, 0), (0, self.n - measure.shape[1])))
 
 
 def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
-    """Slices of the given sizes, one after the other, the first from index `first` on."""
+    """Adjacent slices of the given sizes, of which the first begins at index `first`."""
     ends = [first, *(first + np.cumsum(sizes, dtype=int))]
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 class Instant:
-    """Markers and constraints of a system at given coordinates.
+    """Markers and constraints of a mechanism at given coordinates.
 
     Attributes
     ----------
     system, time, z
-        System, time [s] and coordinates, shape (n,).
+        Mechanism, time [s] and coordinates, shape (n,).
     u, values_along
-        Values of all joints and forces, shape (k,), and their derivative U along z, shape (k, n).
+        Values u of all joints and forces, shape (k,), and their derivative U with respect to z,
+        shape (k, n).
     gradient
-        Derivative of all constraints along u, shape (m, k).
+        Derivative of all constraints with respect to u, shape (m, k).
     jacobian, defect
-        G, shape (m, n), and g, shape (m,).
+        Derivative G of all constraints with respect to z, shape (m, n), and their values g, shape
+        (m,).
     imposed_rate
         Value ``-g_t`` of ``G v`` that the drives impose, shape (m,).
     """
@@ -418,19 +433,19 @@ class Instant:
 
     @cached_property
     def _curvatures(self) -> list[tuple[Constraint, np.ndarray]]:
-        """Second derivatives of the constraints that are not linear in the values."""
+        """Second derivatives of the constraints that are not linear in u, with the constraints."""
         return [(constraint, curvature()) for constraint, curvature in self._curved]
 
     def rate_defect(self, rates: np.ndarray) -> np.ndarray:
-        """``G v + g_t``, shape (m,)."""
+        """Defect of the constraints on velocity level, ``G v + g_t``, shape (m,)."""
         return self.jacobian @ rates - self.imposed_rate
 
     def force_derivative(self, multipliers: np.ndarray) -> np.ndarray:
-        """Derivative of ``G^T multipliers``, shape (n, n)."""
+        """Derivative of the constraint forces ``G^T l`` with respect to z, shape (n, n)."""
         return self.values_derivative(multipliers @ self.gradient, self.form(multipliers))
 
     def form(self, multipliers: np.ndarray) -> np.ndarray:
-        """Second derivative of ``multipliers . phi`` along the values, shape (k, k)."""
+        """Second derivative of ``l . phi`` with respect to u, for multipliers l, shape (k, k)."""
         result = np.zeros((len(self.u),) * 2)
         for constraint, curvature in self._curvatures:
             columns = constraint.columns
@@ -438,7 +453,10 @@ class Instant:
         return result
 
     def values_derivative(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
-        """Derivative of ``U^T f`` for a force f that changes by `form` along u, shape (n, n)."""
+        """Derivative of ``U^T f`` with respect to z, shape (n, n).
+
+        `form` is the derivative of the force f with respect to u, shape (k, k).
+        """
         result = self.values_along.T @ (form @ self.values_along)
         for bound, marker in self._markers:
             if marker.force_derivative is not None:
@@ -447,7 +465,7 @@ class Instant:
         return result
 
     def rate_derivative(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of ``U v``, shape (k, n), and of ``G v``, shape (m, n), along z."""
+        """Derivatives of ``U v``, shape (k, n), and of ``G v``, shape (m, n), with respect to z."""
         values = np.zeros_like(self.values_along)
         along = np.zeros_like(self.gradient)
         for bound, marker in self._markers:
@@ -463,20 +481,20 @@ class Instant:
 
 
 class Motion:
-    """Equations of motion of a system without the forces of the films.
+    """Equations of motion of a mechanism without the forces of the films.
 
     Attributes
     ----------
     instant
         Markers and constraints at z.
     rates, accelerations, multipliers
-        v and v', shape (n,), and l, shape (m,).
+        Rates v and accelerations v', shape (n,) each, and multipliers l, shape (m,).
     value_rates
-        ``u'``, shape (k,).
+        Rates ``u'`` of the values of joints and forces, shape (k,).
     on_values
         Generalised forces on u, shape (k,): ``l . phi_u`` less the applied forces.
     residual
-        ``F + G^T l - Q``, shape (n,).
+        Residual ``F + G^T l - Q`` of the equations, shape (n,).
     """
 
     def __init__(
@@ -507,13 +525,14 @@ class Motion:
 
     @cached_property
     def carried(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives along z of ``u'``, shape (k, n), and of ``G v``, shape (m, n)."""
+        """Derivatives of ``u'``, shape (k, n), and of ``G v``, shape (m, n), with respect to z."""
         return self.instant.rate_derivative(self.rates)
 
     def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
-        """Forces of joints and loads on points of a body along its x and y, shape (2 a,) [N].
+        """Forces of joints and loads on a points of a body, shape (2 a,) [N].
 
-        The a points are in the order of their names.
+        They are x and y components in the frame of the body, for points in the order of their
+        names.
         """
         instant = self.instant
         forces = np.zeros((len(points), 2))
@@ -524,7 +543,7 @@ class Motion:
         return forces.ravel()
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of the residual along z, v and v', shape (n, n) each."""
+        """Derivatives of the residual with respect to z, v and v', shape (n, n) each."""
         instant = self.instant
         along = instant.values_along
         form = instant.form(self.multipliers)
@@ -550,12 +569,12 @@ class Motion:
 
     @property
     def drive_power(self) -> float:
-        """Power of the drives [W]."""
+        """Power of all drives on the mechanism [W]."""
         return float(-self.multipliers @ self.instant.imposed_rate)
 
     @property
     def applied_power(self) -> float:
-        """Power of all forces and of gravity [W]."""
+        """Power of all applied forces and of gravity on the mechanism [W]."""
         system = self.instant.system
         power = sum(load.value @ self.value_rates[columns] for columns, load in self._applied)
         if system.minus_gravity.any():
@@ -567,18 +586,18 @@ class Motion:
         return float(power)
 
 
-#: Most iterations of Newton's method on positions, and most halvings of a step.
+#: Largest number of Newton iterations on positions, and of halvings of one Newton step.
 MAX_ITERATIONS = 50
 
 #: Largest defect of the constraints after assembly [m], [rad].
 TOLERANCE = 1e-12
 
-#: Distance of a constraint's gradient from the span of the other gradients, over its length, above
-#: which the constraint is independent of the others.
+#: Distance of a constraint's gradient from the span of the other gradients, over the length of the
+#: gradient, above which the constraint is independent of the others.
 INDEPENDENT = 1e-9
 
-#: Smallest singular value of inertia, stiffness and constraints, over the largest, below which a
-#: motion meets no resistance.
+#: Smallest singular value of inertia, stiffness and constraints, over the largest one, below which
+#: nothing resists a motion.
 NOTHING = 1e-10
 
 
@@ -588,16 +607,17 @@ def assemble(
     rough: np.ndarray | None = None,
     rates: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and rates that satisfy all constraints, nearest to rough values, shape (n,) each.
+    """Coordinates and rates that satisfy all constraints, near to rough ones, shape (n,) each.
 
-    Frames of bodies move, and shafts as rigid bodies; eccentricities and elastic coordinates change
-    as little as possible. The rough coordinates and rates are those of the bodies unless `rough`
-    and `rates` are given.
+    The frames of bodies move, and shafts as rigid bodies; eccentricities and elastic coordinates
+    change as little as possible. The rough coordinates and rates are those of the bodies unless
+    `rough` and `rates` are given.
 
     Raises
     ------
     SettingsError
-        The constraints cannot be met from there, or contradict or repeat each other.
+        If the constraints cannot be satisfied from the rough values, or contradict or repeat each
+        other.
     """
     start, start_rates = system.rough_pose
     instant = Instant(system, time, start if rough is None else rough)
@@ -606,7 +626,7 @@ def assemble(
     if unknown.any():
         name, _ = system.worst(unknown.astype(float))
         raise SettingsError(f"joint {name}: the positions of its bodies must be finite numbers")
-    # Joints that repeat each other do so in the rough pose as well.
+    # Refuses joints that repeat each other, which they do in the rough pose, too.
     _correction(system, instant, instant.defect)
     for _ in range(MAX_ITERATIONS):
         if np.abs(instant.defect).max(initial=0.0) <= TOLERANCE:
@@ -618,12 +638,12 @@ def assemble(
     name, defect = system.worst(instant.defect)
     raise SettingsError(
         f"the mechanism cannot be assembled from its rough pose: joint {name} stays open by "
-        f"{defect:.3g} (m or rad); check lengths, or give positions nearer to those meant"
+        f"{defect:.3g} (m or rad): check lengths, or give better positions at the start"
     )
 
 
 def _closer(instant: Instant, change: np.ndarray) -> Instant:
-    """Instant after a Newton step, halved until the largest defect is below the former one."""
+    """Instant after a Newton step, which is halved until the largest defect decreases."""
     before = np.abs(instant.defect).max()
     for halving in range(MAX_ITERATIONS):
         trial = Instant(instant.system, instant.time, instant.z + 0.5**halving * change)
@@ -633,7 +653,7 @@ def _closer(instant: Instant, change: np.ndarray) -> Instant:
 
 
 def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndarray:
-    """Smallest weighted change of coordinates that removes a defect, shape (n,)."""
+    """Smallest change of coordinates, weighted by their compliance, that removes a defect, (n,)."""
     weights = system.mobility
     if not len(defect):  # no joints: LAPACK refuses empty matrices
         return np.zeros_like(weights)
@@ -647,7 +667,7 @@ def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndar
     if rank < len(order):
         name, _ = system.worst(np.arange(len(order)) == order[rank])
         raise SettingsError(
-            f"joint {name} repeats or contradicts other joints: drop one of them, or let it turn "
+            f"joint {name} repeats or contradicts other joints: remove one of them, or let it turn "
             "or slide; a linkage at a change point has to be assembled elsewhere"
         )
     scaled = (defect / lengths)[order]
@@ -655,14 +675,15 @@ def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndar
 
 
 def check_inertia(system: System, z: np.ndarray) -> None:
-    """Refuse a motion of a frame that no constraint, inertia, spring, damper or film resists.
+    """Refuse a mechanism with a motion of frames that nothing resists.
 
-    The oil's shear is no such resistance: the equations of a step do not contain its derivative.
+    Constraints, inertia, springs and dampers resist a motion. The shear of the oil does not count,
+    because the equations of a step do not contain its derivative.
 
     Raises
     ------
     SettingsError
-        Naming the body.
+        If there is such a motion; the message names the body.
     """
     frames = np.flatnonzero(system.weights == 1.0)
     rest = np.zeros(system.n)
@@ -681,7 +702,7 @@ def check_inertia(system: System, z: np.ndarray) -> None:
 
 
 def unresisted(system: System, columns: np.ndarray, blocks: Sequence[np.ndarray]) -> str:
-    """Body that moves most in a motion without resistance; empty: there is no such motion.
+    """Name of the body that moves most in a motion without resistance; empty if there is none.
 
     Parameters
     ----------
@@ -701,7 +722,7 @@ def unresisted(system: System, columns: np.ndarray, blocks: Sequence[np.ndarray]
 
 
 def _directions(rows: np.ndarray) -> np.ndarray:
-    """Rows scaled to length 1, without rows of round-off."""
+    """Rows of a matrix scaled to length 1, without rows of round-off."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > 1e-14 * lengths.max(initial=0.0)
     return rows[kept] / lengths[kept, None]

@@ -22,7 +22,7 @@ from fenics_ehd.base.errors import (
     StepSizeError,
 )
 from fenics_ehd.base.layout import Group, Stateful, Value
-from fenics_ehd.film.heat import TemperatureSearch, run_away
+from fenics_ehd.film.heat import TemperatureSearch
 from fenics_ehd.film.lubricant import TemperatureLaw
 from fenics_ehd.multibody.cycle import Recurrence
 from fenics_ehd.multibody.film_binding import FilmBinding
@@ -214,7 +214,9 @@ class FilmTemperatures(Stateful):
         self.searches: dict[str, TemperatureSearch] = {}
         for binding in self._bindings.values():
             assert binding.joint.heat is not None
-            self.searches[binding.name] = TemperatureSearch(binding.joint.heat, _oil(binding))
+            self.searches[binding.name] = TemperatureSearch(
+                binding.joint.heat, _oil(binding), f"joints.{binding.name}.heat"
+            )
         self.count = len(self.searches)
         self.times = np.zeros(0)
         self.rates = np.zeros((0, 2 * self.count))
@@ -246,12 +248,11 @@ class FilmTemperatures(Stateful):
     def unsettled(self) -> str:
         """Message about the first film whose heat is not balanced; empty if there is none."""
         for name, search, means in self._balances():
-            defect = search.defect(*means)
-            if not abs(defect) <= search.heat.tolerance:
+            if not search.settled(*means):
                 return (
                     f"the effective temperature of {name}, {search.temperature:.4g} C, differs by "
-                    f"{defect:.2g} K from its balance, above joints.{name}.heat.tolerance = "
-                    f"{search.heat.tolerance:g} K"
+                    f"{search.defect(*means):.2g} K from its balance, above "
+                    f"joints.{name}.heat.tolerance = {search.heat.tolerance:g} K"
                 )
         return ""
 
@@ -265,13 +266,12 @@ class FilmTemperatures(Stateful):
         HeatError
             If no temperature balances the heat of a film.
         """
-        for i, (name, search, means) in enumerate(self._balances()):
+        for i, (_, search, means) in enumerate(self._balances()):
             self.thinning[i] = 0.0
-            if abs(search.defect(*means)) <= search.heat.tolerance:
+            if search.settled(*means):
                 continue
             before = search.viscosity
-            if not search.move(*means):
-                raise run_away(f"joints.{name}.heat", search)
+            search.move(*means)
             self.thinning[i] = 0.5 * np.log(before / search.viscosity)
         self.times = self.times[-3:]
         self.rates = self.rates[-3:]
@@ -293,10 +293,8 @@ class FilmTemperatures(Stateful):
 
     def failed(self, error: Exception) -> HeatError | None:
         """Heat error that explains the failure of a cycle; None if every heat can be balanced."""
-        for name, search in self.searches.items():
-            if search.without_balance:
-                return run_away(f"joints.{name}.heat", search, error)
-        return None
+        causes = (search.cause_of(error) for search in self.searches.values())
+        return next(filter(None, causes), None)
 
 
 class PeriodicSolver(Stateful):

@@ -1,35 +1,35 @@
-"""Quantities of a lubricated joint at the end of a step: one function each, with its unit.
+"""Quantities of a lubricated joint at the end of a step: one function for each, with its unit.
 
-Histories, summaries, pictures and derivatives take the values of a joint at a step from functions
-that `quantity` registers here, in the order of the columns. The argument ``mean`` marks quantities
-whose mean over a run, or a cycle, is in the summary. Quantities of models that a joint does not
-have are not computed.
+`quantity` registers the functions in the order of the columns. Histories, summaries, pictures and
+derivatives all use them. The argument ``mean`` marks quantities whose mean over a run, or a cycle,
+is in the summary. Quantities of models that a joint does not have are not computed.
 
-Angles are those of the bore's frame, from its x axis, positive from x to y, in -180..180 degrees: a
-point at rest in the bore, such as a groove, keeps its angle. Heights count from mid-width.
+Angles are those in the bore's frame, from its x axis, positive from x to y, in -180..180 degrees: a
+point at rest in the bore, such as a groove, has a constant angle. Heights are counted from
+mid-width.
 
-The film acts at the journal's centre on both bodies, with a force F on the journal and torques
-about that point that are opposite: of the oil's shear, and of the pressure on a journal that is
-not round. About the bore's own axis, where a bearing's friction is measured on its housing, the
-torque differs by the couple of the eccentric force,
+The film acts on both bodies at the journal's centre, with a force F on the journal and opposite
+torques about this point: those of the oil's shear, and of the pressure on a journal that is not
+round. About the bore's own axis, about which the friction of a bearing is measured on its housing,
+the torque differs by the couple of the eccentric force,
 
-    T_bore = T - (e x F)_z,
+    T_bore = T - (e x F)_z.
 
-T braking the journal, T_bore dragging the bore along: called the other way round, the bodies
-exchange them. The bodies put into the film
+T brakes the journal, and T_bore drags the bore along; if journal and bore exchange their names,
+they exchange these torques. By squeeze and shear the bodies supply the film with the power
 
     P = -int p dh/dt dA - Q . xi' - T_shear Omega,
 
-by squeezing it and by shear, and oil enters under pressure with P_s. Both leave as heat: the
-discrete Reynolds equation tested with its own pressure gives
+and oil that enters under pressure with the power P_s. Both powers become heat: the discrete
+Reynolds equation tested with its own pressure gives
 
     P + P_s = int h^3 / (12 eta) |grad p|^2 + theta eta U^2 / h dA
 
 at every instant, to the residual of Newton's method. With 8-node elements, whose complementarity
 is not that of pressure and flux at a node (11), it holds to the discretisation error.
 
-Laws of wear depend on ``int p_c |U| dt``, the contact pressure times the distance slid.
-It is summed at every Gauss point of the bore, over the run or the cycle, by the trapezoidal rule.
+Laws of wear depend on ``int p_c |U| dt``, the contact pressure times the sliding distance. It is
+integrated at every Gauss point of the bore, over the run or the cycle, by the trapezoidal rule.
 """
 
 from __future__ import annotations
@@ -53,33 +53,35 @@ from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.step_equations import FilmFriction, StepEquations, film_friction
 from fenics_ehd.multibody.surface import observed_positions
 
-#: Values that differ by less than this share are equal. A film without misalignment has its extreme
-#: at two mirrored points: the upper one is reported, not the one that round-off chose.
+#: Relative difference up to which two values count as equal. A film without misalignment has its
+#: extreme at two mirrored points: the upper one is reported, because round-off decides which is
+#: larger.
 EQUAL = 1e-9
 
 
 @renamed_attributes(place="binding")
 @dataclass(frozen=True, eq=False)
 class JointStep:
-    """A lubricated joint at the end of a step.
+    """Lubricated joint at the end of a step.
 
-    Integrals over its film are evaluated at first use: integrals that no model of the joint needs
-    are not computed.
+    Integrals over its film are evaluated at first use, so that integrals that no model of the joint
+    needs are not computed.
 
     Attributes
     ----------
     binding
-        The joint in its mechanism.
+        Binding of the film to the mechanism.
     state
-        Of its film.
+        State of the film.
     contact
-        In it, None between smooth surfaces.
+        Asperity contact of the joint; None between smooth surfaces.
     x, rate
         State of the mechanism and its rate.
     force
-        On the journal, in the frame at rest, shape (2,) or more [N].
+        Force of the film on the journal in the frame at rest, shape (2,) [N]; followed by two
+        torques if the journal tilts [N m].
     gap
-        Film thickness where it is observed, at Gauss points, then at nodes [m].
+        Film thickness at Gauss points, then at nodes [m].
     """
 
     binding: FilmBinding
@@ -97,80 +99,81 @@ class JointStep:
 
     @property
     def nodes(self) -> np.ndarray:
-        """Angle [rad] and height [m] of the film's nodes, shape (k, 2)."""
+        """Angle [rad] and height [m] of the film's k nodes, shape (k, 2)."""
         return self.film.parameters.grid.node_positions
 
     @property
     def rows(self) -> FilmRows:
-        """Nodes of the film in rows around."""
+        """Nodes of the film in rows around the bore, between which extremes are interpolated."""
         return self.film.parameters.grid.rows
 
     @property
     def pressure(self) -> np.ndarray:
-        """At the nodes [Pa]."""
+        """Pressure at the film's nodes, shape (k,) [Pa]."""
         return self.state.pressure
 
     @cached_property
     def flows(self) -> FilmFlows:
-        """Flows of the oil."""
+        """Oil flows of the film, and their powers."""
         return FilmFlows(self.film, self.state)
 
     @cached_property
     def powers(self) -> tuple[float, float]:
-        """Power lost to pressure flow and power of the surfaces' drag [W], see `Film.powers`."""
+        """Power lost to pressure flow, and power of the surfaces' drag [W], see `Film.powers`."""
         return self.film.powers(self.state)
 
     @cached_property
     def friction(self) -> FilmFriction:
-        """Friction of the oil's shear."""
+        """Forces, torque and power loss of the oil's shear."""
         return film_friction(self.binding.film, self.state)
 
     @property
     def rough(self) -> JointContact:
-        """Contact of the joint, which has one."""
+        """Asperity contact of a joint that is known to have it."""
         assert self.contact is not None
         return self.contact
 
     @cached_property
     def touch(self) -> AsperityContact:
-        """Contact of rough surfaces."""
+        """Contact pressure, its slope and its potential at the Gauss points."""
         return self.rough.at_gap(self.state.gap.thickness)
 
     @cached_property
     def rubbed(self) -> float:
-        """Power lost by boundary friction, whether it acts on the bodies or not [W]."""
+        """Power lost to boundary friction, even if it does not act on the bodies [W]."""
         if self.contact is None:
             return 0.0
         return self.contact.friction_power(self.touch, self.state.gap)
 
     @property
     def dissipated(self) -> float:
-        """Power that becomes heat [W], whether friction acts on the bodies or not.
+        """Power that becomes heat, even if friction does not act on the bodies [W].
 
-        Pressure-driven flow, shear of the oil in full film and cavities, asperities that rub.
+        It is lost to pressure-driven flow, to shear of the oil in full film and cavities, and to
+        boundary friction.
         """
         return self.powers[0] + self.friction.sheared + self.rubbed
 
     @property
     def towards(self) -> float:
         """Direction of the journal's load on the bore, in the bore's frame [rad]."""
-        # The joint's own force is the one on the journal.
+        # `force` acts on the journal: the load on the bore is its opposite.
         load = np.arctan2(-self.force[1], -self.force[0])
         return float(load - self.binding.angles(self.x)[1] - self.binding.surfaces[0].mounted)
 
     @cached_property
     def journal(self) -> np.ndarray:
-        """Centre of the journal in the bore as it is, shape (2,) [m]."""
+        """Eccentricity of the journal in the deformed and shaped bore, shape (2,) [m]."""
         return self.binding.film.circle @ self.gap[-len(self.nodes) :]
 
     @cached_property
     def thinnest(self) -> tuple[float, float]:
-        """Angle [rad] and height [m] of the thinnest film."""
+        """Angle [rad] and height [m] of the thinnest film among Gauss points and nodes."""
         return upper_most(np.column_stack(observed_positions(self.film)), self.gap)
 
     @cached_property
     def load(self) -> np.ndarray:
-        """Load of pressure, shear and contact on the journal along its eccentricity [N]."""
+        """Force of pressure, shear and contact on the journal in the bore's frame, (2,) [N]."""
         load = self.binding.film.load[:2] @ self.pressure + self.friction.on_xi[:2]
         if self.contact is None:
             return load
@@ -179,13 +182,15 @@ class JointStep:
     @cached_property
     def braking(self) -> float:
         """Torque that brakes the journal about its own axis [N m]."""
-        # Every torque that brakes the journal belongs here.
+        # All torques that brake the journal are added here.
         torque = -self.friction.torque
         rows = self.binding.turning_rows(self.x, self.rate)
         if rows is not None:
             torque -= float(rows.load[-1] @ self.pressure)
         if self.contact is not None:
             torque += self.contact.friction_torque(self.touch, self.state.gap)
+            if rows is not None:
+                torque -= float(self.contact.area @ (self.touch.pressure * rows.gap[:, -1]))
         return torque
 
     @property
@@ -208,7 +213,7 @@ def joint_steps(
     rate: np.ndarray,
     gaps: Sequence[np.ndarray],
 ) -> list[JointStep]:
-    """All lubricated joints at the end of a step, of whose films these are states and gaps."""
+    """Make `JointStep` for all lubricated joints, from states and gaps of their films."""
     each = zip(equations.system.films, films, equations.contacts.joints, gaps, strict=True)
     return [
         JointStep(binding, state, contact, x, rate, multipliers[binding.rows], gap)
@@ -222,16 +227,17 @@ Condition = Callable[[JointStep], bool]
 
 @dataclass(frozen=True)
 class Output:
-    """A quantity of a lubricated joint.
+    """Registered quantity of a lubricated joint.
 
     Attributes
     ----------
     column, meaning
-        Its name with its unit, and what it is.
+        Name of the column with unit, and description.
     value, where
-        Function of a joint at a step, and condition on the joints that have the quantity.
+        Function that computes the quantity of a joint at a step, and condition on joints that have
+        it.
     mean
-        Whether a summary has its mean.
+        Whether the summary contains the mean.
     """
 
     column: str
@@ -242,22 +248,22 @@ class Output:
 
 
 def everywhere(_: JointStep) -> bool:
-    """Every joint."""
+    """Condition that holds for every joint."""
     return True
 
 
 def with_friction(joint: JointStep) -> bool:
-    """Joints whose shear is computed."""
+    """Whether the oil's shear acts on the bodies of a joint."""
     return joint.binding.film.friction
 
 
 def with_contact(joint: JointStep) -> bool:
-    """Joints between rough surfaces."""
+    """Whether a joint has rough surfaces."""
     return joint.contact is not None
 
 
 def with_oil(joint: JointStep) -> bool:
-    """Joints with mass-conserving cavitation."""
+    """Whether a joint has mass-conserving cavitation."""
     return joint.state.content is not None
 
 
@@ -272,14 +278,16 @@ def quantity(
     *,
     mean: bool = False,
 ) -> Callable[[Value], Value]:
-    """Register a function of a joint at a step; its docstring is its meaning.
+    """Make a decorator that registers a function as a quantity of joints.
+
+    The docstring of the function is the description of the quantity.
 
     Parameters
     ----------
     name, unit
-        Of its column, where an underscore joins them.
+        Name and unit, which are joined by an underscore in the column's name.
     where, mean
-        See `Output`.
+        Condition on joints, and whether the summary has the mean, see `Output`.
     """
     require_class("name", name, str)
     require_class("unit", unit, str)
@@ -294,7 +302,7 @@ def quantity(
 
 
 def joint_row(joint: JointStep) -> dict[str, float]:
-    """Columns of a joint with its models' quantities."""
+    """Values of all quantities that a joint has, by column."""
     row: dict[str, float] = {}
     for output in OUTPUTS:
         if output.where(joint):
@@ -305,7 +313,7 @@ def joint_row(joint: JointStep) -> dict[str, float]:
 
 
 def averaged(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns whose mean is in the summary."""
+    """Those columns of a row whose mean is in the summary."""
     means = {output.column for output in OUTPUTS if output.mean} | {FLOW}
     return {column: value for column, value in row.items() if column.rpartition(".")[2] in means}
 
@@ -315,7 +323,7 @@ FLOW = "flow_m3_per_s"
 
 
 def feed_flows(joint: JointStep) -> dict[str, float]:
-    """Flows of the supplies into the film, by column."""
+    """Flows of the supplies into the film of a joint, by column."""
     flows = joint.flows.balance.feeds
     return {f"{name}.{FLOW}": flow for name, flow in flows.items()}
 
@@ -334,7 +342,7 @@ def min_film_thickness(joint: JointStep) -> float:
 
 @quantity("max_pressure_angle", "deg")
 def max_pressure_angle(joint: JointStep) -> float:
-    """Angle of the largest pressure."""
+    """Angle of the largest nodal pressure."""
     return in_degrees(joint.nodes[np.argmax(joint.pressure), 0])
 
 
@@ -376,31 +384,31 @@ def force_angle(joint: JointStep) -> float:
 
 @quantity("eccentricity_in_bore_x", "m")
 def eccentricity_in_bore_x(joint: JointStep) -> float:
-    """Displacement of the journal in the bore as it is, deformed and shaped, along x."""
+    """Displacement of the journal in the deformed and shaped bore, along x."""
     return joint.journal[0]
 
 
 @quantity("eccentricity_in_bore_y", "m")
 def eccentricity_in_bore_y(joint: JointStep) -> float:
-    """Displacement of the journal in the bore as it is, deformed and shaped, along y."""
+    """Displacement of the journal in the deformed and shaped bore, along y."""
     return joint.journal[1]
 
 
 @quantity("eccentricity_ratio", "1")
 def eccentricity_ratio(joint: JointStep) -> float:
-    """Displacement of the journal in the bore as it is, relative to the clearance."""
+    """Displacement of the journal in the deformed and shaped bore, over the clearance."""
     return np.hypot(*joint.journal) / joint.binding.film.clearance
 
 
 @quantity("attitude_angle", "deg")
 def attitude_angle(joint: JointStep) -> float:
-    """Angle from the load to the journal's displacement in the bore as it is."""
+    """Angle from the load to the journal's displacement in the deformed and shaped bore."""
     return in_degrees(np.arctan2(joint.journal[1], joint.journal[0]) - joint.towards)
 
 
 @quantity("max_pressure_height", "m")
 def max_pressure_height(joint: JointStep) -> float:
-    """Height of the largest pressure."""
+    """Height of the largest nodal pressure."""
     return upper_most(joint.nodes, -joint.pressure)[1]
 
 
@@ -442,19 +450,19 @@ def friction_power(joint: JointStep) -> float:
 
 @quantity("journal_friction_power", "W", with_friction, mean=True)
 def journal_friction_power(joint: JointStep) -> float:
-    """Power put in by the journal that turns about its own axis in the frame at rest."""
+    """Power supplied by the journal, which turns about its own axis in the frame at rest."""
     return joint.braking * joint.speeds[0]
 
 
 @quantity("bore_friction_power", "W", with_friction, mean=True)
 def bore_friction_power(joint: JointStep) -> float:
-    """Power put in by the bore that turns about its own axis in the frame at rest."""
+    """Power supplied by the bore, which turns about its own axis in the frame at rest."""
     return -joint.dragging * joint.speeds[1]
 
 
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
-    """Power P put in by the bodies, the squeezing of the film included."""
+    """Power P supplied by the bodies, including that of the squeeze motion."""
     binding = joint.binding
     friction = joint.friction
     opening = joint.film.pressure_areas.T @ joint.state.gap.thickness_rate.ravel()
@@ -488,13 +496,13 @@ def supply_power(joint: JointStep) -> float:
 
 @quantity("contact_force", "N", with_contact, mean=True)
 def contact_force(joint: JointStep) -> float:
-    """Normal force of the contact."""
+    """Normal force of asperity contact."""
     return joint.rough.area @ joint.touch.pressure
 
 
 @quantity("contact_share", "1", with_contact, mean=True)
 def contact_share(joint: JointStep) -> float:
-    """Share of the contact in all normal force."""
+    """Share of asperity contact in the total normal force."""
     film = joint.film
     in_contact = contact_force(joint)
     pressed = film.parameters.grid.radius**2 * film.assembly.area
@@ -504,7 +512,7 @@ def contact_share(joint: JointStep) -> float:
 
 
 def _share_of_bore(joint: JointStep, at_points: np.ndarray) -> float:
-    """Mean over the bore of a quantity at Gauss points, shape (g,)."""
+    """Mean over the bore of a quantity that is given at the Gauss points, shape (g,)."""
     film = joint.film
     area = film.parameters.grid.radius**2 * film.assembly.area.sum()
     return joint.rough.area @ at_points / area
@@ -519,7 +527,7 @@ def contact_area_share(joint: JointStep) -> float:
 
 @quantity("unpublished_share", "1", with_contact, mean=True)
 def unpublished_share(joint: JointStep) -> float:
-    """Share of the bore where surfaces are nearer than flow factors are published for."""
+    """Share of the bore where the gap is too small for the published flow factors."""
     least = PUBLISHED * joint.rough.surfaces.roughness
     return _share_of_bore(joint, joint.state.gap.thickness.ravel() < least)
 
@@ -531,13 +539,13 @@ def unpublished_share(joint: JointStep) -> float:
     mean=True,
 )
 def contact_power(joint: JointStep) -> float:
-    """Power that touching asperities lose."""
+    """Power lost to boundary friction of asperities."""
     return joint.rubbed
 
 
 @quantity("oil_content", "m3", with_oil, mean=True)
 def oil_content(joint: JointStep) -> float:
-    """Oil in the film, as volume."""
+    """Volume of oil in the film, at ambient density."""
     assert joint.state.content is not None
     return joint.state.content.sum()
 
@@ -549,13 +557,13 @@ def oil_content(joint: JointStep) -> float:
     mean=True,
 )
 def side_flow(joint: JointStep) -> float:
-    """Flow out of both sides."""
+    """Flow out of the film at both sides."""
     return joint.flows.balance.side
 
 
 @quantity("leaving_flow", "m3/s", lambda joint: joint.binding.joint.heat is not None, mean=True)
 def leaving_flow(joint: JointStep) -> float:
-    """Oil that leaves and carries heat away."""
+    """Flow of the oil that leaves the film and carries heat away."""
     return joint.flows.leaving
 
 
@@ -566,12 +574,12 @@ def leaving_flow(joint: JointStep) -> float:
     mean=True,
 )
 def supply_flow(joint: JointStep) -> float:
-    """Flow in through grooves and holes of given pressure."""
+    """Flow into the film through grooves and holes of given pressure."""
     return joint.flows.balance.supply
 
 
 def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Angle [rad] and height [m] of the least value, the upper of equal ones.
+    """Angle [rad] and height [m] of the smallest value, at the upper point of equal ones.
 
     Parameters
     ----------
@@ -585,7 +593,7 @@ def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]
 
 
 def in_degrees(angle: float) -> float:
-    """In -180 up to 180, of an angle [rad]."""
+    """Angle in degrees, from -180 up to 180, of an angle in radians."""
     return float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi))
 
 
@@ -595,7 +603,10 @@ def rubbing(joint: JointStep) -> np.ndarray:
 
 
 def wear(binding: FilmBinding, slid: np.ndarray) -> dict[str, float]:
-    """Entries of ``summary.json`` on ``int p_c |U| dt`` [Pa m], where it is largest."""
+    """Entries of ``summary.json``: largest ``int p_c |U| dt`` of a joint [Pa m], and its position.
+
+    `slid` has the integral at the Gauss points, shape (g,).
+    """
     worst = int(np.argmax(slid))
     points = binding.film.film.points
     return {
@@ -605,16 +616,16 @@ def wear(binding: FilmBinding, slid: np.ndarray) -> dict[str, float]:
     }
 
 
-#: Column of the content.
+#: Column of the oil content.
 CONTENT = "oil_content_m3"
 
 
 def oil_balance(start: float, end: float, totals: Mapping[str, float]) -> dict[str, float]:
-    """Entries of ``summary.json`` for a joint with mass-conserving cavitation.
+    """Entries of ``summary.json`` about the oil of a joint with mass-conserving cavitation.
 
-    The defect is the difference of the oil content at start and end [m^3] and the integrals
-    `totals` of the flows, relative to content and supply. It is the error of the integrals over
-    time: every step conserves oil.
+    `start` and `end` are oil contents [m^3], `totals` the integrals of flows by column [m^3]. The
+    defect is the change of content less the net inflow, relative to content and supply. It is the
+    error of the integrals over time, because every step conserves oil.
     """
     # The column of all supplies exists only with a supply of given pressure.
     fed = sum(flow for name, flow in totals.items() if name.endswith(f".{FLOW}"))

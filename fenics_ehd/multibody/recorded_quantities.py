@@ -1,4 +1,4 @@
-"""Quantities of a joint, a body or the run over the steps, by name or as attributes."""
+"""Recorded quantities of a joint, a body or the run over its steps, by name or as attributes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Quantities(Mapping[str, Quantity]):
     Parameters
     ----------
     quantities
-        Quantities by name, ``max_pressure``.
+        Quantities by name without unit, such as ``max_pressure``.
     """
 
     quantities: Mapping[str, Quantity]
@@ -44,17 +44,17 @@ class Quantities(Mapping[str, Quantity]):
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """Plain arrays by names with units, ``max_pressure_Pa``."""
+        """Arrays of the quantities by name with unit, such as ``max_pressure_Pa``."""
         return {with_unit(name, v.units): np.asarray(v) for name, v in self.items()}
 
     def _pair(self, name: str) -> Quantity:
-        """Components along x and y, shape (steps, 2)."""
+        """Quantity with the components ``name_x`` and ``name_y``, shape (steps, 2)."""
         x = self[f"{name}_x"]
         y = self[f"{name}_y"]
         return Quantity(np.column_stack([x, y]), x.units)
 
 
-#: Families of cells by their number of nodes.
+#: Element family by number of nodes of a cell.
 FAMILIES = {4: "bilinear", 8: "serendipity", 9: "lagrange"}
 
 
@@ -67,9 +67,9 @@ class FilmResult:
     angle, height
         Positions of the nodes on the bore, in its frame, shape (nodes,) [rad], [m].
     cells
-        Nodes of every cell: its corners (at the first angle and height, at the second angle, at
-        the second height, at both), then middles of edges and the centre as far as `family` has
-        them, shape (c, v).
+        Node numbers of every cell, shape (c, v). The corners come first: at the smaller angle and
+        height, at the larger angle, at the larger height, at both. Middles of edges and the centre
+        follow if `family` has them.
     radius, clearance
         Radius and radial clearance of the bore [m].
     pressure, gap
@@ -90,21 +90,21 @@ class FilmResult:
 
     @property
     def family(self) -> str:
-        """``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node)."""
+        """Element family: ``"bilinear"``, ``"serendipity"`` (8-node) or ``"lagrange"`` (9-node)."""
         return FAMILIES[self.cells.shape[1]]
 
 
 @dataclass(frozen=True, eq=False)
 class JointResult(Quantities):
-    """A lubricated joint over the steps of a run.
+    """Quantities of a lubricated joint over the steps of a run.
 
-    Its quantities are ``max_pressure``, ``min_film_thickness``, ``max_pressure_angle`` and others,
-    and those of the joint's models, such as ``friction_torque``.
+    Names are ``max_pressure``, ``min_film_thickness``, ``max_pressure_angle`` and others, and those
+    of the joint's models, such as ``friction_torque``.
 
     Attributes
     ----------
     nodal
-        Nodal fields of its film, None if they were not read.
+        Nodal fields of the film; None if they were not read.
     """
 
     nodal: FilmResult | None = None
@@ -116,7 +116,7 @@ class JointResult(Quantities):
         Raises
         ------
         InputError
-            The nodal fields were not read.
+            If the nodal fields were not read.
         """
         if self.nodal is None:
             raise InputError("the films were not read: load_history(DIR, films=True)")
@@ -124,21 +124,21 @@ class JointResult(Quantities):
 
     @property
     def eccentricity(self) -> Quantity:
-        """Eccentricity in the undeformed bore's frame, shape (steps, 2) [m]."""
+        """Eccentricity, x and y in the frame of the undeformed bore, shape (steps, 2) [m]."""
         return self._pair("eccentricity")
 
     @property
     def force(self) -> Quantity:
-        """Force of the film on the journal in the frame at rest, shape (steps, 2) [N]."""
+        """Force of the film on the journal, x and y in the frame at rest, shape (steps, 2) [N]."""
         return self._pair("force")
 
 
 @dataclass(frozen=True, eq=False)
 class BodyResult(Quantities):
-    """A body over the steps of a run.
+    """Quantities of a body over the steps of a run.
 
-    Its quantities are the position ``x``, ``y``, the ``angle`` and the angular ``speed`` of its
-    frame, as far as the frame can move.
+    Names are ``x``, ``y``, ``angle`` and ``speed`` for position, angle and angular speed of the
+    body's frame, if they can change.
 
     Attributes
     ----------

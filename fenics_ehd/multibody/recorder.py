@@ -1,12 +1,12 @@
-"""Records of a run: a row of every accepted step, and state that is kept for a restart.
+"""Records of a run: a row for every accepted step, and state that is kept for a restart.
 
 A row has every column of the history, nodal fields of the films, and the state of the mechanism.
 Columns are numbers by path with unit, ``joints/big_end/force_x_N``; fields and state are arrays
-by path. Of a search for a periodic solution the rows of the last two cycles are kept.
+by path. In a search for a periodic solution only rows of the last two cycles are kept.
 
-State that is not recorded (the integrator's points, the estimator's load history, wear so far) is
-kept for a restart, see `Recorder.carried`. Figures of the rows are computed in
-`fenics_ehd.multibody.summary`, and `fenics_ehd.multibody.verdict` judges them.
+State that is not in the rows (the integrator's points, the estimator's load history, accumulated
+wear) is kept for a restart, see `Recorder.carried`. `fenics_ehd.multibody.summary` computes results
+from the rows, and `fenics_ehd.multibody.verdict` accepts or rejects them.
 """
 
 from __future__ import annotations
@@ -48,24 +48,25 @@ from fenics_ehd.multibody.trust import (
 #: Columns of a history by path with unit, each of shape (steps,).
 Columns = Mapping[str, np.ndarray]
 
-#: A step: numbers by path with unit, ``joints/big_end/force_x_N``, arrays by path.
+#: Row of a step: numbers by path with unit, such as ``joints/big_end/force_x_N``, and arrays by
+#: path.
 Row = Mapping[str, Any]
 
-#: Frame coordinates of a body as columns.
+#: Columns of the frame coordinates of a body.
 FRAME = ("x_m", "y_m", "angle_rad")
 
-#: Coordinates of a joint, relative displacements of its journal, as columns.
+#: Columns of the coordinates of a joint, the displacement and tilt of its journal in the bore.
 JOURNAL = ("eccentricity_x_m", "eccentricity_y_m", "tilt_x_rad", "tilt_y_rad")
 
-#: Unit of the amplitude of an elastic mode: as its basis is scaled.
+#: Unit of the amplitude of an elastic mode, which depends on the scaling of the mode.
 MODAL = "modal"
 
-#: Columns that decide which cycle is the last complete one.
+#: Columns from which the last complete cycle is found.
 CYCLE_COLUMNS = ("time_s", "run/crank_angle_deg", "run/cycle", "run/cycle_time_s")
 
 
 def film_meshes(system: System) -> dict[str, np.ndarray]:
-    """Nodes, cells, radius and clearance of every film, by path with units left out."""
+    """Nodes, cells, radius and clearance of every film, by path without units."""
     meshes: dict[str, np.ndarray] = {}
     for binding in system.films:
         parameters = binding.film.film.parameters
@@ -82,7 +83,7 @@ def film_meshes(system: System) -> dict[str, np.ndarray]:
 
 
 def history_of(system: System, rows: Sequence[Row]) -> History:
-    """History of a mechanism from the rows of its steps."""
+    """Make the history of a mechanism from the rows of its steps."""
     values: dict[str, Quantity] = {}
     arrays = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
     for name, array in {**arrays, **film_meshes(system)}.items():
@@ -94,7 +95,7 @@ def history_of(system: System, rows: Sequence[Row]) -> History:
 
 
 def solution(run: Run, step: MechanismStep) -> dict[str, np.ndarray]:
-    """Arrays of the last accepted step of a run by path in a history: state and nodal fields."""
+    """State and nodal fields of the last accepted step of a run, by their paths in a history."""
     system = run.equations.system
     patterns = run.equations.responses.size
     arrays = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
@@ -110,7 +111,7 @@ def solution(run: Run, step: MechanismStep) -> dict[str, np.ndarray]:
         arrays[f"{path}/gap"] = joint.gap[-len(joint.pressure) :]
         if joint.state.fluid_fraction is not None:
             arrays[f"{path}/fluid_fraction"] = joint.state.fluid_fraction
-    # Copies: views would keep the larger arrays alive.
+    # Copies, because views would keep the larger arrays in memory.
     return {path: np.array(array) for path, array in arrays.items()}
 
 
@@ -130,43 +131,46 @@ def coordinate_units(system: System) -> dict[str, str]:
 
 
 def columns_of(rows: Sequence[Row], names: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Columns of rows by path with unit: all, or those of some names; empty without rows."""
+    """Columns of rows by path with unit, each of shape (steps,): all, or those in `names`.
+
+    The result is empty without rows.
+    """
     present = rows[0] if rows else {}
     chosen = [name for name in names or filter(is_column, present) if name in present]
     return {name: np.array([row[name] for row in rows]) for name in chosen}
 
 
 def _require_alike(row: Row, stored: Row) -> None:
-    """Refuse rows of a stored history that are not those of this mechanism.
+    """Refuse a stored history whose rows have other columns or shapes than those of this run.
 
     Raises
     ------
     InputError
-        Naming a column.
+        If a column differs; the message names it.
     """
     for name in dict.fromkeys([*row, *stored]):
         if name not in row or name not in stored or np.shape(row[name]) != np.shape(stored[name]):
             raise InputError(
-                f"the stored history is not of this scene: {name} is missing or has another shape; "
-                "run the scene anew"
+                f"the stored history is not of this scene: {name} is missing or has another shape: "
+                "run the scene again"
             )
 
 
-#: Layout of a number of steps or iterations.
+#: Layout of a stored number of steps or iterations.
 COUNT = Value("integer", least=0)
 
 
 class Recorder(Stateful):
-    """Steps of a run and their rows, also after its end.
+    """Recorder of a run: it takes the steps, and stores a row for each.
 
     Parameters
     ----------
     run
         Run at its start.
     end
-        Time at which a run once through stops [s].
+        Time at which the run ends if it is no search for a periodic solution [s].
     cycles
-        Search for a periodic solution, None of a run once through.
+        Search for a periodic solution; None for other runs.
 
     Attributes
     ----------
@@ -175,17 +179,17 @@ class Recorder(Stateful):
     recurrence
         Angle and time after which the loads recur.
     wall_time, processor_time
-        Times of all steps so far [s].
+        Wall time and processor time of all steps so far [s].
     rows
         Rows of the steps that are kept.
     counts, rejected_because
-        Steps, iterations and rejected steps, and rejected steps by reason; of all steps, also of
-        those whose rows are not kept.
+        Number of steps, of iterations and of rejected attempts; number of rejected attempts by
+        reason. Both count all steps, also those whose rows are not kept.
     estimates
         Estimates of the basis error by `BoundSurface.key`.
     rubbing, slid
-        Contact pressure times sliding speed at the Gauss points of rough surfaces by joint, at the
-        last step [W/m2], and its integral over the cycle under way, or the run [J/m2].
+        Contact pressure times sliding speed at the Gauss points of rough surfaces by joint: at the
+        last step [W/m2], and integrated over the current cycle of a search, or the run [J/m2].
     """
 
     carried: ClassVar = {
@@ -231,7 +235,7 @@ class Recorder(Stateful):
 
     @property
     def integrator(self) -> IntegratorState[SolverState]:
-        """State of the integration."""
+        """State of the time integration after the last step."""
         return self.run.state
 
     @integrator.setter
@@ -240,40 +244,40 @@ class Recorder(Stateful):
 
     @property
     def began(self) -> IntegratorState[SolverState]:
-        """State at the start of the run, or of the cycle under way."""
+        """State of the integration at the start of the current cycle of a search, or of the run."""
         return self._start if self.cycles is None else self.cycles.began
 
     @property
     def time(self) -> float:
-        """Time of the last step [s]."""
+        """Time of the last step, or of the start without steps [s]."""
         return self.rows[-1]["time_s"] if self.rows else self._start.time
 
     @property
     def first(self) -> int:
-        """Row of the first step of the cycle under way; 0 of a run once through."""
+        """Index of the row at the first step of the current cycle of a search; 0 for other runs."""
         numbers = columns_of(self.rows, ["run/cycle"]).values()
         return first_of_last(*numbers) if numbers else 0
 
     @property
     def last_cycle(self) -> Cycle | None:
-        """The last complete cycle; None before the first step."""
+        """Last complete cycle of the run; None before the first step."""
         columns = columns_of(self.rows, CYCLE_COLUMNS)
         return Cycle.of_columns(columns, self.recurrence) if columns else None
 
     def known_sizes(self) -> Sizes:
-        """Number of unknowns of a step."""
+        """Sizes of stored arrays that are known: the number of unknowns of a step, by name."""
         owners = ("/integrator", "/cycles/began")
         return dict.fromkeys(
             (f"{owner} unknowns" for owner in owners), len(self.run.equations.lower)
         )
 
     def take(self, history: History) -> None:
-        """Continue after the steps of a history.
+        """Continue a run after the steps of its stored history.
 
         Raises
         ------
         ValueError
-            A column that the next step needs is missing, or has another shape.
+            If a column that the next step needs is missing, or has another shape.
         """
         columns = {
             with_unit(path, array.units) if is_column(path) else path: np.asarray(array)
@@ -286,14 +290,14 @@ class Recorder(Stateful):
             needed |= {"run/cycle": 0.0, "run/cycle_time_s": 0.0}
         for name, value in needed.items():
             if name not in columns or columns[name].shape[1:] != np.shape(value):
-                raise ValueError(f"/{name} is missing, or of another shape than this scene's")
+                raise ValueError(f"/{name} is missing, or its shape is not that of this scene")
         self.rows = [
             {name: array[i] for name, array in columns.items()} for i in range(len(history))
         ]
         self._resumed = bool(self.rows)
 
     def steps(self) -> Iterator[tuple[MechanismStep, dict[str, float]]]:
-        """Accepted steps, each recorded before it is returned, and its row of ``history.csv``."""
+        """Yield every accepted step after it is recorded, with its row of ``history.csv``."""
         began = perf_counter() - self.wall_time
         processor_began = process_time() - self.processor_time
         for step in self.run.until(self.end) if self.cycles is None else self.cycles:
@@ -303,17 +307,17 @@ class Recorder(Stateful):
             yield step, row
 
     def add(self, step: MechanismStep) -> dict[str, float]:
-        """Record an accepted step, of a search in its current cycle.
+        """Record an accepted step; in a search it belongs to the current cycle.
 
         Returns
         -------
         dict
-            Row of ``history.csv``, by the names of its columns.
+            Row of ``history.csv`` by the names of its columns.
         """
         cycles = self.cycles
         begins = bool(cycles and self.rows and cycles.number != self.rows[-1]["run/cycle"])
         if begins:
-            # Works and wear are those of a cycle; counts and estimates are those of the run.
+            # Works and wear begin at zero in every cycle; counts and estimates continue.
             self.rows = self.rows[self.first :]
             self.slid = {name: np.zeros_like(wear) for name, wear in self.slid.items()}
         size = step.time - self.time
@@ -340,10 +344,10 @@ class Recorder(Stateful):
         return {column_name(name): value for name, value in row.items() if is_column(name)}
 
     def _angle(self, step: MechanismStep) -> float:
-        """Reference angle [degrees], continuous over a cycle; 0 if nothing turns.
+        """Reference angle at a step [degrees], continuous over a cycle; 0 if nothing turns.
 
-        Every cycle but the first of a search begins within the first period of the loads: the last
-        cycle of an engine is 0 to 720 degrees, not 1440 to 2160.
+        From the second cycle of a search on, periods of the loads before the cycle are subtracted:
+        the last cycle of an engine is from 0 to 720 degrees, not from 1440 to 2160.
         """
         if self._reference is None:
             return 0.0
@@ -356,7 +360,10 @@ class Recorder(Stateful):
         return float(np.degrees(step.x[self._reference]) - former)
 
     def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
-        """Columns of the lubricated joints at a step of a size [s]; adds to wear and estimates."""
+        """Columns of the lubricated joints at a step of length `size` [s].
+
+        The step is also added to wear and to the estimates of the basis error.
+        """
         row: dict[str, float] = {}
         responses = self.run.equations.responses
         pressures = [film.pressure for film in step.solution.films]
@@ -388,7 +395,7 @@ class Recorder(Stateful):
         }
 
     def _bodies(self, step: MechanismStep) -> dict[str, float]:
-        """Columns of the bodies' frames; the frame of a shaft has an angle alone."""
+        """Columns of the frames of all bodies at a step; the frame of a shaft has only an angle."""
         row: dict[str, float] = {}
         coordinates = self._coordinates.items()
         for (path, unit), x, rate in zip(coordinates, step.x, step.rate, strict=False):
@@ -399,11 +406,14 @@ class Recorder(Stateful):
         return row
 
     def history(self) -> History:
-        """History of the steps whose rows are kept."""
+        """Make the history of the steps whose rows are kept."""
         return replace(history_of(self.system, self.rows), stored_cycle=self.last_cycle)
 
     def final_history(self) -> History:
-        """History of a run that has ended; of a search, its last cycle with a step at its start."""
+        """Make the history of a run that has ended.
+
+        For a search it has the last cycle only, with a step at its start.
+        """
         history = self.history()
         if self.cycles is None:
             return history

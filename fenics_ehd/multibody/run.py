@@ -1,4 +1,4 @@
-"""A run: a mechanism, its state and the integration of its motion, step by step."""
+"""Run: time integration of a mechanism, step by step."""
 
 from __future__ import annotations
 
@@ -17,36 +17,38 @@ from fenics_ehd.multibody.mechanism import Mechanism, System, assemble, check_in
 from fenics_ehd.multibody.newton import CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.step_norm import StepNorm
 
-#: Damping ratio above which the formula of order 3 damps a mode at every step: it is A(82)-stable.
+#: Damping ratio above which the formula of order 3, which is A(82)-stable, damps a mode for every
+#: length of the step.
 DAMPED = float(np.cos(np.radians(82.0)))
 
 
 class Run:
-    """A mechanism and its state, which each accepted step changes.
+    """Time integration of a mechanism, with the state after the last accepted step.
 
     Parameters
     ----------
     mechanism
-        Assembled from its rough pose.
+        Mechanism in its rough pose, from which it is assembled.
     steps
-        Step control. Order 3 becomes 2 if modes lack damping or cavitation conserves mass.
+        Options of the integrator. Order 3 is reduced to 2 if modes have too little damping or
+        cavitation conserves mass.
     span
-        Time that `IntegratorOptions.largest` is a share of [s].
+        Time to which `IntegratorOptions.largest` is relative [s].
 
     Attributes
     ----------
     equations, norm
-        Equations of a step of the mechanism, and norm of the errors of its gaps.
+        Equations of a step of the mechanism, and norm of its errors.
     solve, control
-        Solver and control of the steps.
+        Solver of a step, and options of the integrator.
     state
         State of the integration after the last accepted step.
 
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled, the span is not above 0, or a bore or journal that is not
-        round closes its gap at the start.
+        If the mechanism cannot be assembled, the span is not above 0, or the shape of a bore or
+        journal closes the gap at the start.
     """
 
     def __init__(self, mechanism: Mechanism, steps: IntegratorOptions, span: float):
@@ -58,10 +60,10 @@ class Run:
         for film in equations.films:
             _check_density(film)
         norm = StepNorm(equations)
-        # Order 3 amplifies modes of little damping, by 5 to 10 % a step of one radian of their
-        # phase: a full interface without damping was 71 % off (`docs/extremes.md`). With
+        # Order 3 amplifies modes with little damping, by 5 to 10 % in a step of one radian of their
+        # phase: for a full interface without damping the error was 71 % (`docs/extremes.md`). With
         # mass-conserving cavitation it overshoots at a node that has just filled
-        # (`docs/real-films.md`), and compressible oil is a spring without damping.
+        # (`docs/real-films.md`), and compressible oil acts like a spring without damping.
         damped = system.least_damping >= DAMPED and not equations.conserves_oil
         order = steps.order if damped else min(steps.order, 2)
         control = attrs.evolve(steps, order=order, largest=steps.largest * span)
@@ -83,7 +85,7 @@ class Run:
         control: IntegratorOptions,
         state: IntegratorState[SolverState],
     ) -> None:
-        """Begin in a state; a solver takes the steps, a norm measures their errors."""
+        """Set the solver of steps, the norm of their errors, the options and the state."""
         self.solve = solve
         self.equations = solve.equations
         self._system = solve.system
@@ -92,7 +94,7 @@ class Run:
         self.state = state
 
     def with_mechanism(self, mechanism: Mechanism) -> Run:
-        """Run of another mechanism at its start, with the formula and temperatures of this run."""
+        """Make a run of another mechanism, with the options and temperatures of this run."""
         run = Run(mechanism, self.control, 1.0)
         run.control = self.control
         for binding, former in zip(run._system.films, self._system.films, strict=True):
@@ -102,16 +104,16 @@ class Run:
         return run
 
     def until(self, end: float) -> Iterator[MechanismStep]:
-        """Accepted steps up to a time [s].
+        """Yield the accepted steps up to a time [s].
 
         Raises
         ------
         StepSizeError
-            No step is short enough.
+            If no step is short enough.
         FilmTooThinError
-            After the step whose film is too thin, between smooth surfaces.
+            If the film between smooth surfaces is too thin, after the step is returned.
         ContactError
-            After the step whose rough surfaces overlap too far.
+            If rough surfaces overlap too far, after the step is returned.
         """
         while self.state.time < end:
             step, self.state = advance(
@@ -123,18 +125,19 @@ class Run:
 
 
 def _check_density(film: FilmModel[Any]) -> None:
-    # The storage term of the first steps is a mass matrix, with which active sets cycle.
+    # With compressible oil, the storage term of the first steps is a mass matrix, with which the
+    # active sets of the Reynolds condition cycle.
     if not (film.conserves_oil or film.film.parameters.lubricant.density_law.constant):
         raise SettingsError(
-            f"joints.{film.binding.name}: the oil is denser under pressure: density_law = "
-            "'dowson-higginson' needs cavitation = 'mass-conserving'"
+            f"joints.{film.binding.name}: density_law = 'dowson-higginson' (compressible oil) "
+            "needs cavitation = 'mass-conserving'"
         )
 
 
 def _check_start(binding: FilmBinding, thickness: float) -> None:
     if not thickness > 0.0:
         raise SettingsError(
-            f"joints.{binding.name}.bore_shape, journal_shape: the least film thickness at the "
+            f"joints.{binding.name}.bore_shape, journal_shape: the smallest film thickness at the "
             f"start is {thickness * 1e6:.3g} um and must be above 0: give smaller deviations, "
             f"below the clearance of {binding.film.clearance * 1e6:.3g} um, or another eccentricity"
         )
@@ -148,8 +151,8 @@ def _check_film(binding: FilmBinding, thickness: float, time: float) -> None:
             raise ContactError(
                 f"the surfaces of {binding.name} overlap by {-thickness * 1e6:.3g} um at "
                 f"t = {time:.6g} s, beyond {-DEEPEST_CONTACT:g} times their combined roughness of "
-                f"{surfaces.roughness * 1e6:.3g} um: no asperities are left that "
-                f"joints.{binding.name}.contact describes; the history up to there is kept"
+                f"{surfaces.roughness * 1e6:.3g} um, the limit of joints.{binding.name}.contact: "
+                "lower the load; the history up to this time is stored"
             )
         return
     limit, reason = touching_film(binding.name, binding.joint.smallest_film, binding.film.clearance)
@@ -157,21 +160,21 @@ def _check_film(binding: FilmBinding, thickness: float, time: float) -> None:
         raise FilmTooThinError(
             f"the film of {binding.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, "
             f"below {reason}, {limit * 1e6:.3g} um: surfaces would touch; "
-            "the history up to there is kept"
+            "the history up to this time is stored"
         )
 
 
-#: Film thickness at which surfaces without a given roughness touch, for every clearance [m]: three
-#: times a combined roughness of 0.07 um. Surfaces with a roughness have a model of contact instead.
+#: Film thickness at which surfaces without a given roughness touch [m], for every clearance: three
+#: times a combined roughness of 0.07 um. For surfaces with a roughness a contact model is used.
 TOUCHING = 0.2e-6
 
-#: Share of the clearance up to which a joint's `smallest_film` counts as a default, which
-#: `TOUCHING` limits. Larger values hold as they are.
+#: Largest `smallest_film` of a joint, over the clearance, which `TOUCHING` limits. Larger values
+#: are assumed to be intended.
 MEANT = 0.01
 
 
 def touching_film(name: str, share: float, clearance: float) -> tuple[float, str]:
-    """Film thickness between smooth surfaces at which a run ends [m], and the origin of the limit.
+    """Film thickness between smooth surfaces below which a run ends [m], and name of this limit.
 
     Parameters
     ----------
@@ -184,5 +187,5 @@ def touching_film(name: str, share: float, clearance: float) -> tuple[float, str
     """
     thickness = share * clearance
     if share <= MEANT and thickness > TOUCHING:
-        return TOUCHING, "the least film of surfaces without a roughness"
+        return TOUCHING, "the smallest film of surfaces without a roughness"
     return thickness, f"joints.{name}.smallest_film of the clearance"

@@ -1,25 +1,26 @@
-"""Elastic shafts: Bernoulli beams with disks, by their modes at rest, turning at any speed.
+"""Elastic shafts: Bernoulli beams with disks, reduced to their modes at rest, at any speed.
 
 A node of the beam has four degrees of freedom: the deflections u, v along x and y and the slopes
-u', v' along the shaft. A round shaft has the same matrices in both planes, so that one plane is
-assembled, with two degrees of freedom a node, and the planes are coupled by the gyroscopic
-matrix G alone. At the angular speed Omega about z
+u', v' along the shaft. A round shaft has the same matrices in both planes, so that only one plane
+is assembled, with two degrees of freedom per node. Only the gyroscopic matrix G couples the planes.
+At the angular speed Omega about z
 
-    M u'' + Omega G v' + K u = f_x,      M v'' - Omega G u' + K v = f_y
+    M u'' + Omega G v' + K u = f_x,      M v'' - Omega G u' + K v = f_y,
 
-(dashes here: time). G is twice the rotary inertia of the shaft, whose polar inertia is twice
-the diametral one, and the polar inertia of the disks.
+where dashes are derivatives by time. G is the sum of the polar inertia of the disks and twice the
+rotary inertia of the shaft, because the polar inertia of a circular section is twice the diametral
+one.
 
-The modes of one plane, mass-normalised, serve both: coordinates are the angle theta about the axis
-and ``(a, b)`` with the deflections ``u = Phi a`` along x and ``v = Phi b`` along y. With
-``C = Phi^T G Phi`` and the polar inertia J,
+Both planes use the mass-normalised modes of one plane. Coordinates are the angle theta about the
+axis and the amplitudes ``(a, b)`` of the deflections ``u = Phi a`` along x and ``v = Phi b`` along
+y. With ``C = Phi^T G Phi`` and the polar inertia J, the equations
 
     a'' + 2 zeta Omega_r a' + theta' C b' + theta'' C b / 2 + Omega_r^2 a = Phi^T f_x
     b'' + 2 zeta Omega_r b' - theta' C a' - theta'' C a / 2 + Omega_r^2 b = Phi^T f_y
     J theta'' + (a'' . C b - b'' . C a) / 2 = torque
 
 follow from the kinetic energy
-``(|a'|^2 + |b'|^2 + J theta'^2 + theta' (a' . C b - b' . C a)) / 2``.
+``(|a'|^2 + |b'|^2 + J theta'^2 + theta' (a' . C b - b' . C a)) / 2`` and modal damping.
 """
 
 from __future__ import annotations
@@ -50,15 +51,15 @@ from fenics_ehd.multibody.body import (
 
 @attrs.frozen(eq=False, slots=False)
 class Shaft:
-    """Uniform round shaft on two springs, the same in all directions."""
+    """Uniform round shaft on two springs at its ends, with equal stiffness in all directions."""
 
     length: float = metres(1.0, "[m]", below=100)
     diameter: float = metres(0.045, "[m]", below=2 * LARGEST_LENGTH)
     youngs_modulus: float = fields.youngs_modulus(210e9)
-    density: float = fields.density(7850.0, "[kg/m3], 1e-12: a shaft without mass", 1e-12)
+    density: float = fields.density(7850.0, "[kg/m3], 1e-12 for a shaft without mass", 1e-12)
     support_stiffness: float = number(
         1.58e8,
-        "of a spring at either end [N/m], 0: carried by its bearings alone",
+        "of a spring at either end [N/m], 0: carried only by its bearings",
         least=0,
         usual=(1e4, 1e13),
         example="1e8 for 100 N/um",
@@ -67,7 +68,7 @@ class Shaft:
 
     @property
     def area(self) -> float:
-        """Cross section [m^2]."""
+        """Area of the cross section [m^2]."""
         return np.pi / 4 * self.diameter**2
 
     @property
@@ -82,28 +83,28 @@ class Shaft:
 
     @property
     def bending(self) -> float:
-        """Square of the first free bending frequency, approximately [rad^2/s^2]."""
+        """Square of the first angular bending frequency of a free shaft, roughly [rad^2/s^2]."""
         flexural = self.youngs_modulus * self.second_moment
         return 500.0 * flexural / (self.density * self.area * self.length**4)
 
     @property
     def polar_inertia(self) -> float:
-        """Moment of inertia about the axis, without disks [kg m^2]."""
+        """Moment of inertia of the shaft about its axis, without disks [kg m^2]."""
         return 2 * self.density * self.second_moment * self.length
 
 
 @dataclass(frozen=True, eq=False)
 class BeamPlane:
-    """Matrices of one plane of bending.
+    """Beam model of a shaft in one plane of bending.
 
     Degrees of freedom are ``2 * node`` (deflection) and ``2 * node + 1`` (slope).
 
     Attributes
     ----------
     shaft
-        Shaft that the beam is a model of.
+        The shaft.
     stiffness, mass, gyroscopic
-        K, M and G, symmetric, shape (d, d), d = 2 (elements + 1).
+        Symmetric matrices K, M and G, shape (d, d) each with d = 2 (elements + 1).
     """
 
     shaft: Shaft
@@ -112,9 +113,9 @@ class BeamPlane:
     gyroscopic: np.ndarray
 
     def point(self, position: float) -> np.ndarray:
-        """Rows of deflection and slope at a share of the length, shape (2, d).
+        """Rows that give deflection and slope at a share of the length, shape (2, d).
 
-        The same rows are the generalised forces of a unit force and of a unit moment there.
+        They are also the generalised forces of a unit force and of a unit moment there.
         """
         n = self.shaft.elements
         element = min(int(position * n), n - 1)
@@ -125,12 +126,15 @@ class BeamPlane:
 
 
 def beam_plane(shaft: Shaft, disks: Sequence[Sequence[float]] = ()) -> BeamPlane:
-    """Assemble one plane: consistent mass with rotary inertia, gyroscopic matrix, end springs.
+    """Assemble the beam model of one plane, with rotary inertia, disks and springs at the ends.
 
     Parameters
     ----------
-    shaft, disks
-        As those of `ShaftBody`.
+    shaft
+        The shaft.
+    disks
+        Position as a share of the length [-], mass [kg], polar and diametral moment of inertia
+        [kg m2] of every disk.
     """
     n = shaft.elements
     size = shaft.length / n
@@ -154,7 +158,10 @@ def beam_plane(shaft: Shaft, disks: Sequence[Sequence[float]] = ()) -> BeamPlane
 
 
 def _element(h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Integrals of N'' N'', N N and N' N' over an element of length h, shape (4, 4) each."""
+    """Integrals of N'' N'', N N and N' N' over a beam element of length h, shape (4, 4) each.
+
+    N are the cubic shape functions of the element.
+    """
     bending = np.array(
         [
             [12, 6 * h, -12, 6 * h],
@@ -183,7 +190,10 @@ def _element(h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _hermite(s: float, h: float) -> np.ndarray:
-    """Cubic shape functions of an element of length h and their slopes, s from 0 to 1: (2, 4)."""
+    """Cubic shape functions of an element of length h and their slopes at s, shape (2, 4).
+
+    s is 0 at one end of the element and 1 at the other.
+    """
     values = [
         1 - 3 * s**2 + 2 * s**3,
         h * (s - 2 * s**2 + s**3),
@@ -199,23 +209,23 @@ def _hermite(s: float, h: float) -> np.ndarray:
     return np.array([values, slopes])
 
 
-#: Squared frequency of a mode, over that of the first bending mode, below which the shaft moves as
-#: a rigid body.
+#: Squared frequency of a mode, over that of the first bending mode, below which the mode is a rigid
+#: motion of the shaft.
 FREE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class ModalRotor:
-    """Rotor in the modal coordinates ``(a, b)`` of both planes, m of each.
+    """Shaft with disks in modal coordinates ``(a, b)``, m modes in each plane.
 
     Attributes
     ----------
     beam
-        Finite-element model of one plane.
+        Beam model of one plane.
     shapes
-        Phi, shape (d, m).
+        Mass-normalised modes Phi, shape (d, m).
     angular
-        Angular frequencies of the rotor at rest, its bearing empty, shape (m,) [rad/s].
+        Angular frequencies of the modes at rest, without the films of bearings, shape (m,) [rad/s].
     """
 
     beam: BeamPlane
@@ -224,10 +234,10 @@ class ModalRotor:
 
     @classmethod
     def of(cls, beam: BeamPlane, modes: int) -> ModalRotor:
-        """Rotor in the lowest `modes` of each plane."""
-        # The lowest modes are the largest eigenvalues 1 / omega^2: these are exact to round-off
-        # for any highest frequency. Rigid motions of a shaft without supports have omega = 0, for
-        # which 1 / (omega^2 + shift) is finite.
+        """Make the rotor with the lowest `modes` modes of each plane."""
+        # The lowest modes have the largest eigenvalues 1 / omega^2, which are exact to round-off,
+        # however high the highest frequency is. Rigid motions of a shaft without supports have
+        # omega = 0, and with a shift 1 / (omega^2 + shift) is finite.
         d = len(beam.mass)
         shift = 0.0 if beam.shaft.support_stiffness else beam.shaft.bending
         raised = beam.stiffness + shift * beam.mass
@@ -237,10 +247,10 @@ class ModalRotor:
         return cls(beam, shapes[:, ::-1] * np.sqrt(squares), angular)
 
     def motion(self, position: float) -> np.ndarray:
-        """Deflections and tilt ``(u, v, psi_x, psi_y)`` at a share of the length, shape (4, 2 m).
+        """Rows that give ``(u, v, psi_x, psi_y)`` at a share of the length, shape (4, 2 m).
 
-        Small rotations about x and y are ``psi_x = -dv/dz`` and ``psi_y = du/dz``. The same rows
-        are the generalised forces of unit forces and moments there.
+        Small rotations about x and y are ``psi_x = -dv/dz`` and ``psi_y = du/dz``. The rows are
+        also the generalised forces of unit forces and moments there.
         """
         deflection, slope = (
             np.kron(np.eye(2), row) for row in self.beam.point(position) @ self.shapes
@@ -249,7 +259,7 @@ class ModalRotor:
 
 
 def _shares(help_text: str) -> Any:
-    """Setting: table of names and shares of the length."""
+    """Make a setting for a table of names and shares of the length."""
     check = unless(
         lambda n: isinstance(n, float) and 0.0 <= n <= 1.0, "a share of the length, 0 to 1"
     )
@@ -258,12 +268,12 @@ def _shares(help_text: str) -> Any:
 
 @attrs.frozen(slots=False)
 class ShaftBody(Shaft, Body):
-    """An elastic shaft of Bernoulli beam elements, reduced to modes; its points tilt."""
+    """Elastic shaft of Bernoulli beam elements, reduced to modes; its axis tilts at its points."""
 
     position: tuple[float, float] = place("of the undeformed axis [m]")
     angle: float = number(0.0, "at the start [degrees]")
-    speed: float = fields.speed(0.0, "at the start, where no drive gives it [rad/s]")
-    modes: int = count(20, "modes kept, half of them in either plane: an even number", least=2)
+    speed: float = fields.speed(0.0, "at the start, unless a drive gives it [rad/s]")
+    modes: int = count(20, "number of modes, half of them in either plane: an even number", least=2)
     damping_ratio: float = number(1e-3, "zeta of every mode [-]", least=0, below=1)
     disks: tuple[tuple[float, ...], ...] = rows(
         ("position", "mass", "polar_inertia", "diametral_inertia"),
@@ -290,7 +300,7 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def rotor(self) -> ModalRotor:
-        """Shaft and disks in modes."""
+        """Shaft and disks in modal coordinates."""
         return ModalRotor.of(beam_plane(self, self.disks), self.modes // 2)
 
     @cached_property
@@ -300,7 +310,7 @@ class ShaftBody(Shaft, Body):
 
     @property
     def size(self) -> int:
-        """Number of coordinates: the angle and the modes of both planes."""
+        """Number of coordinates: the angle, and the modes of both planes."""
         return 1 + self.modes
 
     @cached_property
@@ -310,35 +320,36 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def mobility(self) -> np.ndarray:
-        """Readiness to change in assembly, by mode: the compliance of bending.
+        """Compliance of each coordinate when the mechanism is assembled, shape (n,).
 
-        A shaft without supports moves as a rigid body, any other bends with the least energy.
+        With these compliances a shaft without supports moves as a rigid body, and other shafts
+        bend with the least energy.
         """
         return np.concatenate([[1.0], 1.0 / np.maximum(self._angular, 1.0)])
 
     @cached_property
     def start(self) -> np.ndarray:
-        """Coordinates at the start, undeformed."""
+        """Coordinates at the start, without deformation, shape (n,)."""
         return np.concatenate([[np.radians(self.angle)], np.zeros(self.modes)])
 
     @cached_property
     def start_rates(self) -> np.ndarray:
-        """Rates at the start."""
+        """Rates of the coordinates at the start, shape (n,)."""
         return np.concatenate([[self.speed], np.zeros(self.modes)])
 
     @property
     def axisymmetric(self) -> bool:
-        """True: shafts and disks are round."""
+        """Always true, because shafts and disks are round."""
         return True
 
     @property
     def least_damping(self) -> float:
-        """Damping ratio of every mode."""
+        """Smallest damping ratio of the modes, which is that of every mode."""
         return self.damping_ratio
 
     @property
     def reach(self) -> float:
-        """Length of the shaft [m]."""
+        """Length of the shaft, as the largest distance of a point from the origin [m]."""
         return self.length
 
     @property
@@ -348,7 +359,7 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def _shapes(self) -> dict[str, np.ndarray]:
-        """Derivative of every point's values along the coordinates, shape (5, n), by name."""
+        """Derivative of the values of every point by the coordinates, shape (5, n), by name."""
         shapes = {"": np.zeros((5, self.size))}
         for name, share in self.points.items():
             motion = self.rotor.motion(share)
@@ -360,7 +371,7 @@ class ShaftBody(Shaft, Body):
         return shapes
 
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
-        """Marker of a point, see `Body`; the origin lies on the undeformed axis."""
+        """Marker of a point, see `Body.marker`; the origin lies on the undeformed axis."""
         shape = self._shapes[point]
         values = shape @ coordinates
         values[:2] += self.position
@@ -368,7 +379,7 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def _gyroscopic(self) -> np.ndarray:
-        """``[[0, C], [-C, 0]]``, antisymmetric."""
+        """Gyroscopic matrix of both planes, ``[[0, C], [-C, 0]]``, antisymmetric."""
         coupling = self.rotor.shapes.T @ self.rotor.beam.gyroscopic @ self.rotor.shapes
         return np.kron(np.array([[0.0, 1.0], [-1.0, 0.0]]), coupling)
 
@@ -378,7 +389,7 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def _translation(self) -> tuple[np.ndarray, float]:
-        """Nodal forces of a unit acceleration of the rotor along one axis, and its mass [kg]."""
+        """Nodal inertia forces for a unit acceleration along one axis, and the mass [kg]."""
         beam = self.rotor.beam
         translation = np.zeros(len(beam.mass))
         translation[::2] = 1.0
@@ -386,7 +397,7 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def _carried(self) -> np.ndarray:
-        """Modal forces of unit accelerations of the frame at rest, shape (2 modes, 2)."""
+        """Modal inertia forces for unit accelerations of the rotor along x and y, (2 m, 2)."""
         return np.kron(np.eye(2), (self.rotor.shapes.T @ self._translation[0])[:, None])
 
     def balance(
@@ -397,7 +408,7 @@ class ShaftBody(Shaft, Body):
         *,
         minus_gravity: np.ndarray,
     ) -> Balance:
-        """Inertia, gyroscopic, stiffness and damping forces, see `Body`."""
+        """Inertia, gyroscopic, stiffness and damping forces, see `Body.balance`."""
         q = coordinates[1:]
         q_rate = rates[1:]
         q_acceleration = accelerations[1:]
@@ -426,7 +437,7 @@ class ShaftBody(Shaft, Body):
         return Derivatives(position, by_rate, by_acceleration)
 
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
-        """Kinetic and strain energy, and the power that damping dissipates."""
+        """Kinetic and strain energy [J], and power lost to damping [W], see `Body.energies`."""
         q = coordinates[1:]
         q_rate = rates[1:]
         turning = self._polar_inertia * rates[0] + q_rate @ (self._gyroscopic @ q)
@@ -437,6 +448,10 @@ class ShaftBody(Shaft, Body):
         )
 
     def error_measure(self) -> np.ndarray:
-        """Angle in rad, deflections in the mass norm, see `Body`."""
+        """Matrix from changes of coordinates to dimensionless errors, see `Body.error_measure`.
+
+        Errors are the angle [rad], and deflections in the mass norm over `ELASTIC_SHARE` of the
+        length.
+        """
         scale = ELASTIC_SHARE * self.reach * np.sqrt(self._translation[1])
         return np.diag(np.concatenate([[1.0], np.full(self.modes, 1.0 / scale)]))

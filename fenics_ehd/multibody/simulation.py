@@ -1,7 +1,7 @@
-"""A mechanism from its start to an end time, or to a cycle that repeats itself, and its history.
+"""Simulation of a mechanism to an end time, or until its motion is periodic.
 
-Four classes and functions share the task: `Run` steps, `Recorder` makes a row of every step,
-`RunSummary` computes figures of the rows, and `verdict` judges the figures.
+Three classes and a function share the task: `Run` takes the steps, `Recorder` stores a row for
+every step, `RunSummary` computes results from the rows, and `verdict` accepts or rejects them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from fenics_ehd.multibody.verdict import verdict
 
 
 def summarised_history(recorder: Recorder) -> History:
-    """History of a run that has ended, with its verdict, its summary and the run itself."""
+    """Make the history of a run that has ended, with verdict, summary and the recorder."""
     summary = RunSummary(recorder)
     entries = {"status": verdict(summary), **summary.entries()}
     return replace(recorder.final_history(), entries=entries, solved=recorder)
@@ -54,39 +54,40 @@ def simulate(
     Parameters
     ----------
     mechanism
-        Assembled from its rough pose.
+        Mechanism in its rough pose, from which it is assembled.
     end
-        End time of an initial value problem [s]; or
+        End time of the simulation [s], unless `period` is given.
     period, periodicity, cycles
-        Period of the loads and drives [s], and when the search for a periodic solution ends, see
-        `PeriodicSolver`.
+        Period of the loads and drives [s] for the search for a periodic solution; largest relative
+        change of the films over a cycle, and largest number of cycles, see `PeriodicSolver`.
     progress
-        Called after every accepted step: ``lambda step: print(step.time)``.
+        Function that is called with every accepted step: ``lambda step: print(step.time)``.
     steps
-        Fields of `IntegratorOptions`: ``tolerance=1e-6``.
+        Options of the time integration, see `IntegratorOptions`: ``tolerance=1e-6``.
 
     Returns
     -------
     History
-        Of all steps; of a periodic solution, of its last cycle with times from 0 to the period.
+        History of all steps. For a periodic solution, that of its last cycle, with times from 0 to
+        the period.
 
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled, neither or both of end and period are given, or the end
-        is not after the start; a joint has `heat` and no period; there is no film to repeat.
+        If the mechanism cannot be assembled, not exactly one of end and period is given, or the end
+        is not after the start; if a joint has `heat` without a period, or a search has no film.
     StepSizeError
-        No step is short enough.
+        If no step is short enough.
     FilmTooThinError
-        A film became thinner than its joint's `smallest_film`.
+        If a film becomes thinner than its joint's `smallest_film`.
     PeriodicityError
-        The films still change after so many cycles.
+        If the films still change after the largest number of cycles.
     """
     require_class("mechanism", mechanism, Mechanism)
     require_names("simulate", steps, attrs.fields_dict(IntegratorOptions))
     if (end is None) == (period is None):
         raise SettingsError(
-            "simulate needs one of end, the time to simulate, and period, the period of the loads"
+            "simulate needs either end, the time to simulate, or period, the period of the loads"
         )
     duration = ("end", end) if period is None else ("period", period)
     span = require_number(*duration, above=0)

@@ -1,12 +1,14 @@
 """Static correction (M4): quasi-static part of the flexibility of surfaces.
 
+The displacement of a body's surfaces is
+
     u = Psi q + sum_i d_i y_i,    y + zeta y' = V p
 
-with the residual patterns ``d_i`` of a body, and V their amplitudes at rest for unit nodal
-pressures. Structural damping gives y a memory but no inertia: an implicit step ``y' = alpha y +
-past`` yields ``y = s (V p - zeta past)`` with ``s = 1 / (1 + zeta alpha)``, so that the patterns
-add no unknowns to those of the film. Patterns are displacements of the nodes of a body's surfaces,
-which the films interpolate: `Compliance` has the maps of one surface.
+with the residual patterns ``d_i`` of the body, and their static amplitudes V for unit nodal
+pressures. Structural damping gives y a memory but no inertia. An implicit step ``y' = alpha y +
+past`` gives ``y = s (V p - zeta past)`` with ``s = 1 / (1 + zeta alpha)``, so that patterns add no
+unknowns to those of the films. Patterns are displacements of the nodes of a body's surfaces, which
+are interpolated to the films; `Compliance` has the maps of one surface.
 """
 
 from __future__ import annotations
@@ -26,11 +28,11 @@ from fenics_ehd.multibody.film_binding import BoundSurface, FilmBinding
 from fenics_ehd.multibody.mechanism import System, consecutive
 from fenics_ehd.multibody.surface import Compliance
 
-#: Matrices of a `Compliance` between its surface and a film.
+#: Names of the matrices of a `Compliance` between its surface and a film.
 MATRICES = ("to_gap", "to_observed", "from_pressure", "from_forces")
 
-#: Number of Gauss points of all films up to which the responses to unit forces are stored: a dense
-#: matrix of this size has 32 MB.
+#: Largest number of Gauss points of all films for which the responses to unit forces are stored:
+#: the dense matrix has 32 MB.
 FEW_POINTS = 2000
 
 
@@ -41,12 +43,12 @@ class _Body:
     Attributes
     ----------
     films
-        Indices of its films.
+        Indices of the body's films.
     patterns, displacements, loads
-        Indices of its amplitudes, of the displacements of its surfaces' nodes, and of the loads of
-        its surfaces, each among those of all bodies.
+        Indices of the body's amplitudes, of the displacements of its surfaces' nodes, and of the
+        loads of its surfaces, each among those of all bodies.
     shapes, amplitudes
-        As of `Compliance`, for all its surfaces together.
+        Attributes of `Compliance`, for all surfaces of the body together.
     """
 
     films: list[int]
@@ -58,18 +60,21 @@ class _Body:
 
     @cached_property
     def response(self) -> tuple[np.ndarray, ...]:
-        """Factors from loads to displacements: two matrices, or their product if it is smaller."""
+        """Matrices that are applied in turn to loads to obtain static displacements.
+
+        They are `amplitudes` and `shapes`, or their product if it is smaller.
+        """
         product = self.shapes.shape[0] * self.amplitudes.shape[1]
         if self.shapes.size + self.amplitudes.size < product:
             return self.amplitudes, self.shapes
         return (self.shapes @ self.amplitudes,)
 
 
-class BoreResponses:
-    """Residual patterns of all bodies that have patterns and films.
+class PatternResponses:
+    """Responses of all films' surfaces to forces, through the residual patterns of their bodies.
 
     Arrays at Gauss points, at points where gaps are observed, and at nodes contain all films, one
-    after the other: the pressure of one film deforms all surfaces of its bodies.
+    after the other, because the pressure of one film deforms all surfaces of its bodies.
 
     Parameters
     ----------
@@ -79,25 +84,26 @@ class BoreResponses:
     Attributes
     ----------
     size
-        Number r of all patterns.
+        Number r of the patterns of all bodies.
     indices
         Indices of their amplitudes y in the state ``(z, y)``.
     bodies
-        Bodies with patterns by name, in the order of their films.
+        Patterns of the bodies that have them, by name, in the order of their films.
     points
         Indices of every film's Gauss points.
     shift
-        alpha of the step [1/s].
+        Shift alpha of the step [1/s].
     share
-        s of the step at the Gauss points, shape (g,).
+        Factor s of the step at the Gauss points, shape (g,).
     past_gap
-        ``h' - alpha h`` of the gap change h from past amplitudes, shape (g,) [m/s].
+        Part ``h' - alpha h`` of the rate of the gap change h, from past amplitudes, shape (g,)
+        [m/s].
 
     Raises
     ------
     SettingsError
-        A journal that turns has patterns, or two surfaces with patterns and different damping face
-        each other.
+        If a turning journal has patterns, or both surfaces of a film have patterns and different
+        damping.
     """
 
     def __init__(self, system: System):
@@ -106,7 +112,8 @@ class BoreResponses:
         of_film = [[each for film, _, each in surfaces if film == i] for i in range(len(films))]
         matrices = [_of_film(*each) for each in zip(films, of_film, strict=True)]
         self._to_gap, self._to_observed, self._from_pressure, self._from_forces = (
-            # The last, empty blocks serve mechanisms without films.
+            # Empty blocks at the end, because `block_diag` needs a block for mechanisms without
+            # films.
             sparse.block_diag(blocks, format="csr")
             for blocks in zip(*matrices, [sparse.csr_matrix((0, 0))] * 4, strict=True)
         )
@@ -142,11 +149,11 @@ class BoreResponses:
         self.indices = slice(system.n, system.n + self.size)
 
     def bodies_of(self, i: int) -> list[_Body]:
-        """Bodies with patterns that have a surface of film i, at most two."""
+        """Patterns of the bodies that have a surface of film i, at most two bodies."""
         return [body for body in self.bodies.values() if i in body.films]
 
     def of_body(self, name: str) -> slice:
-        """Indices of a body's amplitudes in the state; an empty slice if it has none."""
+        """Indices of a body's amplitudes in the state ``(z, y)``; empty if it has no patterns."""
         if name not in self.bodies:
             return slice(0, 0)
         patterns = self.bodies[name].patterns
@@ -154,18 +161,18 @@ class BoreResponses:
         return slice(first + patterns.start, first + patterns.stop)
 
     def observed(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Gap change where gaps are observed, for amplitudes, shape (w,)."""
+        """Gap change for amplitudes y at points where gaps are observed, shape (w,) [m]."""
         return self._to_observed @ self._displacement(amplitudes)
 
     def _displacement(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Displacements of the bores' nodes for amplitudes."""
+        """Displacements of the nodes of all surfaces for amplitudes y."""
         displacement = np.zeros(self._to_gap.shape[1])
         for body in self.bodies.values():
             displacement[body.displacements] = body.shapes @ amplitudes[body.patterns]
         return displacement
 
     def _static_response(self, loads: Any) -> np.ndarray:
-        """Gap change at rest at the Gauss points for loads of shape (l,) or (l, a)."""
+        """Static gap change at the Gauss points for loads of all surfaces, shape (l,) or (l, a)."""
         displacement = np.zeros((self._to_gap.shape[1], *loads.shape[1:]))
         for body in self.bodies.values():
             values = loads[body.loads]
@@ -175,15 +182,15 @@ class BoreResponses:
         return self._to_gap @ displacement
 
     def gap_change_from_pressure(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
-        """Gap change at the Gauss points due to nodal pressures of the films [m], [Pa]."""
+        """Gap change within the step at the Gauss points, from nodal pressures of films [Pa]."""
         return self.share * self._static_response(self._from_pressure @ np.concatenate(pressures))
 
     def gap_change_from_forces(self, forces: np.ndarray) -> np.ndarray:
-        """Gap change at the Gauss points due to normal forces there [N], shape (g,)."""
+        """Gap change within the step at the Gauss points, from normal forces there, (g,) [N]."""
         return self.share * self._static_response(self._from_forces @ forces)
 
     def unit_force_response(self, points: np.ndarray) -> np.ndarray:
-        """Gap change at the Gauss points for unit normal forces on some of them, shape (g, a)."""
+        """Gap change within the step for unit normal forces at a Gauss points, shape (g, a)."""
         few = self._to_gap.shape[0] <= FEW_POINTS
         if few:
             response = self._unit_force_responses[:, points]
@@ -196,12 +203,9 @@ class BoreResponses:
         return self._static_response(self._from_forces)
 
     def unit_pressure_response(self, i: int, points: np.ndarray) -> np.ndarray:
-        """Gap change at some Gauss points for unit nodal pressures of a film.
+        """Gap change within the step at a Gauss points for unit nodal pressures of film i.
 
-        Returns
-        -------
-        numpy.ndarray
-            shape (a, nodes) [m/Pa].
+        It has the shape (a, nodes) [m/Pa].
         """
         response = np.zeros((len(points), self._pressures[i].stop - self._pressures[i].start))
         for body in self.bodies_of(i):
@@ -213,14 +217,14 @@ class BoreResponses:
         return self.share[points, None] * response
 
     def retained_patterns(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The softest patterns at every film, at most `count` of every body.
+        """Softest patterns of the bodies at every film, at most `count` of every body.
 
         Returns
         -------
         list of tuples
-            Gap change for unit amplitudes, shape (g, k), and amplitudes at rest for unit nodal
-            pressures, shape (k, nodes). The k patterns are in the order of `pattern_indices`; k is
-            0 if no surface of the film has patterns.
+            For every film: gap change for unit amplitudes of k patterns, shape (g, k), and static
+            amplitudes for unit nodal pressures, shape (k, nodes). Patterns are in the order of
+            `pattern_indices`; k is 0 if no surface of the film has patterns.
         """
         retained = []
         for i, (points, nodes) in enumerate(zip(self.points, self._pressures, strict=True)):
@@ -235,9 +239,9 @@ class BoreResponses:
         return retained
 
     def pattern_indices(self, count: int, first: int) -> tuple[list[np.ndarray], int]:
-        """Indices of every film's retained patterns among unknowns, and the end of all.
+        """Indices of every film's retained patterns among unknowns, and the index after the last.
 
-        Films on one body have its patterns in common.
+        Films on one body share its patterns.
 
         Parameters
         ----------
@@ -256,7 +260,7 @@ class BoreResponses:
         return indices, last
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a step."""
+        """Start a step: store its shift and past amplitudes."""
         self.shift = step.shift
         self._past = step.past_x[self.indices]
         self._share_of_patterns = 1.0 / (1.0 + self._damping * self.shift)
@@ -267,7 +271,7 @@ class BoreResponses:
         """Add the gap changes due to nodal pressures of all films [Pa] to the gaps."""
         if not self.size:
             return
-        # The gap change without pressure and its rate are multiples of the past.
+        # Without pressure, the gap change and its rate are multiples of `past_gap`.
         by_pressure = self.gap_change_from_pressure(pressures)
         resting = self.share * self.past_gap
         change = by_pressure - self._damping_at * resting
@@ -276,7 +280,7 @@ class BoreResponses:
             gaps[i] = gaps[i].changed(change[points], rate[points])
 
     def static(self, pressures: Sequence[np.ndarray], forces: np.ndarray) -> np.ndarray:
-        """Amplitudes at rest under nodal pressures [Pa] and forces on the Gauss points [N]."""
+        """Static amplitudes (r,) for nodal pressures [Pa] and forces at Gauss points [N]."""
         loads = self._from_pressure @ np.concatenate(pressures)
         if forces.any():
             loads = loads + self._from_forces @ forces
@@ -286,26 +290,26 @@ class BoreResponses:
         return amplitudes
 
     def state(self, static: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes y and their rates, from amplitudes at rest under the step's forces."""
+        """Amplitudes y at the end of the step and their rates, from static amplitudes."""
         y = self._share_of_patterns * (static - self._damping * self._past)
         return y, self.shift * y + self._past
 
     def energy(self, amplitudes: np.ndarray) -> float:
-        """Strain energy [J]."""
+        """Strain energy of the patterns for amplitudes y [J]."""
         return float(0.5 * self._stiffness @ amplitudes**2)
 
     def dissipation(self, rates: np.ndarray) -> float:
-        """Power dissipated by structural damping [W]."""
+        """Power that structural damping dissipates for rates of the amplitudes [W]."""
         return float(self._damping * self._stiffness @ rates**2)
 
 
 def _compliant_surfaces(films: Sequence[FilmBinding]) -> Iterator[tuple[int, str, Compliance]]:
-    """Index of the film, name of the body, and compliance of every surface with patterns.
+    """Yield index of the film, name of the body, and compliance of every surface with patterns.
 
     Raises
     ------
     SettingsError
-        See `BoreResponses`.
+        See `PatternResponses`.
     """
     for i, binding in enumerate(films):
         compliances = [(bound, bound.surface.compliance) for bound in binding.surfaces]
@@ -318,7 +322,7 @@ def _compliant_surfaces(films: Sequence[FilmBinding]) -> Iterator[tuple[int, str
 def _check_patterns(
     binding: FilmBinding, patterns: Sequence[tuple[BoundSurface, Compliance]]
 ) -> None:
-    """Refuse patterns of a surface that turns through the film, and two kinds of damping."""
+    """Refuse patterns of a surface that turns through the film, and different damping."""
     for bound, _ in patterns:
         if bound.surface.turning:
             raise SettingsError(
@@ -331,16 +335,17 @@ def _check_patterns(
         different = ", ".join(f"{name}: {time:g} s" for name, time in times.items())
         raise SettingsError(
             f"joints.{binding.name}: the bodies of both surfaces have residual patterns (method "
-            f"M4), but different damping_time ({different}): it must be the same"
+            f"M4), but different damping_time ({different}): give both the same"
         )
 
 
 def _of_film(
     binding: FilmBinding, compliances: Sequence[Compliance]
 ) -> tuple[sparse.csr_matrix, ...]:
-    """Matrices `to_gap`, `to_observed`, `from_pressure`, `from_forces` of all surfaces of a film.
+    """Matrices `MATRICES` of `Compliance` for all compliant surfaces of a film together.
 
-    Loads and displacements of the surfaces follow each other; there are none without compliance.
+    Displacements and loads of the surfaces follow each other; without compliant surfaces there are
+    none.
     """
     joint = binding.film
     g = len(joint.thickness)
@@ -361,5 +366,5 @@ def _of_film(
 
 
 def _indices(slices: Sequence[slice], chosen: Sequence[int]) -> np.ndarray:
-    """Indices in the chosen slices."""
+    """All indices in the chosen slices, one slice after the other."""
     return np.concatenate([np.arange(slices[i].start, slices[i].stop) for i in chosen])

@@ -1,26 +1,27 @@
-"""All equations of one implicit step of a mechanism and its films.
+"""Equations of one implicit step of a mechanism and its films.
 
 Unknowns u are those of every film, one film after the other (`film_models`), then ``(z, l, m)``:
-coordinates and multipliers on position and velocity level (`mechanism`). Equations are the films',
-then motion, constraints, and constraints on velocities.
+coordinates, and multipliers on position and velocity level (`mechanism`). Equations are those of
+the films, then motion, constraints, and constraints on velocities.
 
-The oil's shear in a journal acts on the coordinates and as a torque on the shaft. The velocities
-v_2 of the bore and v_1 of the shaft along the circumference are linear in the rates xi' and in the
-speed Omega of the shaft relative to the bore, as the film takes them (`JointFilm`). The tractions
-tau_2 and tau_1 of `fenics_ehd.film.forces` do the work on them,
+Shear of the oil in a joint gives generalised forces Q on the joint's coordinates xi and a torque T
+on the shaft. The velocities v_2 of the bore and v_1 of the shaft along the circumference are linear
+in the rates xi' and in the speed Omega of the shaft relative to the bore (`JointFilm`). Q and T
+have the power of the shear stresses tau_2 and tau_1 of `fenics_ehd.film.forces`,
 
-    Q . xi' + T Omega = int tau_2 v_2 + tau_1 v_1 dA,
+    Q . xi' + T Omega = int tau_2 v_2 + tau_1 v_1 dA.
 
-so that shear and pressure together take from the mechanism what the oil dissipates, to round-off:
-with ``U = v_1 - v_2``
+To round-off, shear and pressure together therefore take from the mechanism the power that the oil
+dissipates: with ``U = v_1 - v_2``
 
     int p dh/dt dA + Q . xi' + T Omega = -int h^3 / (12 eta) |grad p|^2 + theta eta U^2 / h dA.
 
-Being a function of relative motion alone, action is reaction: -T turns the rod. T is the shaft's
-friction torque of `fenics_ehd.film.forces` up to c / R. The resultant on the rod is
-``-int tau_1 t dA``, where ``int tau_2 t dA`` belongs to a gap that keeps the terms with e_t: the
-difference is c / R of the pressure's, as these terms are. The derivative of the shear is left out,
-as it is c / R of the pressure's too: every iteration still shrinks the error by about 1e-3.
+The power depends on relative motion alone, so that action equals reaction: -T acts on the rod. T is
+the shaft's friction torque of `fenics_ehd.film.forces` up to c / R. The resultant on the rod is
+``-int tau_1 t dA``; ``int tau_2 t dA`` would belong to a gap that keeps the terms with e_t. The
+difference is c / R of the resultant of the pressure, as are these terms. The derivatives of the
+shear are neglected, because they are c / R of those of the pressure, too: every iteration still
+reduces the error by a factor of about 1e-3.
 """
 
 from __future__ import annotations
@@ -41,28 +42,28 @@ from fenics_ehd.multibody.film_models import film_models
 from fenics_ehd.multibody.film_point import FilmPoint
 from fenics_ehd.multibody.lubricated_joint import JointFilm
 from fenics_ehd.multibody.mechanism import Instant, Motion, System, consecutive
-from fenics_ehd.multibody.static_correction import BoreResponses
+from fenics_ehd.multibody.static_correction import PatternResponses
 
-#: Change of the gap at the Gauss points of every film [m], and its rate [m/s].
+#: Changes of the gap at the Gauss points of every film [m], and their rates [m/s].
 GapChanges = Sequence[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
 class FilmFriction:
-    """Friction of a film: forces of the oil's shear on its two bodies.
+    """Friction of a film: forces of the oil's shear on the two bodies of a joint.
 
     Attributes
     ----------
     on_xi
-        Generalised forces on the coordinates, shape (n,).
+        Generalised forces on the coordinates xi of the joint, shape (n,).
     torque
-        On the shaft about its axis [N m], negative when it brakes a shaft that turns in the
-        positive sense; its opposite turns the rod.
+        Torque on the shaft about its axis [N m], negative if it brakes a shaft that turns in the
+        positive sense; the opposite torque acts on the body with the bore.
     sheared
-        ``int theta eta U^2 / h dA`` [W]; of rough surfaces all losses but those of the pressure
-        flow.
+        Power lost to shear, ``int theta eta U^2 / h dA`` [W]; between rough surfaces all losses
+        except those of the pressure flow.
     sheared_fraction
-        Fraction theta of the width that is sheared, at the Gauss points.
+        Fraction theta of the width in which oil is sheared, at the Gauss points.
     """
 
     on_xi: np.ndarray
@@ -74,9 +75,9 @@ class FilmFriction:
 def film_friction(
     journal: JointFilm, state: FilmState, sheared_fraction: np.ndarray | None = None
 ) -> FilmFriction:
-    """Friction of a film whose gap is that of the journal.
+    """Friction of the film of a joint in a solved state.
 
-    Without a sheared fraction that of the state is computed.
+    The sheared fraction is computed from the state unless it is given.
     """
     film = journal.film
     gap = state.gap
@@ -91,13 +92,13 @@ def film_friction(
     driven = area * deep * fields.slope_around
     sheared = np.sum(couette * gap.sliding_velocity)
     if p.surfaces is not None:
-        # Work of the pressure's stress beyond the drag of `Film.powers`, which is zero between
-        # smooth surfaces: there ``h dp/dy`` does the work of both.
+        # Power of the shear stress of the pressure in excess of the drag in `Film.powers`. Between
+        # smooth surfaces it is zero, because ``h dp/dy`` gives both.
         flow = film.equation.flow(gap)
         carried = p.clearance * p.rate * p.grid.radius * flow.thickness * flow.velocity
         difference = deep * gap.mean_velocity - carried
         sheared += np.sum(area * fields.slope_around * difference)
-    # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding.
+    # tau_1 + tau_2 acts on the mean velocity, (tau_1 - tau_2) / 2 on the sliding velocity.
     on_xi = -driven.ravel() @ journal.mean_velocity - couette.ravel() @ journal.sliding_velocity
     shaft_radius = p.grid.radius - p.clearance
     return FilmFriction(
@@ -110,18 +111,18 @@ def film_friction(
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One evaluation of all equations.
+    """Equations of a step evaluated at one iterate of Newton's method.
 
     Attributes
     ----------
     drift
-        Multipliers m on velocity level, shape (m,).
+        Multipliers on velocity level, shape (m,).
     films
-        Points of all films.
+        Equations of every film evaluated at the iterate.
     motion
-        See `Motion`.
+        Equations of motion evaluated at the iterate.
     rest
-        Residual of all equations but the films', shape (n + 2 m,).
+        Residual of motion and constraints, without films, shape (n + 2 m,).
     """
 
     drift: np.ndarray
@@ -131,20 +132,28 @@ class Point:
 
     @property
     def residual(self) -> np.ndarray:
-        """Residual of all equations."""
+        """Residual of all equations, those of films first."""
         return np.concatenate([*(film.defect for film in self.films), self.rest])
 
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivatives at a point: those of every film, and the core."""
+    """Derivatives of the equations at an iterate.
+
+    Attributes
+    ----------
+    films
+        Derivatives of every film's equations, and their coupling.
+    core
+        Matrix S of motion, constraints, patterns and contact, see `fenics_ehd.multibody.border`.
+    """
 
     films: list[FilmBlock]
     core: np.ndarray
 
 
 class StepEquations:
-    """Equations of the steps of one mechanism.
+    """Equations of a step of one mechanism and its films.
 
     Parameters
     ----------
@@ -152,7 +161,7 @@ class StepEquations:
         The mechanism.
     weights
         Weights W of the coordinates in the rates ``z' = shift z + past - W G^T m``, shape (n,);
-        None: those of the system.
+        None for those of the system.
 
     Attributes
     ----------
@@ -161,7 +170,7 @@ class StepEquations:
     couplings
         Couplings of all films with motion and bores.
     conserves_oil
-        Whether the cavitation of a film is mass-conserving.
+        Whether at least one film has mass-conserving cavitation.
     film_indices, rest
         Indices in u of every film's unknowns, and of ``(z, l, m)``.
     rest_size
@@ -171,17 +180,17 @@ class StepEquations:
     lower
         Lower bounds of u.
     responses
-        Residual patterns of the bodies with films that have any.
+        Responses of bores with films through their residual patterns.
     contacts
-        Contact in the joints with rough surfaces.
+        Asperity contact in the joints with rough surfaces.
     sheared_fraction
-        Sheared fractions that are frozen for this step, by the name of a joint with friction.
+        Sheared fractions that are frozen for this step, by name of a joint with friction.
     """
 
     def __init__(self, system: System, *, weights: np.ndarray | None = None):
         self.system = system
         self._weights = system.weights if weights is None else weights
-        self.responses = BoreResponses(system)
+        self.responses = PatternResponses(system)
         self.films = film_models(system.films, system.n + self.responses.size)
         self.couplings = [FilmCoupling(film) for film in self.films]
         self.conserves_oil = any(film.conserves_oil for film in self.films)
@@ -195,19 +204,22 @@ class StepEquations:
         self.most_patterns = max((len(body.amplitudes) for body in bodies), default=0)
 
     def retain_patterns(self, count: int) -> None:
-        """Retain at most `count` residual patterns of every body in the derivatives."""
+        """Set the largest number of residual patterns of a body that the derivatives retain."""
         self._retained = count
         patterns = self.responses.retained_patterns(count)
         for coupling, (gap, amplitudes) in zip(self.couplings, patterns, strict=True):
             coupling.retain_patterns(gap, amplitudes)
 
     def resting(self, z: np.ndarray) -> np.ndarray:
-        """The state behind coordinates z at the start: patterns at rest, initial oil content."""
+        """State after the coordinates z at the start: patterns of zero, initial oil contents."""
         contents = [film.content.initial(z) for film in self.films]
         return np.concatenate([np.zeros(self.responses.size), *contents])
 
     def unknowns_at(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
-        """Unknowns u in a state with observed gaps, without pressures and forces."""
+        """Unknowns u for a state, with its void fractions and without pressures and forces.
+
+        `gaps` are the observed gaps of every film in this state [m].
+        """
         u = np.zeros(len(self.lower))
         for film, indices, gap in zip(self.films, self.film_indices, gaps, strict=True):
             void = film.content.void_fractions(state, gap)
@@ -220,7 +232,7 @@ class StepEquations:
         Parameters
         ----------
         step
-            Formula of the step.
+            Time integration formula of the step.
         gap_changes
             Changes imposed on the gaps of all films, for sensitivities and error budgets.
         """
@@ -235,22 +247,22 @@ class StepEquations:
             film.begin(step, self.responses.past_gap[points])
 
     def contents(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
-        """Oil of all films in a state with observed gaps, shape (films,) [m^3]."""
+        """Volume of oil in every film for a state and its observed gaps, shape (films,) [m^3]."""
         each = zip(self.films, gaps, strict=True)
         return np.array([film.content.oil(state, gap) for film, gap in each])
 
     def keep_within(self, states: np.ndarray, gaps: list[np.ndarray]) -> None:
-        """Correct the contents of extrapolated states, see `FilmContent.keep_within`."""
+        """Correct oil contents in extrapolated states, see `FilmContent.keep_within`."""
         for film, gap in zip(self.films, gaps, strict=True):
             film.content.keep_within(states, gap)
 
     def evaluate(self, u: np.ndarray) -> Point:
-        """All equations at unknowns u.
+        """Evaluate all equations at unknowns u.
 
         Raises
         ------
         GapClosedError
-            A gap is not positive at a Gauss point.
+            If a gap is not positive at a Gauss point.
         """
         system = self.system
         step = self._step
@@ -286,12 +298,13 @@ class StepEquations:
     def freeze_sheared_fraction(self) -> None:
         """Freeze the sheared fraction of every film at its next evaluation, for this step.
 
-        It jumps where a node cavitates: active set and sheared fraction may cycle.
+        The sheared fraction jumps when a node cavitates, so that active set and sheared fraction
+        may cycle.
         """
         self._freezing = True
 
     def _subtract_from_residual(self, i: int, point: FilmPoint, residual: np.ndarray) -> None:
-        """Subtract a film's forces from the residual of motion."""
+        """Subtract the forces of film i, pressure and friction, from the residual of motion."""
         binding = self.system.films[i]
         film = binding.film
         pressure = film.film.parameters.pressure_scale * point.nodal
@@ -309,9 +322,9 @@ class StepEquations:
         _subtract_torque(binding, friction.torque, residual)
 
     def linearise(self, point: Point, former: Derivative | None = None) -> Derivative:
-        """Derivatives at a point.
+        """Derivatives of the equations at an iterate.
 
-        With `former` derivatives only the films' own matrices are computed anew.
+        With earlier derivatives, `former`, only the films' own matrices are computed again.
         """
         if former is not None:
             each = zip(self.couplings, former.films, point.films, strict=True)
@@ -333,7 +346,7 @@ class StepEquations:
         return Derivative(films, core)
 
     def _speed_derivative(self, point: Point) -> np.ndarray:
-        """Derivative of the rates ``shift z + past - W G^T m`` along (z, l, m), shape (n, .)."""
+        """Derivative of the rates ``shift z + past - W G^T m`` by (z, l, m), shape (n, n + 2 m)."""
         n = self.system.n
         m = self.system.m
         weights = self._weights[:, None]
@@ -345,7 +358,7 @@ class StepEquations:
         return speed
 
     def _core(self, point: Point, speed: np.ndarray, size: int) -> np.ndarray:
-        """Derivative S of motion and constraints; ones on the diagonal of the other unknowns."""
+        """Core matrix S of motion and constraints, with ones on the diagonal of other unknowns."""
         n = self.system.n
         m = self.system.m
         last = self.rest_size
@@ -364,15 +377,15 @@ class StepEquations:
     def gap_change(
         self, blocks: Sequence[FilmBlock], pressures: list[np.ndarray], x: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray] | None]:
-        """Changes of gaps and film equations by changes of pressures [Pa] and of all unknowns x.
+        """Changes of gaps and film equations due to changes of nodal pressures [Pa] and unknowns x.
 
         Returns
         -------
         changes
             Changes of the gap at the Gauss points of every film [m].
         residuals
-            Changes of every film's equations by the patterns that the derivatives do not retain;
-            None: all are retained.
+            Changes of every film's equations due to residual patterns that the derivatives do not
+            retain; None if all are retained.
         """
         inputs = [block.spread @ x for block in blocks]
         changes = [block.gap @ values for block, values in zip(blocks, inputs, strict=True)]
@@ -396,7 +409,10 @@ class StepEquations:
         return changes, None if complete else residuals
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """``(z, y)``, the contents of all films, and the rates of these values at a point."""
+        """State x of the integration at an iterate, and its rate.
+
+        The state has the coordinates z, the amplitudes y, and the stored values of all films.
+        """
         pressures = [
             film.film.parameters.pressure_scale * film_point.nodal
             for film, film_point in zip(self.films, point.films, strict=True)
@@ -413,5 +429,5 @@ class StepEquations:
 
 
 def _subtract_torque(binding: FilmBinding, torque: float, residual: np.ndarray) -> None:
-    """Subtract a torque on the journal, its opposite on the bore, from the residual of motion."""
+    """Subtract a torque on the journal [N m] and its opposite on the bore from the residual."""
     residual[binding.turning] -= binding.signs * torque

@@ -1,4 +1,4 @@
-"""Norm of the step control: errors of the gaps of every film, and of the coordinates."""
+"""Norm of errors for the step control: relative errors of gaps, and errors of coordinates."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from fenics_ehd.multibody.surface import Surface
 
 
 class StepNorm:
-    """Norm of the errors of the gaps, relative to the gaps, and of the bodies' coordinates.
+    """Norm of errors in a mechanism: the largest one of relative gap errors and coordinate errors.
 
-    Without a film the coordinates alone control the steps. Observed values are gaps and
-    dimensionless coordinates (`Body.error_measure`), both affine in the state, and the coordinates
-    ``(q, alpha)`` of turning surfaces, from which the gap changes by these surfaces follow.
+    Without films, only coordinates control the steps. Observed values are gaps, dimensionless
+    coordinates (`Body.error_measure`), and the coordinates ``(q, alpha)`` of turning surfaces; all
+    are affine in the state. Gap changes due to turning surfaces are computed from the last ones.
 
     Parameters
     ----------
@@ -46,7 +46,11 @@ class StepNorm:
         self._constant = np.concatenate([*constants, np.zeros(len(self._measure) + len(turning))])
 
     def _turning_coordinates(self, films: Sequence[FilmBinding], size: int) -> np.ndarray:
-        """Rows of the coordinates of all turning surfaces, and the gaps that each one changes."""
+        """Rows that select the coordinates of all turning surfaces from a state.
+
+        `_turning` gets, for every surface, the indices of its gaps and of its coordinates among
+        observed values, and its coordinates at zero state.
+        """
         self._turning: list[tuple[slice, slice, np.ndarray, Surface]] = []
         rows = [np.zeros((0, size))]
         last = self._gaps + len(self._measure)
@@ -63,14 +67,18 @@ class StepNorm:
         return np.vstack(rows)
 
     def observe(self, x: np.ndarray) -> np.ndarray:
-        """Observed gaps [m], dimensionless and turning coordinates of a state ``(z, y, ...)``."""
+        """Observed values of a state ``(z, y, ...)``: gaps [m], then coordinates.
+
+        Gaps are those without turning surfaces. The coordinates are the dimensionless ones, and
+        those of turning surfaces.
+        """
         observed = self._constant + self._rows @ x[: self._rows.shape[1]]
         if self._responses.size:
             observed[: self._gaps] += self._responses.observed(x[self._responses.indices])
         return observed
 
     def gaps(self, observed: np.ndarray) -> np.ndarray:
-        """Gaps, with turning surfaces, of observed values [m]."""
+        """Gaps of all films, with turning surfaces, from observed values [m]."""
         gaps = observed[: self._gaps]
         if self._turning:
             gaps = gaps.copy()
@@ -79,23 +87,23 @@ class StepNorm:
         return gaps
 
     def lengths(self, gaps: np.ndarray) -> np.ndarray:
-        """Reference lengths of gap changes [m]: the gaps themselves between smooth surfaces."""
+        """Lengths to which gap changes are relative [m]: the gaps, unless surfaces are rough."""
         if not self._rough:
             return gaps
         each = zip(self._joints, self._films, strict=True)
         return np.concatenate([joint.lengths(gaps[indices]) for joint, indices in each])
 
     def gap_reduction(self, before: np.ndarray, after: np.ndarray) -> float:
-        """Largest relative reduction of a gap; -inf without gaps."""
+        """Largest relative reduction of a gap between two sets of gaps [m]; -inf without gaps."""
         return float(((before - after) / self.lengths(before)).max(initial=-np.inf))
 
     def film_gaps(self, observed: np.ndarray) -> list[np.ndarray]:
-        """Gap of every film, where gaps are observed [m]."""
+        """Gap of every film at the points where gaps are observed [m], from observed values."""
         gaps = self.gaps(observed)
         return [gaps[indices] for indices in self._films]
 
     def error_norm(self, observed: np.ndarray, error: np.ndarray) -> float:
-        """Largest error of observed values, see `Observed`."""
+        """Largest relative error of observed values, see `Observed.error_norm`."""
         measured = error[self._gaps : self._gaps + len(self._measure)]
         coordinates = float(np.abs(measured).max(initial=0.0))
         if not self._gaps:
@@ -103,11 +111,11 @@ class StepNorm:
         gaps = self.gaps(observed)
         change = gaps - self.gaps(observed - error) if self._turning else self.gaps(error)
         lengths = self.lengths(gaps)
-        # Newton's method keeps h > 0 at the films' Gauss points only, not at the nodes.
+        # Newton's method keeps h > 0 at the Gauss points of films, but not at the nodes.
         if not lengths.min() > 0.0:
             return np.inf
         return max(float(np.max(np.abs(change) / lengths)), coordinates)
 
     def coordinate_error(self, change: np.ndarray) -> float:
-        """Largest dimensionless change of coordinates z, shape (n,)."""
+        """Largest dimensionless error for a change of the coordinates z, shape (n,)."""
         return float(np.abs(self._measure @ change).max(initial=0.0))

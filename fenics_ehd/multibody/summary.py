@@ -1,9 +1,9 @@
-"""Summary of a run: the figures that ``summary.json`` has of its joints, its cycle and its steps.
+"""Summary of a run: entries of ``summary.json`` about its joints, its cycle and its steps.
 
-Figures ``cycle_...`` of a joint are of the last complete cycle, which
-`fenics_ehd.multibody.cycle` decides. Figures without ``cycle_`` are of the cycle under way of a
-search for a periodic solution, or of all of a run once through. Each is an extreme, a mean over
-time or an integral of columns of the history.
+Entries of a joint are extremes, means over time or integrals of columns of the history. Entries
+``cycle_...`` are those of the last complete cycle, which `fenics_ehd.multibody.cycle` defines.
+Entries without ``cycle_`` are those of the current cycle of a search for a periodic solution, or of
+the complete run otherwise.
 """
 
 from __future__ import annotations
@@ -42,32 +42,38 @@ EXTREMES = (
     ("max_eccentricity", "eccentricity_ratio", "max_", ()),
 )
 
-#: Columns of which a summary has the extreme over the cycle under way, or the run, and its time.
+#: Columns whose extreme over the current cycle of a search, or over the run, and its time are
+#: entries.
 PEAKS = ("max_pressure_Pa", "min_film_thickness_m", "max_contact_pressure_Pa")
 
-#: Value and time [s] of an extreme by quantity; in a periodic run the time since the cycle began.
+#: Value of an extreme and its time [s] by quantity; in a search, time is counted from the start of
+#: the cycle.
 Extremes = dict[str, tuple[float, float]]
 
 
 def extreme_step(column: str, values: np.ndarray) -> int:
-    """Step of the extreme of a column: of ``min_film_thickness_m`` the least, else the largest."""
+    """Step of the extreme of a column: of the minimum for ``min_...``, else of the maximum."""
     return int(np.argmin(values) if column.startswith("min_") else np.argmax(values))
 
 
 def extreme_of(
     column: str, times: np.ndarray, values: np.ndarray, period: float | None
 ) -> tuple[float, float]:
-    """Extreme of a column between its steps, and its time [s], see `fenics_ehd.base.extremes`."""
+    """Extreme of a column, interpolated between its steps, and its time [s].
+
+    The extreme is the minimum for ``min_...``, else the maximum. With a `period` [s] the values are
+    periodic, see `fenics_ehd.base.extremes`.
+    """
     return over_time(times, values, period, -1 if column.startswith("min_") else 1)
 
 
 def extremes_of(columns: Columns, period: float | None = None) -> dict[str, Extremes]:
-    """Extremes of `PEAKS` by joint, over columns by path.
+    """Extremes of the columns `PEAKS` by joint.
 
     Parameters
     ----------
     columns
-        Columns of all steps of a run, or of one cycle.
+        Columns by path, for all steps of a run or of one cycle.
     period
         Period of a search for a periodic solution [s]; None without a search.
     """
@@ -87,15 +93,15 @@ def extremes_of(columns: Columns, period: float | None = None) -> dict[str, Extr
 def cycle_figures(
     cycle: Cycle, columns: Columns, joint: str, rates: Iterable[str]
 ) -> dict[str, float]:
-    """Entries ``cycle_...`` of the summary on a joint: extremes, mean force, means of rates.
+    """Entries ``cycle_...`` of the summary of a joint: extremes, mean force, means of rates.
 
     Parameters
     ----------
     cycle, columns
-        The last complete cycle, and columns by path.
+        Last complete cycle, and columns by path.
     joint, rates
-        Name of the joint, and its columns that are averaged. Their means are left out if they
-        are those of the entries ``mean_...``.
+        Name of the joint, and its columns that are averaged. Their means are omitted if they are
+        equal to the entries ``mean_...``.
     """
     figures: dict[str, float] = {}
     times = columns["time_s"]
@@ -118,7 +124,7 @@ def cycle_figures(
 
 
 def _mean_after(start: float, times: np.ndarray, values: np.ndarray, rows: slice) -> float:
-    """Mean of a column over time from a start [s], between two steps or not, to the last row."""
+    """Mean of a column over time, from a time `start` [s] to the last of some rows."""
     knots = np.append(start, times[rows])
     values = np.append(np.interp(start, times, values), values[rows])
     return float(integral(knots, values[:, None])[0] / (knots[-1] - knots[0]))
@@ -126,14 +132,14 @@ def _mean_after(start: float, times: np.ndarray, values: np.ndarray, rows: slice
 
 @dataclass(frozen=True, eq=False)
 class RunSummary:
-    """Figures of a run up to its last recorded step.
+    """Results of a run up to its last recorded step.
 
     Attributes
     ----------
     recorder
-        The run, which does not step as long as its summary is used.
+        Recorder of the run, which must not take steps while the summary is used.
     error_budget
-        Relative errors of figures by joint, see `fenics_ehd.analysis.error_budget`; empty if they
+        Relative errors of entries by joint, see `fenics_ehd.analysis.error_budget`; empty if they
         were not estimated.
     """
 
@@ -142,29 +148,29 @@ class RunSummary:
 
     @cached_property
     def first(self) -> int:
-        """Row of the first step of the cycle under way; 0 of a run once through."""
+        """Index of the row at the first step of the current cycle of a search; 0 for other runs."""
         return self.recorder.first
 
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
-        """Columns of all rows by path."""
+        """Columns of all kept rows by path with unit, shape (steps,) each."""
         return columns_of(self.recorder.rows)
 
     @cached_property
     def extremes(self) -> dict[str, Extremes]:
-        """Extremes of every film over the cycle under way, or the run."""
+        """Extremes of every film over the current cycle of a search, or over the run, by joint."""
         columns = {name: v[self.first :] for name, v in self.columns.items()}
         return extremes_of(columns, self._period)
 
     @property
     def _period(self) -> float | None:
-        """Period of a search for a periodic solution [s]; None: there is no search."""
+        """Period of a search for a periodic solution [s]; None for other runs."""
         cycles = self.recorder.cycles
         return None if cycles is None else cycles.period
 
     @property
     def former_extremes(self) -> dict[str, Extremes]:
-        """Extremes of every film over the cycle before; empty without one."""
+        """Extremes of every film over the previous cycle, by joint; empty if there is none."""
         if not self.first:
             return {}
         columns = {name: v[: self.first] for name, v in self.columns.items()}
@@ -172,25 +178,28 @@ class RunSummary:
 
     @property
     def peaks(self) -> dict[str, float]:
-        """Largest pressure over the cycle under way, or the run, by joint [Pa]."""
+        """Largest pressure over the current cycle of a search, or over the run, by joint [Pa]."""
         return {name: extremes["max_pressure"][0] for name, extremes in self.extremes.items()}
 
     @property
     def energy_error(self) -> float:
-        """Largest defect over the largest energy exchanged, of the cycle under way, or the run."""
+        """Error of the energy balance over the current cycle or the run [-].
+
+        It is the largest energy defect over the largest energy exchanged.
+        """
         if not self.recorder.rows:
             return 0.0
         return balance_error({name: v[self.first :] for name, v in self.columns.items()})
 
     def steepest_thickening(self, binding: FilmBinding) -> float:
-        """Largest factor of a film's viscosity within a cell, over the cycle under way or run."""
+        """Largest ratio of viscosities within a cell of a film, over the current cycle or run."""
         path = f"joints/{binding.name}/film/pressure"
         pressures = (row[path] for row in self.recorder.rows[self.first :])
         film = binding.film.film
         return max((steepest_thickening(film, pressure) for pressure in pressures), default=1.0)
 
     def entries(self) -> dict[str, Any]:
-        """Entries of ``summary.json`` on the run, its joints and its last complete cycle."""
+        """Entries of ``summary.json`` about the run, its joints and its last complete cycle."""
         recorder = self.recorder
         joints: dict[str, dict[str, Any]] = {b.name: {} for b in recorder.system.films}
         cycle = recorder.last_cycle
@@ -210,7 +219,7 @@ class RunSummary:
         }
 
     def _joint(self, binding: FilmBinding, cycle: Cycle) -> dict[str, Any]:
-        """Entries on a lubricated joint."""
+        """Entries of ``summary.json`` about a lubricated joint."""
         name = binding.name
         prefix = f"joints/{name}/"
         columns = {
@@ -233,9 +242,9 @@ class RunSummary:
         return figures | cycle_figures(cycle, self.columns, name, rates)
 
     def _basis_error(self, binding: FilmBinding) -> float:
-        """Largest estimate of the basis error at a joint after its start has rung out [m].
+        """Largest estimate of the basis error at a joint after oscillations of the start [m].
 
-        0 if no step is later, nan without an estimate.
+        It is 0 if no step is later, and NaN without an estimate.
         """
         estimates = self.recorder.estimates_at(binding).values()
         if not estimates:
@@ -247,7 +256,10 @@ class RunSummary:
         return float(np.max(counted, initial=0.0 if known else float("nan")))
 
     def _means(self, binding: FilmBinding, rates: Columns) -> dict[str, float]:
-        """Means of a joint's rates over the cycle under way, or the run, and what they imply."""
+        """Entries for the means of a joint's rates over the current cycle of a search, or the run.
+
+        They include the oil balance and the temperatures, which are computed from means.
+        """
         begin = max(self.first - 1, 0)
         times = self.columns["time_s"]
         values = np.column_stack([*rates.values()])
@@ -263,7 +275,7 @@ class RunSummary:
         return figures if binding.joint.heat is None else figures | temperatures(binding, means)
 
     def notices(self) -> list[str]:
-        """One line for every value of the mechanism or the run that is hardly meant."""
+        """Make a line for every value of the mechanism or the run that is probably a mistake."""
         system = self.recorder.system
         lines = unusual_pressures(system, self.peaks)
         may_ring = self.recorder.cycles is None and system.least_damping < RINGING

@@ -1,4 +1,4 @@
-"""Surfaces of a film: what bends, turns or deviates on each side of a gap.
+"""Surfaces of a film: deviation, elastic deformation and rotation on each side of a gap.
 
 The gap of a film lies between two surfaces: that of the bore, with the sign s = +1, and that of the
 journal, with s = -1. In the frame of the bore,
@@ -6,22 +6,22 @@ journal, with s = -1. In the frame of the bore,
     h = c - n . (e + z (psi_y, -psi_x)) + sum s v(phi_s),    v = delta + Psi q,
 
 with the radial deviation delta of a surface (`fenics_ehd.film.kinematics.Shape`) and the outward
-displacements Psi of its elastic modes, both functions of the surface's own angle ``phi_s``. That is
-phi for the bore. For a journal at the angle alpha relative to the bore it is ``phi - alpha``: a
-journal that is not round *turns* through the film,
+displacements Psi of its elastic modes. Both are functions of the surface's own angle ``phi_s``,
+which is phi for the bore and ``phi - alpha`` for a journal at the angle alpha relative to the bore.
+A journal that is not round *turns* through the film,
 
     dh/dalpha = dv/dphi (phi - alpha),    h' = ... - Psi q' + alpha' dh/dalpha,
 
 and pressures exert the torque ``int p dh/dalpha dA`` on it. Forces on the modes are
 ``int p s Psi dA``: gap and force are conjugate.
 
-Surfaces at rest in the bore's frame have constant rows (`SurfaceRows`). A turning surface has rows
-at every point of Newton's method (`TurningRows`), along the k coordinates ``(q, alpha)``. The
-tangential velocity of its elastic modes is left out, as is its work: both are c / R of those of the
-radial displacement.
+Surfaces at rest in the bore's frame have constant derivatives of the gap (`SurfaceRows`). Those of
+a turning surface, with respect to its k coordinates ``(q, alpha)``, are computed at every iterate
+of Newton's method (`TurningRows`). The tangential velocity of its elastic modes and its power are
+neglected: both are c / R of those of the radial displacement.
 
-A body makes the surface at one of its points (`Body.surface`): `Surface` itself is rigid. Classes
-with elastic modes derive from it.
+A body makes the surface at one of its points (`Body.surface`). `Surface` itself is rigid, and is
+the base class of surfaces with elastic modes.
 """
 
 from __future__ import annotations
@@ -38,13 +38,16 @@ from fenics_ehd.film.kinematics import Shape
 if TYPE_CHECKING:
     from fenics_ehd.film.film import Film
 
-#: Signs of the outward displacement of a bore and of a journal in the gap.
+#: Signs with which outward displacements of a bore and of a journal change the gap.
 BORE = 1.0
 JOURNAL = -1.0
 
 
 def observed_positions(film: Film) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and heights at which a gap is computed: Gauss points, then nodes, shape (w,) each."""
+    """Angles [rad] and heights [m] of the w points at which gaps are observed, shape (w,) each.
+
+    They are the Gauss points of a film, followed by its nodes.
+    """
     nodes = film.parameters.grid.node_positions
     points = film.points
     return (
@@ -62,9 +65,9 @@ class Side:
     film
         The film.
     sign
-        `BORE` or `JOURNAL`.
+        Sign of outward displacements in the gap, `BORE` or `JOURNAL`.
     shape
-        Radial deviation of the surface in the frame of its body; None: round.
+        Radial deviation of the surface in the frame of its body; None if it is round.
     transfer
         Transfer of pressures to a mesh that does not match that of the film, one of `TRANSFERS`.
     """
@@ -76,7 +79,7 @@ class Side:
 
     @property
     def name(self) -> str:
-        """``"bore"`` or ``"journal"``."""
+        """Name of the side, ``"bore"`` or ``"journal"``."""
         return "bore" if self.sign == BORE else "journal"
 
 
@@ -89,12 +92,13 @@ class SurfaceRows:
     gap
         Change of the gap at Gauss points and nodes for unit coordinates, shape (w, n).
     mean_velocity, sliding_velocity
-        Change of the two velocities of `Gap` for unit rates, at the Gauss points, shape (g, n).
+        Change of the mean and the sliding velocity at the Gauss points for unit rates, shape
+        (g, n) each.
     load
-        Generalised forces of unit nodal pressures, shape (n, nodes).
+        Generalised forces on the modes for unit nodal pressures, shape (n, nodes).
     resultant
-        Force of unit nodal pressures on the surface along x and y, shape (2, nodes); None: the
-        integral over the film.
+        Force of unit nodal pressures on the surface along x and y, shape (2, nodes); None if it is
+        the integral over the film.
     """
 
     gap: np.ndarray
@@ -106,19 +110,18 @@ class SurfaceRows:
 
 @dataclass(frozen=True, eq=False)
 class TurningRows:
-    """Derivatives of a gap along the k coordinates ``(q, alpha)`` of a turning surface.
+    """Derivatives of a gap with respect to the k coordinates ``(q, alpha)`` of a turning surface.
 
     Attributes
     ----------
     gap, gap_rate
-        Derivatives along the coordinates of the gap and of its rate at the g Gauss points, shape
-        (g, k).
+        Derivatives of the gap and of its rate at the g Gauss points, shape (g, k) each.
     second_derivative
-        Second derivatives of the gap along every coordinate and alpha, shape (g, k). All others
-        are zero.
+        Second derivatives of the gap with respect to each coordinate and alpha, shape (g, k). All
+        other second derivatives are zero.
     load, load_derivative
-        Generalised forces of unit nodal pressures and their derivatives along alpha, shape
-        (k, nodes).
+        Generalised forces for unit nodal pressures, and their derivatives with respect to alpha,
+        shape (k, nodes) each.
     """
 
     gap: np.ndarray
@@ -129,7 +132,7 @@ class TurningRows:
 
     @staticmethod
     def stiffness(along_angle: np.ndarray) -> np.ndarray:
-        """Derivative of forces along all coordinates, from that along alpha: (k,) to (k, k)."""
+        """Derivative of forces by all coordinates, shape (k, k), from that by alpha, shape (k,)."""
         matrix = np.zeros((len(along_angle), len(along_angle)))
         matrix[-1] = along_angle
         matrix[:, -1] = along_angle
@@ -138,17 +141,17 @@ class TurningRows:
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """Residual patterns of a surface: displacements that follow forces without inertia.
+    """Residual patterns of a surface: displacements that respond to forces without inertia.
 
-    Displacements are those of the surface's m nodes along x and y, which a body computes for all
-    its surfaces together: r patterns of the body move all of them.
+    Displacements are those of the surface's m nodes along x and y. The r patterns of a body
+    displace the nodes of all its surfaces.
 
     Attributes
     ----------
     shapes
         Displacements of the nodes for unit amplitudes, shape (2 m, r).
     amplitudes
-        Amplitudes at rest for unit loads of the surface, shape (r, l). Loads are forces on the
+        Static amplitudes for unit loads of the surface, shape (r, l). Loads are forces on the
         nodes, l = 2 m; with a mortar, pressures at the body's pressure nodes.
     to_gap, to_observed
         Matrices from displacements to changes of the gap at the Gauss points, shape (g, 2 m), and
@@ -157,7 +160,7 @@ class Compliance:
         Matrices to loads from nodal pressures of the film, shape (l, nodes), and from normal forces
         on its Gauss points, shape (l, g). The latter is zero with a mortar.
     stiffness
-        Stiffness of the amplitudes, shape (r,).
+        Stiffness of every amplitude, shape (r,).
     damping_time
         Structural damping zeta of the body [s].
     """
@@ -174,21 +177,21 @@ class Compliance:
 
 @dataclass(frozen=True, eq=False)
 class MissingFlexibility:
-    """Flexibility of a body that its model does not have, at one surface: an error of the gap.
+    """Flexibility of a body at one surface that is missing in its model, an error of the gap.
 
     Attributes
     ----------
     flexibility
-        Outward displacement at m points of the surface per load of the body, shape (m, k); empty if
-        the error is not known. Loads are `Surface.loads`, and further ones of the body [m/Pa],
-        [m/N].
+        Outward displacement at m points of the surface per load of the body, shape (m, k) [m/Pa],
+        [m/N]; empty if the error is not known. Loads are `Surface.loads`, and forces on points of
+        the body.
     to_observed
         Matrix from these displacements to changes of the gap at Gauss points and nodes, shape
         (w, m).
     damping_time
         Structural damping zeta of the body [s].
     neglected_inertia
-        Outward displacement per acceleration of the residual amplitudes, shape (m, r); None: no
+        Outward displacement per acceleration of the residual amplitudes, shape (m, r); None if no
         inertia is neglected.
     inertia_time
         Time constant of the slowest residual pattern [s].
@@ -210,10 +213,10 @@ class MissingFlexibility:
         return replace(self, flexibility=factor * self.flexibility)
 
     def gap_changes(self, displacements: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Changes of the gap by displacements at t instants, shape (t, m) to (t, w) [m].
+        """Changes of the gap, shape (t, w) [m], due to displacements at t instants, shape (t, m).
 
-        The angles of the surface relative to the bore, shape (t,) [rad], have no effect on a
-        surface at rest.
+        `angles` of the surface relative to the bore, shape (t,) [rad], have no effect if the
+        surface is at rest.
         """
         return (self.to_observed @ displacements.T).T
 
@@ -231,9 +234,9 @@ class Surface:
     Attributes
     ----------
     side, modes
-        As given.
+        Arguments of the constructor.
     shape
-        Radial deviation.
+        Radial deviation of the surface.
     """
 
     #: Whether the surface deforms.
@@ -242,7 +245,7 @@ class Surface:
     #: Whether pressures reach the body by a mortar, which does not transfer forces at Gauss points.
     mortar = False
 
-    #: Centre of the undeformed surface on the mesh of the body, shape (3,) [m]; None: there is no
+    #: Centre of the undeformed surface on the mesh of the body, shape (3,) [m]; None without a
     #: mesh.
     centre: np.ndarray | None = None
 
@@ -260,36 +263,36 @@ class Surface:
 
     @property
     def largest_second_derivative(self) -> float:
-        """Bound of the shape's second derivative along the angle [m/rad^2]."""
+        """Largest second derivative of the deviation with respect to angle, absolute [m/rad^2]."""
         return float(np.abs(self.shape.radial(self._angle, self._height, 2)).max())
 
     def outward(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Outward displacement of the elastic modes, or its derivative along the angle.
+        """Outward displacement in each elastic mode, or its derivative with respect to angle.
 
         Parameters
         ----------
         angle, height
-            Positions in the frame of the body [rad], [m], shape (p,).
+            Angles [rad] and heights [m] of p points in the frame of the body, shape (p,) each.
         order
-            0, or that of the derivative, 1 or 2.
+            Order of the derivative, 0, 1 or 2.
 
         Returns
         -------
         numpy.ndarray
-            shape (p, n).
+            Displacements for unit coordinates, shape (p, n).
         """
         return np.zeros((len(angle), self.modes))
 
     @cached_property
     def deviation(self) -> np.ndarray:
-        """Constant change of the gap at Gauss points and nodes by the shape, shape (w,) [m]."""
+        """Constant gap change at Gauss points and nodes due to the shape, shape (w,) [m]."""
         if self.turning:
             return np.zeros(len(self._angle))
         return self.side.sign * self.shape.radial(self._angle, self._height)
 
     @property
     def rows(self) -> SurfaceRows | None:
-        """Constant maps of the elastic modes; None: there are no modes, or the surface turns."""
+        """Constant maps of the elastic modes; None without modes, or if the surface turns."""
         if not self.modes or self.turning:
             return None
         film = self.side.film
@@ -300,27 +303,27 @@ class Surface:
 
     @property
     def compliance(self) -> Compliance | None:
-        """Residual patterns; None: the surface has none."""
+        """Residual patterns of the surface; None if it has none."""
         return None
 
     def missing_flexibility(self, component: str) -> MissingFlexibility | None:
-        """Flexibility that the surface lacks.
+        """Flexibility that is missing at the surface.
 
         Parameters
         ----------
         component
-            Component of an error budget: ``"basis"``, by the reduction of the body, or
-            ``"part_mesh"``, by its mesh.
+            Component of an error budget: ``"basis"`` for the error of the body's reduction,
+            ``"part_mesh"`` for that of its mesh.
 
         Returns
         -------
         MissingFlexibility or None
-            None: the surface has no such error, or none that can be computed.
+            None if the surface has no such error, or it cannot be computed.
         """
         return None
 
     def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray | None:
-        """Loads of the body by nodal pressures of the film, to which `missing_flexibility` applies.
+        """Loads on the body from film pressures, to which `missing_flexibility` refers.
 
         Parameters
         ----------
@@ -333,23 +336,23 @@ class Surface:
         -------
         numpy.ndarray or None
             Pressures at the pressure nodes of all surfaces of the body, 0 at those of other films,
-            shape (k,) [Pa]; None: the body has no such nodes.
+            shape (k,) [Pa]; None if the body has no such nodes.
         """
         return None
 
     def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray | None:
-        """Displacement of the surface by elastic coordinates and residual amplitudes, for pictures.
+        """Displacement of the surface in elastic modes and residual patterns, for pictures.
 
         Parameters
         ----------
         angle, height
-            Positions in the frame of the body [rad], [m], shape (p,).
+            Angles [rad] and heights [m] of p points in the frame of the body, shape (p,) each.
 
         Returns
         -------
         numpy.ndarray or None
             Components x, y, z for unit coordinates, then for unit amplitudes, shape (p, 3, n + r);
-            None: the surface is rigid, or the displacement is not known.
+            None if the surface is rigid, or its displacement is not known.
         """
         return None
 
@@ -370,15 +373,17 @@ class Surface:
         Returns
         -------
         numpy.ndarray or None
-            Components x, y, z in the frame of the body, shape (t, m, 3) [N]; None: there are no
-            nodes.
+            Components x, y, z in the frame of the body, shape (t, m, 3) [N]; None without nodes.
         """
         return None
 
     def _displacement(
         self, coordinates: np.ndarray, points: slice = slice(None), order: int = 0
     ) -> np.ndarray:
-        """Outward displacement v of a turning surface, or its derivative along its own angle."""
+        """Outward displacement v of a turning surface [m], or its derivative by its own angle.
+
+        `coordinates` are ``(q, alpha)``, and `points` a part of the points of observed gaps.
+        """
         angle = self._angle[points] - coordinates[-1]
         height = self._height[points]
         displacement = self.shape.radial(angle, height, order)
@@ -387,29 +392,29 @@ class Surface:
         return displacement
 
     def gap_change(self, coordinates: np.ndarray) -> np.ndarray:
-        """Change of the gap by a turning surface at coordinates ``(q, alpha)``.
+        """Gap change due to a turning surface at coordinates ``(q, alpha)``.
 
         Returns
         -------
         numpy.ndarray
-            At Gauss points and nodes, shape (w,) [m].
+            Gap change at Gauss points and nodes, shape (w,) [m].
         """
         return self.side.sign * self._displacement(coordinates)
 
     def turning_gap(
         self, coordinates: np.ndarray, rates: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Change of the gap and of its rate by a turning surface at the Gauss points.
+        """Gap change at the Gauss points due to a turning surface, and its rate.
 
         Parameters
         ----------
         coordinates, rates
-            ``(q, alpha)`` and its time derivative, shape (k,).
+            Coordinates ``(q, alpha)`` and their time derivatives, shape (k,) each.
 
         Returns
         -------
         change, rate : numpy.ndarray
-            shape (g,) each [m], [m/s].
+            Gap change [m] and its rate [m/s], shape (g,) each.
         """
         inside = slice(self._inside)
         sign = self.side.sign
@@ -421,7 +426,7 @@ class Surface:
         return change, rate
 
     def turning_rows(self, coordinates: np.ndarray, rates: np.ndarray) -> TurningRows:
-        """Derivatives of the gap along the coordinates ``(q, alpha)``, see `turning_gap`."""
+        """Derivatives of the gap with respect to ``(q, alpha)``, see `turning_gap`."""
         inside = slice(self._inside)
         sign = self.side.sign
         slope = -sign * self._displacement(coordinates, inside, 1)

@@ -1,18 +1,18 @@
-"""Differentiation over points in time, and tables that no step may jump over.
+"""Rates from past points in time, and tables whose rows no step may miss.
 
-With ``D_k`` the derivative of the polynomial through the newest and the last k points, rates are
+With the derivative ``D_k`` of the polynomial through the new point and the last k points, rates are
 
     x' = (1 - b) D_k x + b D_(k+1) x.
 
 For k = 2 and b = 1/2 this is the numerical differentiation formula of Klopfenstein, also known
-as BDF2-OPT: like BDF2 it is A-stable at constant steps and damps the high-frequency static modes,
-which carry no dynamics, with half the error (Shampine and Reichelt, SIAM J. Sci. Comput. 1997;
-Vatsa, Carpenter and Lockard 2010). For k = 3 it is A(82)-stable, BDF3 A(86).
+as BDF2-OPT. Like BDF2 it is A-stable at constant steps and damps high-frequency modes, which
+respond statically, with half the error (Shampine and Reichelt, SIAM J. Sci. Comput. 1997; Vatsa,
+Carpenter and Lockard 2010). For k = 3 it is A(82)-stable, while BDF3 is A(86)-stable.
 
-A load is evaluated at the ends of steps alone. A row of a table between two ends has no influence
-on the solution, unless the values at the ends predict it. The estimated error of the solution does
-not show this: a solution without the load is as smooth as one with it. Steps therefore end at rows
-that the polynomial through the past points misses (`rows_missed`).
+A load is evaluated only at the ends of steps. A row of a table between two ends has no influence on
+the solution, unless the values at the ends predict it. The estimated error of the solution does not
+show this, because a solution without the load is as smooth as one with it. Steps therefore end at
+rows that the polynomial through the past points misses (`rows_missed`).
 
 Imports inside functions: SciPy's interpolation is slow to import.
 """
@@ -30,13 +30,16 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 
-#: Largest ratio of successive steps, by order k, with the formula of order k + 1: above it that
-#: formula is not zero-stable.
+#: Largest ratio of successive steps, by order k, for which the formula of order k + 1 is used:
+#: above it that formula is not zero-stable.
 BLENDED_GROWTH = {2: 1.55, 3: 1.25}
 
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
-    """Weights of the derivative, at the first time, of the polynomial through all times."""
+    """Weights of values at all times for the derivative of their polynomial at the first time.
+
+    `times` and weights have the shape (n,).
+    """
     distance = times[0] - times[1:]
     share = 1.0 / _products(times[:, None] - times)
     weights = np.empty(len(times))
@@ -46,37 +49,41 @@ def derivative_weights(times: np.ndarray) -> np.ndarray:
 
 
 def extrapolation_weights(times: np.ndarray, target: float | np.ndarray) -> np.ndarray:
-    """Weights of the value at `target` of the polynomial through all points.
+    """Weights of values at all times for the value of their polynomial at `target`.
 
-    The shape is (n,), or (n, k) for targets of shape (k, 1).
+    Weights have the shape (n,), or (n, k) for targets of shape (k, 1).
     """
     distance = (target - times)[..., None, :]
     return (_products(distance) / _products(times[:, None] - times)).T
 
 
 def _products(factors: np.ndarray) -> np.ndarray:
-    """Products of every row without its diagonal element; a single row is used for all rows."""
+    """Products of the rows of a matrix without their diagonal elements, shape (n,).
+
+    A single row of factors is used for all n rows.
+    """
     return np.prod(np.where(np.eye(factors.shape[-1]), 1.0, factors), axis=-1)
 
 
 def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np.ndarray, float]:
-    """Weights of the derivative at a new point, and the share of the formula of order k.
+    """Weights of the rate at a new point, and the share of the formula of order k.
 
     Parameters
     ----------
     time, past
         Time of the new point, and times of the past points, newest first [s].
     order
-        k, at most the number of past points.
+        Order k, at most the number of past points.
     blend
-        b; it is used for k > 1 if the number of past points is above k.
+        Share b of the formula of order k + 1. It is used for k > 1 if there are more than k past
+        points and the step does not grow too much.
 
     Returns
     -------
     weights : numpy.ndarray
-        Weights of the new point, then of past points.
+        Weights of the values at the new point, then at the past points [1/s].
     share : float
-        ``1 - b``, or 1 without the formula of order k + 1.
+        Share ``1 - b``, or 1 without the formula of order k + 1.
     """
     times = np.concatenate([[time], past[: order + 1]])
     weights = derivative_weights(times[: order + 1])
@@ -90,29 +97,29 @@ def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np
 
 
 #: Distance of a row's value from the polynomial, over the largest value of the table, above which
-#: a step misses the row. Gas forces of an engine in rows of two degrees stay below a third of it at
-#: the default tolerances.
+#: a step misses the row. It is below a third of this for gas forces of an engine in rows of two
+#: degrees at the default tolerances.
 MISSED = 0.01
 
-#: Number of past points of the polynomial, which is cubic like the curves through tables.
+#: Number of past points of this polynomial, which is cubic like the curves through tables.
 POINTS = 3
 
-#: Largest number of a table's periods in one step.
+#: Largest number of periods of a table in one step.
 PERIODS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A function through rows of a table, which no step of an integration may cross.
+    """Function through the rows of a table, none of which a step may miss.
 
     Attributes
     ----------
     curve
         Piecewise polynomial whose breakpoints are the rows.
     periodic
-        Whether the values recur; if not, the first and last values continue outside the rows.
+        Whether the values recur; if not, values outside the rows are the first or the last one.
     scale
-        Size that differences are compared with; 0: the largest value of the rows.
+        Value with which differences are compared; 0 for the largest value of the rows.
     """
 
     curve: PPoly
@@ -121,47 +128,47 @@ class Curve:
 
     @property
     def period(self) -> float:
-        """Distance of the last row from the first [s] or [rad]."""
+        """Distance between the first and the last row [s] or [rad]."""
         return float(self.curve.x[-1] - self.curve.x[0])
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variation of a curve that is read at the time, see `variations_of`."""
+        """Variation of a load with this curve over time, see `variations_of`."""
         if self.periodic:
             return (Variation(period=self.period, curve=self),)
         return (Variation(settled=self.settled, curve=self),)
 
     @property
     def settled(self) -> float:
-        """Position from which a curve that is not periodic is constant; 0 if it always is."""
+        """Time or angle from which a non-periodic curve is constant; 0 if it always is."""
         moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
         return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 
     def _inside(self, positions: Any) -> Any:
-        """Positions between the first and the last row with the values of any positions."""
+        """Times or angles within the rows at which the curve has the values at `positions`."""
         first, last = self.curve.x[[0, -1]]
         if self.periodic:
             return first + (positions - first) % self.period
         return np.clip(positions, first, last)
 
     def values(self, positions: np.ndarray) -> np.ndarray:
-        """Values at times or angles, of the same shape."""
+        """Values at times or angles, in an array of the same shape."""
         return self.curve(self._inside(positions))
 
     @cached_property
     def largest(self) -> float:
-        """Size that differences are compared with, above 0."""
+        """Value with which differences are compared, above 0."""
         largest = self.scale or float(np.abs(self.curve(self.curve.x)).max())
         return max(largest, float(np.finfo(float).tiny))
 
     def __call__(self, position: float) -> tuple[float, float]:
-        """Value and derivative at a time or angle."""
+        """Value and derivative of the curve at a time or angle."""
         inside = self._inside(position)
         varies = self.periodic or inside == position
         return float(self.curve(inside)), float(self.curve(inside, 1)) if varies else 0.0
 
     def integral(self, position: float) -> float:
-        """Integral from zero to a time or angle, of a curve that is not periodic."""
+        """Integral of a non-periodic curve from zero to a time or angle."""
         first = self.curve.x[0]
         ends = [
             float(self.curve.integrate(first, self._inside(end)))
@@ -171,7 +178,7 @@ class Curve:
         return ends[1] - ends[0]
 
     def scaled(self, factor: float) -> Curve:
-        """The curve times a factor."""
+        """Return the curve multiplied by a factor."""
         from scipy.interpolate import PPoly
 
         curve = PPoly(factor * self.curve.c, self.curve.x)
@@ -180,20 +187,20 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Variation:
-    """How a force, drive or supply varies over the time or over the angle of a body.
+    """Variation of a force, drive or supply over time or over the angle of a body.
 
     Attributes
     ----------
     period
-        Time [s] or angle [rad] after which the values recur; 0: the values do not recur.
+        Time [s] or angle [rad] after which the values recur; 0 if they do not recur.
     settled
-        Time from which the values recur or stay constant [s], or such an angle [rad].
+        Time [s] or angle [rad] from which the values recur or are constant.
     angle_of
-        Body whose angle the values are over; empty: the values are over the time.
+        Name of the body over whose angle the values vary; empty if they vary over time.
     curve
-        Table whose rows no step may cross; None: the values are smooth.
+        Table whose rows no step may miss; None if the values are smooth.
     setting
-        Key below that of the force, drive or supply that states the variation; empty: none.
+        Key of the variation within the settings of the force, drive or supply; empty if none.
     """
 
     period: float = 0.0
@@ -206,14 +213,14 @@ class Variation:
 def variations_of(
     source: object, *, angle_of: str = "", setting: str = ""
 ) -> tuple[Variation, ...]:
-    """Variations that a force, drive or table states; a plain function states none.
+    """Variations of a force, drive or table; empty for a plain function.
 
     Parameters
     ----------
     source
-        Object whose attribute `variations` is read.
+        Object with an attribute `variations`, or without.
     angle_of, setting
-        Body whose angle a table is read at, and the key of the table, see `Variation`.
+        Body over whose angle a table is given, and key of the table, see `Variation`.
     """
     stated: tuple[Variation, ...] = getattr(source, "variations", ())
     if angle_of or setting:
@@ -223,21 +230,21 @@ def variations_of(
 
 @dataclass(frozen=True, eq=False)
 class TabulatedLoad:
-    """A curve over the time, or over an angle in the state of a mechanism.
+    """Load with a curve over time, or over an angle in the state of a mechanism.
 
     Attributes
     ----------
     curve
-        Table.
+        Curve through the rows of a table.
     angle
-        Index of the angle in the state; None: the curve is over the time.
+        Index of the angle in the state; None for a curve over time.
     """
 
     curve: Curve
     angle: int | None = None
 
     def positions(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Times [s] or angles [rad] of the curve at points of the integration."""
+        """Times [s] or angles [rad] of the curve at points of the integration, shape (points,)."""
         return times if self.angle is None else states[:, self.angle]
 
     def missed(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,15 +253,16 @@ class TabulatedLoad:
         Parameters
         ----------
         times, states
-            Points of the integration, newest first: the end of the step, its beginning, and
-            earlier points [s].
+            Times [s] and states of points of the integration, newest first: the end of the step,
+            its start, and earlier points.
 
         Returns
         -------
         when, amount : numpy.ndarray
             Times of the rows strictly within the step [s], and distance of the rows' values from
-            the polynomial through the values at the points, over `Curve.largest`. Half the step
-            and infinity, if the step spans more than `PERIODS` or its end is not finite.
+            the polynomial through the values at the points, over `Curve.largest`. If the step spans
+            more than `PERIODS` periods or its end is not finite, they are the middle of the step
+            and infinity.
         """
         positions = self.positions(times, states)
         end, start = positions[:2]
@@ -278,14 +286,16 @@ class TabulatedLoad:
 def rows_missed(
     loads: Sequence[TabulatedLoad], times: np.ndarray, states: np.ndarray, nearest: float
 ) -> tuple[np.ndarray, bool]:
-    """Rows within a step, and whether it misses one of them.
+    """Rows of tables within a step, and whether the step misses one of them.
 
     Parameters
     ----------
-    loads, times, states
-        See `TabulatedLoad.missed`.
+    loads
+        Loads with tables.
+    times, states
+        Points of the integration, see `TabulatedLoad.missed`.
     nearest
-        Rows nearer than this to the beginning of the step belong to a jump and are left out [s].
+        Rows closer than this to the start of the step belong to a jump and do not count [s].
 
     Returns
     -------

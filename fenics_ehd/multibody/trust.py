@@ -1,11 +1,12 @@
 """Accuracy of a run: energy balance, error of the basis, and components of an error budget.
 
 Stored energy changes by the powers of drives and loads, and by losses of films and bodies. The
-difference that accumulates over the steps, the energy defect, is an error of the integration.
+difference that accumulates over the steps, the energy defect, is an error of the time integration.
 
-The flexibility that a basis lacks, or the inertia that M4 neglects, is an error of the gap, which
-`BasisErrorEstimate` estimates along the run. Components of an error budget are estimated by
-`fenics_ehd.analysis.error_budget`; `fenics_ehd.multibody.verdict` judges a run by all of them.
+Flexibility that is missing in a basis, or inertia that M4 neglects, causes an error of the gap,
+which `BasisErrorEstimate` estimates during the run. `fenics_ehd.analysis.error_budget` estimates
+the other components of an error budget, and `fenics_ehd.multibody.verdict` accepts or rejects a
+run.
 """
 
 from __future__ import annotations
@@ -24,17 +25,18 @@ from fenics_ehd.multibody.surface import MissingFlexibility
 
 
 def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarray:
-    """Integral over time from one point to the last, of the cubic through four points at a time.
+    """Integrals over time, from one point to the last, of several quantities, shape (names,).
 
-    A crank and its rod exchange hundreds of times the energy that is lost. Parabolas would
-    integrate that exchange with an error of ten times the defect of the time integration.
+    In each interval the integrand is the cubic through four points. A crank and its rod exchange
+    hundreds of times the energy that is lost: with parabolas the error of the integral would be
+    ten times the defect of the time integration.
 
     Parameters
     ----------
     times, values
-        Times [s], shape (k,), and values of several quantities, shape (k, names).
+        Times [s], shape (k,), and values of the quantities, shape (k, names).
     first
-        Number of the point at which the integral begins.
+        Index of the point at which the integral begins.
     """
     total = np.zeros(values.shape[1])
     for last in range(first + 1, len(times)):
@@ -44,18 +46,21 @@ def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarra
 
 
 def last_interval(times: np.ndarray) -> np.ndarray:
-    """Weights of the integral, over the last interval, of the polynomial through all points."""
+    """Weights of values at k times for the integral of their polynomial over the last interval.
+
+    `times` [s] and weights have the shape (k,).
+    """
     step = times[-1] - times[-2]
     powers = np.vander((times - times[-2]) / step, increasing=True)
     return step * np.linalg.solve(powers.T, 1.0 / np.arange(1, len(times) + 1))
 
 
-#: Works by name, 1 if they add to the stored energy, -1 if they are losses.
+#: Sign of every work in the energy balance by name: 1 for works that add energy, -1 for losses.
 SIGNS = {"drive": 1, "applied": 1, "drag": 1, "film": -1, "damping": -1}
 
-#: Largest energy balance error of a run that is accepted, unless a larger error of its steps is
-#: known. Steps of a crank or four-bar with this defect have extremes of the film that are some 5 %
-#: off. The defect is relative to the energy exchanged: the dissipation is a hundredth of it.
+#: Largest energy balance error of an accepted run, unless its time-stepping error is known and
+#: larger. With this defect, extremes of the film in a crank or four-bar have errors of about 5 %.
+#: The defect is relative to the energy exchanged, of which the dissipation is a hundredth.
 ENERGY_LIMIT = 0.05
 
 
@@ -71,12 +76,12 @@ def energy_row(
     Parameters
     ----------
     former
-        Rows of the steps before, none at the first one; the last three count.
+        Rows of the earlier steps, of which the last three are used; empty at the first step.
     time, powers
-        Time of the step [s], and powers, see `step_powers`.
+        Time of the step [s], and energies and powers, see `step_powers`.
     begins
-        Whether the step is the first of a cycle, in which works begin at zero. Energy that a moved
-        start of the cycle has added is no defect.
+        Whether the step is the first of a cycle, in which works begin at zero. Energy that the
+        extrapolated start of the cycle has added does not count as a defect.
     """
     now = np.array([powers[name] for name in SIGNS])
     energy = powers["kinetic"] + powers["strain"]
@@ -102,7 +107,7 @@ def energy_row(
 
 
 def balance_error(columns: Mapping[str, np.ndarray]) -> float:
-    """Largest defect over the largest energy exchanged, from columns of a history by path."""
+    """Largest energy defect over the largest energy exchanged [-], from columns by path."""
     defect = columns["run/energy_defect_J"]
     works = [columns[f"run/{name}_work_J"] for name in SIGNS]
     gained = sum(sign * work for sign, work in zip(SIGNS.values(), works, strict=True))
@@ -111,15 +116,15 @@ def balance_error(columns: Mapping[str, np.ndarray]) -> float:
 
 
 def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, float]:
-    """Energy and the powers that change it, at an accepted step [J], [W], by name.
+    """Energies [J] and the powers [W] that change them, at an accepted step, by name.
 
-    ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``: powers of the drives, of
-    forces and gravity, and of the surfaces' drag on the oil; losses in the films and in the bodies'
-    structure.
+    They satisfy ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``, with powers
+    of the drives, of forces and gravity, and of the surfaces' drag on the oil, and losses in the
+    films and in the bodies' structure.
 
     Without friction the loss of a film is that of its pressure flow, and the drag is an external
     power. With friction the loss is all that the film dissipates, and the drag is internal: zero.
-    The work of oil that is supplied under pressure counts as drag.
+    The power of oil that is supplied under pressure is added to the drag.
     """
     system = equations.system
     motion = step.solution.motion
@@ -150,24 +155,27 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, floa
     return powers | {"drive": motion.drive_power, "applied": motion.applied_power}
 
 
-#: Time constants of the slowest pattern after which the ringing of a start has decayed to 2e-9.
+#: Number of time constants of the slowest pattern after which oscillations of the start have
+#: decayed to 2e-9.
 RINGS = 20.0
 
 
 class BasisErrorEstimate(Stateful):
-    """Error of the gap by the basis along a run.
+    """Estimate of the gap error due to the basis of a reduced body, during a run.
 
-        (S_full - S_basis) w   with   w + zeta dw/dt = P
+    The error is the quasi-static response of the missing flexibility to the pressure P of the run,
+    with the damping of the structure,
 
-    It is the quasi-static response of the missing flexibility to the pressure of the run, damped as
-    the structure is: an estimate within a factor of about two, not a bound. M4 lacks no
-    flexibility, but the inertia of its residual patterns; their response to it is added,
+        (S_full - S_basis) w   with   w + zeta dw/dt = P.
+
+    It is an estimate within a factor of about two, not a bound. With M4 no flexibility is missing,
+    but the inertia of the residual patterns is neglected. Their response to it is added,
 
         S_res M y'',   delayed by zeta and by the time constant of the patterns' inertia.
 
     At the start of a run, patterns without mass accelerate for microseconds, in which the
-    neglected inertia could not have moved the bore. Patterns of little damping ring after that, and
-    their estimate is meaningless. Estimates count from `start` on, when the ringing is over.
+    neglected inertia could not have moved the bore. Patterns with little damping oscillate after
+    that, and their estimate is meaningless. Estimates are used only after the time `start`.
 
     Parameters
     ----------
@@ -175,10 +183,10 @@ class BasisErrorEstimate(Stateful):
         Outward displacement of the surface per nodal pressure [m/Pa], and per further load, shape
         (m, k).
     damping_time
-        zeta [s].
+        Structural damping zeta of the body [s].
     neglected_inertia
         Outward displacement of the surface per acceleration of the residual amplitudes, shape
-        (m, r); None: no inertia is neglected.
+        (m, r); None if no inertia is neglected.
     inertia_time
         Time constant of the slowest pattern [s].
 
@@ -187,7 +195,7 @@ class BasisErrorEstimate(Stateful):
     loads
         Number k of pressures and other loads.
     start
-        Time after which estimates count [s].
+        Time after which estimates are used [s].
     known
         Whether the missing flexibility is known.
     filtered, accelerated
@@ -219,7 +227,7 @@ class BasisErrorEstimate(Stateful):
 
     @classmethod
     def of(cls, missing: MissingFlexibility) -> BasisErrorEstimate:
-        """Estimate of the gap error by missing flexibility."""
+        """Make the estimate for the missing flexibility of a surface."""
         return cls(
             missing.flexibility,
             missing.damping_time,
@@ -230,7 +238,10 @@ class BasisErrorEstimate(Stateful):
     def add(
         self, step: float, pressure: np.ndarray, acceleration: np.ndarray | None = None
     ) -> float:
-        """Largest gap error over the surface after one step of this length [s], in [m]."""
+        """Add a step, and return the largest gap error on the surface at its end [m].
+
+        Arguments are those of `field`. The error is NaN if the missing flexibility is not known.
+        """
         if not self.known:
             return float("nan")
         return float(np.abs(self.field(step, pressure, acceleration)).max())
@@ -238,8 +249,18 @@ class BasisErrorEstimate(Stateful):
     def field(
         self, step: float, pressure: np.ndarray, acceleration: np.ndarray | None = None
     ) -> np.ndarray:
-        """Gap error at points of the surface after one step of this length [s], shape (m,) [m]."""
-        # Backward Euler on the first-order lags.
+        """Add a step, and return the gap error at points of the surface at its end, (m,) [m].
+
+        Parameters
+        ----------
+        step
+            Length of the step [s].
+        pressure
+            Loads of the body at the end of the step, shape (k,).
+        acceleration
+            Accelerations of the residual amplitudes there, shape (r,); None without patterns.
+        """
+        # Implicit Euler for the first-order delays.
         share = step / (step + self._damping_time)
         self.filtered = self.filtered + share * (pressure - self.filtered)
         field = self._missing @ self.filtered
@@ -253,7 +274,7 @@ class BasisErrorEstimate(Stateful):
 def surface_loads(
     system: System, pressures: Iterable[np.ndarray], z: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Loads of all bodies by the films on their surfaces, see `Surface.loads`, by body [Pa].
+    """Loads of the films on all bodies, see `Surface.loads`, by name of the body [Pa].
 
     Parameters
     ----------
@@ -273,7 +294,7 @@ def surface_loads(
     return loads
 
 
-#: Components of an error, and the settings that reduce them.
+#: Components of an error, and the keys that reduce them.
 KEYS = {
     "basis": "reduction",
     "film_mesh": "cells",
@@ -283,9 +304,9 @@ KEYS = {
 }
 COMPONENTS = tuple(KEYS)
 
-#: Quantities by their names in a summary.
+#: Names in a summary of the quantities with an error budget.
 QUANTITIES = ("max_pressure", "min_film_thickness")
 
-#: In place of an error that could not be estimated, and of one that a run or joint cannot have.
+#: Entries instead of an error that could not be estimated, and of one that cannot occur.
 NOT_ESTIMATED = "not estimated"
 NOT_APPLICABLE = "not applicable"

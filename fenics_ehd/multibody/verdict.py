@@ -1,8 +1,8 @@
-"""Verdict on a run: complete, or the reason for rejecting its figures.
+"""Verdict on a run: complete, or the reason for rejecting its results.
 
-Figures are rejected if an error that is known exceeds a limit, if a film is too thin for its mesh,
-or if the energy balance is off by more than the steps are known to be. Errors of a film's mesh are
-judged by the spacing of its nodes if the error budget does not have them.
+Results are rejected if a known error exceeds its limit, if a film is too thin for its mesh, or if
+the energy balance error exceeds both its limit and the time-stepping error. If the error budget
+does not contain the error of a film's mesh, the mesh is judged by the spacing of its nodes.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from fenics_ehd.multibody.notices import resting_films
 from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import COMPONENTS, ENERGY_LIMIT, KEYS, NOT_ESTIMATED, QUANTITIES
 
-#: Verdict on a run whose figures are accepted.
+#: Verdict on a run whose results are accepted.
 COMPLETE = "complete"
 
 
 def verdict(summary: RunSummary, limit: float = np.inf) -> str:
-    """`COMPLETE`, or the reason for rejecting the figures of a run.
+    """Verdict on a run: `COMPLETE`, or the reason for rejecting its results.
 
     Parameters
     ----------
     summary
         Summary of a run that has ended, with its error budget if one was estimated.
     limit
-        Largest relative error of a figure.
+        Largest accepted relative error of peak pressure and smallest film thickness [-].
     """
     films = summary.recorder.system.films
     if films and len(resting_films(summary.recorder.system, summary.peaks)) == len(films):
-        return COMPLETE  # relative errors of rounding are meaningless
+        return COMPLETE  # relative errors of round-off are meaningless
     reason = exceeding_limit(summary.error_budget, limit)
     if not reason and reported_error(summary.error_budget, "film_mesh") is None:
         reason = _unresolved_film(summary)
@@ -42,7 +42,7 @@ def verdict(summary: RunSummary, limit: float = np.inf) -> str:
 
 
 def _unresolved_film(summary: RunSummary) -> str:
-    """Reason for rejecting the first film that its mesh does not resolve, else empty."""
+    """Reason for rejecting the first film that is too thin for its mesh; empty if none is."""
     for binding in summary.recorder.system.films:
         thickness = summary.extremes[binding.name]["min_film_thickness"][0]
         reason = too_coarse(binding, thickness)
@@ -53,9 +53,10 @@ def _unresolved_film(summary: RunSummary) -> str:
 
 
 def _energy_defect(summary: RunSummary) -> str:
-    """Reason for rejecting a run whose energy balance error exceeds that of its steps, else empty.
+    """Reason for rejecting a run by its energy balance error; empty if it is accepted.
 
-    An error of the steps that is known takes the place of `ENERGY_LIMIT` if it is larger.
+    The limit of this error is the larger one of `ENERGY_LIMIT` and, if known, the time-stepping
+    error.
     """
     steps = reported_error(summary.error_budget, "step_size") or 0.0
     limit = max(steps, ENERGY_LIMIT)
@@ -69,7 +70,10 @@ def _energy_defect(summary: RunSummary) -> str:
 
 
 def reported_error(error_budget: Mapping[str, Any], component: str) -> float | None:
-    """Largest error over the cycle by one component, of all joints; None if one is not known."""
+    """Largest error over the cycle due to one component, over all joints.
+
+    It is None if the error of a joint is not known.
+    """
     errors = [
         budget["largest_over_cycle"][quantity][component]
         for budget in error_budget.values()
@@ -81,7 +85,7 @@ def reported_error(error_budget: Mapping[str, Any], component: str) -> float | N
 
 
 def exceeding_limit(error_budget: Mapping[str, Any], limit: float) -> str:
-    """Reason for rejecting figures, one of whose errors exceeds a limit; empty without a reason."""
+    """Reason for rejecting a run by its largest known error; empty if it is within the limit."""
     errors: dict[tuple[str, str], float] = {}
     for joint, budget in error_budget.items():
         for quantity in QUANTITIES:
@@ -101,19 +105,22 @@ def exceeding_limit(error_budget: Mapping[str, Any], limit: float) -> str:
     )
 
 
-#: Largest distance of nodes, as a share of the angle over which the film is thin. There the load
-#: of a fixed position is 2 % off on quadratic cells and 6 % on bilinear ones, and the thinnest film
-#: of an orbit by less; at 0.8 it is 15 %.
+#: Largest distance of adjacent nodes around, over the angle over which the film is thin. At this
+#: limit the error of the load at a fixed position is 2 % on quadratic cells and 6 % on bilinear
+#: ones, and that of the smallest film of an orbit is smaller; at 0.8 the error of the load is 15 %.
 NODE_SPACING = 0.5
 
 
 def too_coarse(binding: FilmBinding, thickness: float) -> str:
-    """Reason for rejecting a film that is too thin for its mesh; empty for elastic surfaces."""
+    """Reason for rejecting a film of a smallest thickness [m] by the spacing of its nodes.
+
+    It is empty if the spacing is fine enough, or a surface is elastic.
+    """
     if binding.film.elastic:
         return ""
     angles = np.unique(binding.film.film.parameters.grid.node_positions[:, 0].round(9))
     spacing = np.degrees(np.diff(angles, append=angles[0] + 2 * np.pi).max())
-    # The film is thin if the gap is below twice its least: h = c (1 - eps cos phi).
+    # The film is thin where the gap h = c (1 - eps cos phi) is below twice its minimum.
     length = float(binding.film.lengths(np.array([thickness]))[0])
     bend = binding.film.clearance + sum(
         surface.largest_second_derivative for surface in binding.film.surfaces

@@ -144,7 +144,9 @@ class PressureFamily:
 def _added(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Orthonormal columns of the span of columns that are orthogonal to known ones."""
     lengths = np.linalg.norm(columns, axis=0)
-    columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
+    # The sine of the shortest wave is zero at all nodes, but for round-off.
+    present = lengths > INDEPENDENT * lengths.max()
+    columns = columns[:, present] / lengths[present]
     # Twice: the first pass has round-off as large as the part that remains of a known column.
     for _ in range(2):
         columns = columns - known @ (known.T @ columns)

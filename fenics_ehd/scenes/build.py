@@ -27,6 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.film.grid import MeshMaker
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.body import Body, FlexibleBody, Pose, RigidBody, ground
 from fenics_ehd.multibody.joints import Joint, Speed
@@ -121,7 +122,7 @@ def build(
     start = perf_counter()
     parts = _parts(scene, inputs, comm, announce, cache=cache)
     seconds = perf_counter() - start
-    joints = _joints(scene, inputs, parts)
+    joints = _joints(scene, inputs, parts, {})
     assembled = _assembled(scene, inputs, parts, joints)
     start = perf_counter()
     with_mesh_error = _with_mesh_error(scene)
@@ -171,6 +172,28 @@ def _lacking_edges(name: str, part: ElasticPart) -> Iterator[str]:
             f"bodies.{name}: it was reduced for films without {' and '.join(edges)} in {point}: "
             "the bore's displacement there may be off by 1 %: reduce the part again with this scene"
         )
+
+
+def unassembled(scene: Scene, film_meshes: Mapping[str, MeshMaker]) -> Mechanism:
+    """Mechanism of a scene without elastic parts, its bodies where the scene has them.
+
+    An equilibrium assembles its mechanism itself.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    film_meshes
+        Functions that make the meshes of films, by the name of the joint; other films have the
+        cells of the scene.
+
+    Raises
+    ------
+    SettingsError
+        Naming the value that cannot be used.
+    """
+    inputs = read_inputs(scene, {})
+    return _rigid(scene, inputs, {}, _joints(scene, inputs, {}, film_meshes))
 
 
 def _require_period(scene: Scene, inputs: Inputs) -> None:
@@ -235,7 +258,10 @@ def _parts(
 
 
 def _joints(
-    scene: Scene, inputs: Inputs, parts: Mapping[str, ElasticPart]
+    scene: Scene,
+    inputs: Inputs,
+    parts: Mapping[str, ElasticPart],
+    film_meshes: Mapping[str, MeshMaker],
 ) -> dict[str, Joint | LubricatedJoint]:
     """Joints by name, lubricated ones with their films."""
     joints = dict(scene.joints)
@@ -245,8 +271,28 @@ def _joints(
             parts[surface.body].bore(surface.point, f"joints.{name}.{surface.side}")
             for surface in scene.elastic_surfaces(joint)
         ]
-        joints[name] = lubricated_joint(scene, name, meshes[0] if meshes else None, rate, inputs)
+        joints[name] = lubricated_joint(
+            scene, name, meshes[0] if meshes else None, rate, inputs, film_meshes.get(name)
+        )
     return joints
+
+
+def _rigid(
+    scene: Scene,
+    inputs: Inputs,
+    parts: Mapping[str, ElasticPart],
+    joints: Mapping[str, Joint | LubricatedJoint],
+) -> Mechanism:
+    """Mechanism with a rigid body in place of each elastic part, not assembled."""
+    stiff = _stiff(scene)
+    bodies: dict[str, Body] = {}
+    for name, settings in scene.bodies.items():
+        if name in parts:
+            points = dict(parts[name].points())
+            bodies[name] = RigidBody(1.0, 1.0, points, held=parts[name].held, **_pose(settings))
+        else:
+            bodies[name] = stiff[name]
+    return Mechanism(bodies, joints, inputs.drives, inputs.forces, gravity(scene))
 
 
 def _assembled(
@@ -256,20 +302,12 @@ def _assembled(
     joints: Mapping[str, Joint | LubricatedJoint],
 ) -> dict[str, Body]:
     """Bodies at the start of the run, a rigid body in place of each elastic part."""
-    stiff = _stiff(scene)
-    bodies: dict[str, Body] = {}
-    for name, settings in scene.bodies.items():
-        if name in parts:
-            points = dict(parts[name].points())
-            bodies[name] = RigidBody(1.0, 1.0, points, held=parts[name].held, **_pose(settings))
-        else:
-            bodies[name] = stiff[name]
     turning = {
         name: Speed(scene.bodies[name].speed, radians(scene.bodies[name].angle))
         for name in scene.drives
         if name not in inputs.drives
     }
-    rigid = Mechanism(bodies, joints, inputs.drives, inputs.forces, gravity(scene))
+    rigid = _rigid(scene, inputs, parts, joints)
     return assembled_bodies(rigid, turning, scene.span)
 
 

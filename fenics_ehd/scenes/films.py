@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from math import radians
 
 import attrs
@@ -13,8 +14,8 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import require_thin_film
 from fenics_ehd.base.shared_settings import Deviations
 from fenics_ehd.film.film import Film
-from fenics_ehd.film.grid import FilmGrid, aligned_grid, film_grid, uniform_grid
-from fenics_ehd.film.kinematics import Shape, ShapeTable
+from fenics_ehd.film.grid import FilmGrid, MeshMaker, aligned_grid, film_grid, uniform_grid
+from fenics_ehd.film.kinematics import Shape, ShapeTable, is_shape
 from fenics_ehd.film.parameters import FilmParameters
 from fenics_ehd.film.rough_surfaces import RoughSurfaces
 from fenics_ehd.film.supply import (
@@ -74,7 +75,7 @@ def surface_shape(
     Parameters
     ----------
     settings
-        Deviations of the surface.
+        Deviations of the surface; a `Shape` made in Python is returned.
     path
         Section of the settings in messages, with a dot behind.
     width, clearance
@@ -87,6 +88,8 @@ def surface_shape(
     SettingsError
         The shape closes the gap wherever the journal is, or its table does not cover the bearing.
     """
+    if is_shape(settings):
+        return settings
     # Two lobes or more close the gap at every position of the journal.
     if settings.lobes > 1 and abs(settings.ovality) >= clearance:
         raise SettingsError(
@@ -223,6 +226,7 @@ def build_film(
     bore: BoreSurface | None,
     rate: float,
     supplies: Sequence[Supply],
+    mesh: MeshMaker | None = None,
 ) -> Film:
     """Film of a joint.
 
@@ -236,6 +240,8 @@ def build_film(
         Reference angular speed, see `FilmParameters` [rad/s].
     supplies
         Supplies of the joint, see `supplies_of`.
+    mesh
+        Function that makes the film's mesh; None: equal cells, or those of the bore.
 
     Raises
     ------
@@ -246,6 +252,7 @@ def build_film(
     """
     joint = scene.joints[name]
     key = f"joints.{name}"
+    mesh = mesh or partial(_aligned_mesh, joint, bore)
     holes: list[BoreHole] = []
     if bore is not None and bore.cells.size:
         holes = bore_holes(bore.coordinates, bore.cells, bore.family)
@@ -260,7 +267,7 @@ def build_film(
             for angle, width, pressure in joint.grooves
         )
         edges = np.array([edge for groove in grooves for edge in groove.edges])
-        grid = aligned_grid(film_mesh(joint, bore), edges)
+        grid = mesh(edges)
     except SettingsError as error:
         raise SettingsError(f"{key}.grooves: {error}") from None
     feeds = tuple(_in_hole(supply, f"{key}.supply.{supply.name}", holes) for supply in supplies)
@@ -285,6 +292,13 @@ def build_film(
     )
 
 
+def _aligned_mesh(
+    joint: schema.LubricatedSettings, bore: BoreSurface | None, edges: np.ndarray
+) -> FilmGrid:
+    """Mesh of a joint, see `film_mesh`, with lines at the edges of grooves [rad]."""
+    return aligned_grid(film_mesh(joint, bore), edges)
+
+
 def film_mesh(joint: schema.LubricatedSettings, bore: BoreSurface | None) -> FilmGrid:
     """The cells that a joint asks for, or those of its flexible bore.
 
@@ -307,12 +321,13 @@ def lubricated_joint(
     bore: BoreSurface | None,
     rate: float,
     inputs: Inputs,
+    mesh: MeshMaker | None = None,
 ) -> LubricatedJoint:
     """A joint with its film, and the shapes of bore and journal.
 
     Parameters
     ----------
-    scene, name, bore, rate
+    scene, name, bore, rate, mesh
         As of `build_film`.
     inputs
         Supplies and measured shapes of the scene.
@@ -324,7 +339,7 @@ def lubricated_joint(
     """
     check_fit(scene, name, bore)
     joint = scene.joints[name]
-    film = build_film(scene, name, bore, rate, inputs.supplies[name])
+    film = build_film(scene, name, bore, rate, inputs.supplies[name], mesh)
     width = film.parameters.grid.width
     shapes = {}
     for surface in SURFACES:

@@ -17,7 +17,7 @@ import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.needs import NONE
-from fenics_ehd.film.kinematics import ShapeTable
+from fenics_ehd.film.kinematics import ShapeTable, is_shape
 from fenics_ehd.film.supply import Supply
 from fenics_ehd.multibody.forces import (
     Force,
@@ -195,11 +195,12 @@ def _pressure_curve(supply: Supply, key: str, *, periodic: bool) -> Curve | None
 
 def _shapes(scene: Scene) -> dict[str, ShapeTable]:
     """Measured deviations of bores and journals, by the key of their table."""
-    files = {
-        f"joints.{name}.{surface}.table": getattr(joint, surface).table
+    deviations = {
+        f"joints.{name}.{surface}.table": getattr(joint, surface)
         for name, joint in scene.films.items()
         for surface in SURFACES
     }
+    files = {key: each.table for key, each in deviations.items() if not is_shape(each)}
     return {key: read_shape_table(file, key) for key, file in files.items() if file != NONE}
 
 
