@@ -130,7 +130,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--radius", "nan"], "radius = nan must be a finite number"),
         (["--load", 5, "--clearance", 0.004], "below 0.1 of the bore radius 0.0225 m"),
         (["--load", 5, "--clearance", 30], "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
-        (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths are in m"),
+        (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths must be in m"),
         (["--load", 5, "--viscosity", 0], "viscosity = 0.0 must be above 0"),
         (
             ["--load", 5, "--tilt", "nan", 0],
@@ -139,7 +139,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--tilt", 2e-3, 0], "tilt = 0.002 rad closes the gap"),
         (["--load", 5, "--cells", "64x-1"], "--cells '64x-1' must be two whole numbers"),
         (["--load", 5, "--cells", "2x2"], "cells_around = 2 must be a whole number, at least 3"),
-        (["--load", 5, "--cells", "9999x999"], "at most 100000"),
+        (["--load", 5, "--cells", "9999x999"], "the limit is 100000"),
         (
             ["--load", 5, "--groove", 0, 400, 0],
             "a groove is 400 degrees wide: its width must be at least 0",
@@ -153,7 +153,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--groove", 0, "nan", 1e5], "--groove: the width of a groove = nan"),
         (["--load", 5, "--groove", 0, 10, 0, "--line-at-max-film"], "exclude each other"),
         (["--load", 5, "--groove", 0, 10, 0, "--bore-speed", 1], "shaft or bore must"),
-        (["--load", 2000, "--bore-speed", -500], "no oil is drawn in; their sum must be at least"),
+        (["--load", 2000, "--bore-speed", -500], "draw in no oil: their sum must be at least"),
         (
             ["--load", 5, "--cavitation", "mass-conserving"],
             "needs a supply, a groove or an ambient",

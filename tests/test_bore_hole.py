@@ -206,7 +206,7 @@ def test_a_film_that_has_become_warm_is_one_of_warm_oil(kind):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"joints.bearing.cells": []}, r"bearing.cells: grooves, supplies and holes of"),
+        ({"joints.bearing.cells": []}, r"bearing.cells is missing: grooves, supplies and holes of"),
         ({"joints.bearing.cells": [16, 4]}, r"the hole in the mesh of the bore at 90 degrees, .*"
          r"use cells = \[22, 4\]"),
         (HOLE | {"joints.bearing.supply.inlet.on": "journal"}, r"inlet.diameter is missing \[m\]"),
@@ -219,7 +219,7 @@ def test_what_does_not_fit_the_hole_is_refused(ring, monkeypatch, load, changes,
 
 def test_a_rigid_bore_has_no_hole_to_name():
     scene = scene_of(tables_of("loaded-journal", deepcopy(HOLE)), "rigid")
-    with pytest.raises(ehd.errors.SettingsError, match="only a flexible bore may have a hole"):
+    with pytest.raises(ehd.errors.SettingsError, match="has no hole in a mesh from which"):
         ehd.build(scene)
 
 

@@ -83,7 +83,7 @@ def test_coefficients_of_a_bearing_do_not_know_it():
     plain = ehd.BearingSettings(cells_around=16, cells_along=3)
     pressures = [ehd.solve_bearing(s, eccentricity=0.8).max_pressure for s in (dense, plain)]
     assert 1.001 < pressures[0] / pressures[1] < 1.1
-    with pytest.raises(ehd.errors.SettingsError, match="coefficients need density_law = "):
+    with pytest.raises(ehd.errors.SettingsError, match="use density_law = "):
         ehd.solve_bearing(dense, eccentricity=0.8, with_coefficients=True)
 
 

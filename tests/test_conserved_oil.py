@@ -670,5 +670,5 @@ def test_scenes_that_cannot_conserve_oil_are_refused(changes, words):
 
 def test_a_massless_journal_needs_a_full_film_at_the_start():
     body = {"bodies.journal.kind": "massless", "bodies.journal.mass": None}
-    with pytest.raises(ehd.errors.SettingsError, match="nothing holds the massless body journal"):
+    with pytest.raises(ehd.errors.SettingsError, match="no force holds the massless body journal"):
         starved(**body, **{"bodies.journal.inertia": None})

@@ -127,7 +127,7 @@ def test_iges_becomes_a_model(tmp_path):
 @pytest.mark.slow
 def test_closed_surfaces_are_sewn_and_open_ones_refused(tmp_path):
     drawing = read_drawing(SURFACES)
-    assert drawing.notices == [f"{SURFACES}: 4 surfaces that enclose a solid are sewn into it"]
+    assert drawing.notices == [f"{SURFACES}: 4 surfaces that enclose a volume are sewn to a solid"]
     assert cylinders(drawing.faces) == cylinders(read_drawing(RING).faces)
 
     def bored_plate(occ):
@@ -136,7 +136,7 @@ def test_closed_surfaces_are_sewn_and_open_ones_refused(tmp_path):
         occ.synchronize()
         occ.remove(occ.getEntities(2)[-1:])
 
-    with pytest.raises(ehd.errors.MeshError, match=r"open\.step has surfaces without a solid \(6"):
+    with pytest.raises(ehd.errors.MeshError, match=r"open\.step has no solid, and its 6 surfaces"):
         read_drawing(drawn(tmp_path / "open.step", bored_plate))
 
 
@@ -241,7 +241,7 @@ def test_unit_that_a_step_file_declares(text, metres, tmp_path):
     (tmp_path / "part.stp").write_text(text)
     if metres is None:
         with pytest.raises(
-            ehd.errors.MeshError, match="no single unit of length: leave out --unit"
+            ehd.errors.MeshError, match="no unit of length, or several: omit --unit"
         ):
             unit_ratio(tmp_path / "part.stp", "mm")
     else:

@@ -164,7 +164,7 @@ def test_a_part_that_is_placed_twice(tmp_path):
     (tmp_path / "one.inp").write_text(f"{text}{instance.format(1)}*End Assembly\n")
     read_mesh(tmp_path / "one.inp", "m")
     (tmp_path / "two.inp").write_text(f"{text}{instance.format(1)}{instance.format(2)}")
-    with pytest.raises(ehd.errors.MeshError, match="has 2 parts of solid cells"):
+    with pytest.raises(ehd.errors.MeshError, match="has 2 parts with solid cells"):
         read_mesh(tmp_path / "two.inp", "m")
 
 
@@ -175,7 +175,7 @@ def test_a_part_that_is_placed_twice(tmp_path):
             "*NODE, SYSTEM=C\n1,1,0,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n",
             r"has \*NODE, SYSTEM=C: write",
         ),
-        ("*NODE\n1,0,0,1_0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n", "rows are not nodes"),
+        ("*NODE\n1,0,0,1_0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n", "the lines of its nodes must"),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=SC8R\n1,1,1,1,1,1,1,1,1\n", "has 1 hexahedron SC8R: it"),
     ],
 )
@@ -349,7 +349,7 @@ def test_scene_has_the_material_of_its_model(tmp_path, monkeypatch, capfd):
     assert scene.bodies["rod"].material.density == 2800.0
     assert scene.bodies["rod"].material.youngs_modulus == pytest.approx(70e9)
     (line,) = [line for line in scene.warnings if "material" in line]
-    assert line == "bodies.rod.material.density = 2800 is used, the model ring.msh has 2700"
+    assert line == "bodies.rod.material.density = 2800 is used, but model ring.msh has 2700"
 
 
 # Bulk data of Nastran
@@ -383,9 +383,9 @@ def test_blank_continuation_of_nastran(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("      9      10", "      9", "CTETRA 1 has 9 nodes, it must have 4 or 10"),
+        ("      9      10", "      9", "CTETRA 1 has 9 nodes, but must have 4 or 10"),
         ("      9      10", "      9      11", "CTETRA 1: node 11 is not among the GRIDs"),
-        ("GRID           2        ", "GRID           2       3", "GRID 2 lies in another coordin"),
+        ("GRID           2        ", "GRID           2       3", "GRID 2 is not in the basic coor"),
         (
             "GRID           2              1.",
             "GRID           2              x.",

@@ -78,7 +78,7 @@ def test_mesh_is_read_and_never_run(tmp_path):
     model = ehd.model_path("conrod").read_text()
     (tmp_path / "program.msh").write_text(f'SystemCall "touch {tmp_path}/ran";\n{model}')
     (tmp_path / "program.step").write_text(f'SystemCall "touch {tmp_path}/ran";\n{model}')
-    for name, message in (("program.msh", "is no mesh"), ("program.step", "must be a .geo model")):
+    for name, message in (("program.msh", "not a mesh"), ("program.step", "must be a .geo model")):
         with pytest.raises(ehd.errors.MeshError, match=message):
             ehd.build_mesh(tmp_path / name, comm=MPI.COMM_SELF)
     with session():

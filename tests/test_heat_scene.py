@@ -48,15 +48,15 @@ def test_keys_of_version_0_2_are_read_and_one_line_gives_the_name_of_today():
     assert scene.joints["bearing"].heat.outlet_weight == 0.4
     assert scene.bodies["part"].clamped == "foot"
     assert list(scene.warnings) == [
-        "bodies.part.held_by is now called clamped",
-        "joints.bearing.heat.conducted is now called conducted_share",
-        "joints.bearing.heat.mixing is now called outlet_weight",
+        "bodies.part.held_by is now named clamped",
+        "joints.bearing.heat.conducted is now named conducted_share",
+        "joints.bearing.heat.mixing is now named outlet_weight",
     ]
     # A run has the scene as stored, or with other values, and reports it in both cases.
     assert stored(scene).warnings == changed(scene, {"time.cycles": 3}).warnings == scene.warnings
     given_anew = changed(scene, {"bodies.part.held_by": "none"})
     assert given_anew.bodies["part"].clamped == "none"
-    assert "bodies.part.held_by is now called clamped" in given_anew.warnings
+    assert "bodies.part.held_by is now named clamped" in given_anew.warnings
     assert "held_by" in given["bodies"]["part"]
     with pytest.raises(ehd.errors.SettingsError, match=r"unknown key .*bearing\.heat\.mixing"):
         scene_of(tables(HEAT | {"mixing": 0.4, "outlet_weight": 0.5}), "both")

@@ -117,7 +117,7 @@ def test_a_mesh_says_what_it_misses(tmp_path):
     path, size = tmp_path / "part.msh", SMOOTH + 4
     missing = 1e-9 * np.add.outer(np.arange(7), np.arange(size))
     path.write_bytes(b"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
-    with pytest.raises(ehd.errors.MeshError, match="has no mesh error of these"):
+    with pytest.raises(ehd.errors.MeshError, match="has no mesh error for the bores"):
         stored_mesh_error(path, ["bore"], ["pin"])
     store_mesh_error(path, ["bore"], ["pin", "eye"], 0.02, missing)
     # In the order of their names.

@@ -68,7 +68,7 @@ def test_no_command_writes_into_the_folder_of_another(maker, entry, workplace, c
                 continue
             status, _, errors = exit_of(capfd, *call, "there", *more)
             assert status == 2, (command, more)
-            assert f"there: made by fenics-ehd {maker}, not a folder for {command}" in errors
+            assert f"there was made by fenics-ehd {maker}, not by {command}" in errors
             assert contents(workplace / "there") == before
 
 
@@ -179,7 +179,7 @@ def test_an_output_replaces_no_file_of_another_kind(writer, other, workplace, ca
     before = contents(workplace)
     status, output, errors = exit_of(capfd, *call, name)
     assert status == 2
-    assert f"{name}: the file there is not " in errors or "cannot read it" in errors
+    assert f"{name} exists and is not " in errors or "cannot read it" in errors
     assert "Traceback" not in errors
     assert output == ""
     assert contents(workplace) == before
@@ -194,9 +194,7 @@ def test_files_that_are_damaged_are_of_no_kind(workplace):
     """Neither HDF5 nor zlib reads what changed: the former may crash, the latter raises its own."""
     body = (workplace / "rod.h5").read_bytes()
     (workplace / "rod.h5").write_bytes(damaged(body, len(body) // 2))
-    with pytest.raises(
-        ehd.errors.InputError, match=r"rod\.h5: the file there is not a reduced body"
-    ):
+    with pytest.raises(ehd.errors.InputError, match=r"rod\.h5 exists and is not a reduced body"):
         require_output(workplace / "rod.h5", BODY_KIND)
     export = workplace / "rod.npz"
     np.savez_compressed(export, format=np.array("fenics_ehd reduced body, exported"))
@@ -257,7 +255,7 @@ def test_a_failed_film_replaces_no_other_file(tmp_path):
             raise error
         if content is not None:
             assert path.read_bytes() == content
-            assert "is not of this program" in str(caught.value)
+            assert "is not from this program" in str(caught.value)
             path.unlink()
     with (
         pytest.raises(ehd.errors.CavitationError, match="is saved in"),

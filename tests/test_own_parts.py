@@ -288,7 +288,7 @@ WRITTEN = ("rod.step", "--bore", "1", "-o", "x.msh")
         ([*WRITTEN, "--youngs-modulus", "nan"], "youngs_modulus = nan must be a finite number"),
         ([*WRITTEN, "--poissons-ratio", "0.5"], "poissons_ratio = 0.5 must be below 0.49"),
         (["nan.vtu"], "no finite numbers"),
-        (["two.msh", "--unit", "mm"], "has 2 solids, it must have one"),
+        (["two.msh", "--unit", "mm"], "has 2 solids, but must have one"),
         (["rod.inp", "--unit", "mm", "--angle", "nan"], "'nan' is no number"),
         (["rod.inp"], "above 5: give its --unit"),
         (["text.inp", "--unit", "mm"], "it needs one kind of solid cells"),

@@ -80,7 +80,7 @@ def test_what_would_be_left_out_in_python_is_refused():
             lambda: ehd.bearing(load="5 kg"),
             "load = '5 kg' must be a number in N or a unit of the same",
         ),
-        (lambda: ehd.read_scene("four-bar", **{"bodies.crank.mass.x": 1}), "mass is no table"),
+        (lambda: ehd.read_scene("four-bar", **{"bodies.crank.mass.x": 1}), "mass is not a table"),
         (lambda: ehd.simulate(driven, 1e-3), r"drives\.crank must be a Speed"),
         (lambda: ehd.simulate(mechanism, 1e-3, order=4), "order = 4 must be a whole number, at le"),
         (lambda: ehd.simulate(mechanism, 1e-3, tolerance=0.0), "tolerance = 0.0 must be above 0"),

@@ -47,7 +47,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-ALIKE = "fenics-ehd: SettingsError: rank 1 has another {} than rank 0: call all ranks alike"
+ALIKE = "fenics-ehd: SettingsError: rank 1 has another {} than rank 0: all ranks must have the same"
 
 ARGUMENTS = "command, or other arguments,"
 

@@ -78,7 +78,7 @@ COMMANDS = [
     ("reduce conrod -o x.h5 --basis ./x.h5", "--basis would write over ./x.h5 of -o"),
     ("reduce conrod -o pipe", NO_PLACE),
     ("reduce conrod -o x.h5 --basis pipe", NO_PLACE),
-    ("reduce conrod -o folder.h5 --export npz", "would write a file folder.npz: it"),
+    ("reduce conrod -o folder.h5 --export npz", "folder.npz is a folder, but a file must"),
     # Sweeps.
     ("sweep absent.toml --set clearance=1e-5", "absent.toml"),
     ("sweep crank-slider --set clearance=1e-5", "crank-slider"),
@@ -137,7 +137,7 @@ def test_tables(key, text, message, scene, tmp_path, capfd):
     ("text", "message"),
     [
         ("[[", "mine.toml"),
-        ("", "no [bodies.NAME] tables; write bodies, joints, drives and forces: 'fenics-ehd init"),
+        ("", "no [bodies.NAME] tables: write bodies, joints, drives and forces; 'fenics-ehd init"),
         ("scene = 3\n", "no [bodies.NAME] tables"),
         ("bodies = 3\n", "bodies = 3 must be tables: [bodies.NAME]"),
         ("[bodies]\nrod = 3\n", "bodies.rod = 3 must be a table: [bodies.rod]"),
@@ -181,7 +181,7 @@ OTHER_PARAMETER = "did you mean bore_width or bore_radius? it has big_end_layers
         (ROD, {"bodies.rod.geometry.bore_diameter": 0.05}, RUN, OTHER_PARAMETER),
         (JOURNAL, {"forces.load.file": "absent.csv"}, RUN, "absent.csv"),
         (JOURNAL, {"forces.load.file": "main-baering"}, RUN, "main-bearing"),
-        (JOURNAL, {"time.period": 0.0}, RUN, "give time.period or time.revolutions"),
+        (JOURNAL, {"time.period": 0.0}, RUN, "give either time.period or time.revolutions"),
         (JOURNAL, {}, (*RUN, "--method", "m3"), "--method m3: scene mine has no part with a model"),
         (JOURNAL, {}, (*RUN, "--body", "rod.h5"), "has 0 flexible bodies, but must have one"),
         (HOUSING, {}, ("reduce", "rod", *REDUCE), "has 0 flexible bodies of that name or model"),

@@ -192,7 +192,7 @@ WRONG = {
         put("inventory/dropped", np.array([b"why"] * 3)),
         "/inventory/dropped has shape (3,), not (0,)",
     ),
-    "claim": (claim, "/stiffness claims 8000000000000 bytes, its file can hold"),
+    "claim": (claim, "/stiffness declares 8000000000000 bytes, but its file can"),
     "soft loop": (put("mass", h5py.SoftLink("/mass")), "too many links"),
     "hard loop": (
         lambda file: file.__setitem__("points/all", file["/"]),
@@ -207,7 +207,7 @@ def test_what_is_no_file_of_its_kind_is_named(kind, tmp_path):
     refused(kind, path)  # which is not there
     KINDS[kind][0](path)
     forged(path, lambda file: file.attrs.update(format_version=99))
-    assert "format version 99, this program reads" in refused(kind, path)
+    assert "format version 99, but this program reads" in refused(kind, path)
     forged(path, lambda file: file.attrs.update(format="something"))
     assert "not a fenics_ehd" in refused(kind, path)
     path.write_text("nodes")
@@ -242,7 +242,7 @@ def link(file):
 def test_what_lies_in_another_file_is_not_followed(kind, change, tmp_path):
     """Nor is it read from files that another program may have written, and that have no digest."""
     path = tmp_path / FILE
-    message = "more/out lies in another file"
+    message = "more/out are in another file"
     if kind in KINDS:
         KINDS[kind][0](path)
         forged(path, change)
@@ -342,7 +342,7 @@ def test_a_matrix_that_is_packed_away_is_refused(tmp_path):
         file["indptr"] = np.arange(4)
         for name, kind in (("data", "f8"), ("indices", "i4")):
             file.create_dataset(name, (10**9,), kind, chunks=(10**6,), compression="gzip")
-    with pytest.raises(ehd.errors.StructureError, match="claims 4000000000 bytes"):
+    with pytest.raises(ehd.errors.StructureError, match="declares 4000000000 bytes"):
         as_matrix(str(path), MPI.COMM_SELF, "stiffness")
 
 

@@ -105,7 +105,7 @@ def test_names_that_need_quotes_read_back(body, point, hole, folder):
 
 def test_a_name_that_is_no_text_is_one_line():
     scene = scene_of(tables_of(PAPER, {"bodies.rod.model": "\udcff/rod.geo"}), "case")
-    with pytest.raises(ehd.errors.SettingsError, match=r"'.udcff/rod.geo' is no text in UTF-8"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"'.udcff/rod.geo' is not in UTF-8"):
         scene_text(scene)
 
 
@@ -162,7 +162,7 @@ def film(**changes):
         (rod(**{"material.youngs_modulus": 210}), "210.0 must be at least 1e+06: in Pa, 210e9 for"),
         (rod(**{"material.youngs_modulus": 210e3}), "210000.0 must be at least 1e+06: in Pa"),
         ({"lubricants.oil.viscosity": 1e308}, "viscosity = 1e+308 must be below 1e+06: in"),
-        ({"time.revolutions": 1e308}, "= 1e+308 must be 0 or from 1e-30 to 1e+30 in size"),
+        ({"time.revolutions": 1e308}, "= 1e+308 must be 0 or from 1e-30 to 1e+30 in magnitude"),
         (film(eccentricity_rate=[-1e40, 0.0]), "eccentricity_rate = [-1e+40, 0] must be two fin"),
         ({"drives.crank.speed": 1e-308}, "= 1e-308 must be 0 or from 1e-30 to 1e+30 in"),
         ({"drives.crank.table": "a\0b.csv"}, "drives.crank.table = 'a\\x00b.csv' must be"),

@@ -145,13 +145,13 @@ def test_bodies_without_stresses_are_named(folder, refuse):
 
 def test_folders_without_a_complete_run_are_refused(tmp_path, refuse):
     assert "no such folder" in refuse(tmp_path / "none")
-    assert "no complete run: it has no summary.json" in refuse(tmp_path)
+    assert "no complete run: there is no summary.json" in refuse(tmp_path)
     for summary, words in (
         ('{"status": "interrupted"}', "no complete run: interrupted"),
         ('{"status": "complete", "scene": "x"}', "not a results folder, it has no history.h5"),
-        ("[1]", "no complete run: it has no summary.json"),
-        ('{"status": "complete", "cycle_start_s": Infinity}', "Infinity is no finite number"),
-        ('{"status": "complete", "cycle_start_s": 1e999}', "1e999 is no finite number"),
+        ("[1]", "no complete run: there is no summary.json"),
+        ('{"status": "complete", "cycle_start_s": Infinity}', "Infinity is not a finite number"),
+        ('{"status": "complete", "cycle_start_s": 1e999}', "1e999 is not a finite number"),
         ('{"status": "complete", "cycle_start_s": null}', "cycle_start_s = None is of another"),
         ('{"status": "complete", "cycle_start_s": "x"}', "cycle_start_s = 'x' is of another kind"),
         ('{"status": "complete", "joints": 3}', "joints = 3 is of another kind"),

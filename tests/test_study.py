@@ -94,6 +94,7 @@ def test_nothing_is_judged_by_itself(scene, quick):
     assert set(study.checks) == {"step", "film", "basis"}
 
 
+@pytest.mark.slow
 def test_table_has_a_row_for_each_run_and_the_reasons_of_those_that_failed(studied):
     directory, study, rows = studied
     assert len(rows) == len(study.rows)
@@ -105,6 +106,7 @@ def test_table_has_a_row_for_each_run_and_the_reasons_of_those_that_failed(studi
     assert set(rows[0]) == set(COLUMNS)
 
 
+@pytest.mark.slow
 def test_rows_hold_the_figures_of_their_runs(studied):
     directory, study, rows = studied
     for row in rows:
@@ -131,6 +133,7 @@ def test_rows_hold_the_figures_of_their_runs(studied):
         assert (folder / "scene.toml").read_text() == scene_text(study.cases[row["run"]].scene)
 
 
+@pytest.mark.slow
 def test_methods_steps_and_meshes_are_ordered_as_they_are_rich(studied):
     methods = rows_of(studied[2], "methods")
     best, rich, poor, none = (
@@ -153,6 +156,7 @@ def test_methods_steps_and_meshes_are_ordered_as_they_are_rich(studied):
     assert rows[0]["film_floor"] == rows[1]["film_error_max"]
 
 
+@pytest.mark.slow
 def test_reference_has_its_own_errors_and_they_are_the_floors(studied):
     directory, _, rows = studied
     found = json.loads((directory / "reference.json").read_text())
@@ -208,6 +212,7 @@ def test_gaps_made_of_stored_coordinates_are_those_of_the_run(scene, values, tmp
         assert np.ptp(gaps, axis=1).max() > 1e-9
 
 
+@pytest.mark.slow
 def test_known_errors_are_found_and_none_of_a_run_against_itself(studied, again):
     _, study, _ = studied
     reference = curves_of(again, study, REFERENCE)
@@ -239,6 +244,7 @@ def test_known_errors_are_found_and_none_of_a_run_against_itself(studied, again)
     assert errors.gap == pytest.approx(2e-9, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_only_what_changed_or_is_missing_runs_again(studied, again):
     _, study, before = studied
     # Bodies that nothing needs are not made again.
@@ -265,6 +271,7 @@ def test_only_what_changed_or_is_missing_runs_again(studied, again):
     assert [each["runs"] for each in calls] == [len(study.cases), 3]
 
 
+@pytest.mark.slow
 def test_a_failed_reference_leaves_rows_without_errors(studied, tmp_path):
     scope = replace(TINY, methods=(m4(6),), stepped=(), meshed=(), reference=TOO_MANY)
     _, _, rows = run_tiny(tmp_path, tiny_study(scope))
@@ -277,6 +284,7 @@ def test_a_failed_reference_leaves_rows_without_errors(studied, tmp_path):
     assert found["step"]["why"].startswith("reference-step: failed: SettingsError")
 
 
+@pytest.mark.slow
 def test_folder_of_another_scene_or_process_is_refused(studied, tmp_path):
     directory, study, _ = studied
     with pytest.raises(
@@ -349,6 +357,7 @@ class Damaging(Inline):
         return damaged
 
 
+@pytest.mark.slow
 def test_a_damaged_reference_is_the_one_that_failed(again, tmp_path_factory):
     study = tiny_study()
     shutil.rmtree(again / "runs" / REFERENCE)
@@ -405,6 +414,7 @@ class Interrupted:
         raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_tables_are_those_of_the_study_from_the_beginning(studied, again):
     _, study, rows = studied
     shutil.rmtree(again / "runs" / "rigid")
@@ -417,6 +427,7 @@ def test_tables_are_those_of_the_study_from_the_beginning(studied, again):
     assert found[1] == rows[1]
 
 
+@pytest.mark.slow
 def test_overwriting_forgets_tables_and_report_too(studied, again):
     study = studied[1]
     claim(again / "figures", ["a.png"])
@@ -432,6 +443,7 @@ def test_overwriting_forgets_tables_and_report_too(studied, again):
     assert json.loads((again / "reference.json").read_text())["status"] == "not run"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["figures/mine.png", "runs/reference/mine", "bodies/mine.h5"])
 @pytest.mark.parametrize("link", [False, True])
 def test_a_folder_that_holds_what_is_not_of_a_study_is_refused(name, link, studied, tmp_path):
@@ -445,7 +457,7 @@ def test_a_folder_that_holds_what_is_not_of_a_study_is_refused(name, link, studi
         path.parent.mkdir()
     path.write_text("mine")
     for overwrite in (False, True):
-        with pytest.raises(ehd.errors.InputError, match="not of a former run"):
+        with pytest.raises(ehd.errors.InputError, match="not from a former run"):
             StudyFolder(tmp_path / "out", studied[1], overwrite=overwrite)
     assert path.read_text() == "mine"
 

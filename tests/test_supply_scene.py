@@ -71,7 +71,7 @@ WRONG = [
     ({f"{AT}.groove.width": None}, r"joints.bearing.supply.groove.width is missing"),
     ({AT: 3}, r"joints.bearing.supply = 3 must be tables: \[joints.bearing.supply.NAME\]"),
     ({AT: {"inlet": 3}}, r"joints.bearing.supply.inlet = 3 must be a table"),
-    ({AT: {"in let": {"kind": "hole"}}}, r"a name must be of letters, digits, _ and -"),
+    ({AT: {"in let": {"kind": "hole"}}}, r"a name must consist of letters, digits, _ and -"),
     # what bearing and mesh cannot hold
     ({f"{AT}.inlet.diameter": 0.02}, r"supply.inlet reaches from z = -10 to 10 mm, the bearing"),
     ({f"{AT}.inlet.height": 9e-3}, r"so that land remains at both sides"),

@@ -104,7 +104,11 @@ def test_row_is_that_of_a_run_on_its_own(swept, tmp_path, capfd):
     assert ours.read_text() == reference.read_text()
 
 
-@pytest.mark.parametrize("text", [LOADED_JOURNAL, ENGINE], ids=["loaded-journal", "engine"])
+@pytest.mark.parametrize(
+    "text",
+    [LOADED_JOURNAL, pytest.param(ENGINE, marks=pytest.mark.slow)],
+    ids=["loaded-journal", "engine"],
+)
 def test_other_scenes_have_the_rows_of_their_runs(text, tmp_path, capfd):
     sweep = make_sweep(write_scene(tmp_path, text), ["lubricants.oil.viscosity=0.02"])
     _, rows = sweep_inline(sweep, tmp_path / "swept")

@@ -6,14 +6,15 @@ load along x (`fenics_ehd.analysis.bearing_mechanism`). Load and pressure balanc
 theory neglects: it enters the friction torque and the power only. At a given eccentricity the
 journal is held, at the attitude at which the film's force lies on the load line.
 
-If the supply temperature is given, the temperature of the oil is the one at which the leaving oil
-carries away the dissipated power (`fenics_ehd.film.heat`). A hotter film is thinner, dissipates
-less, and lets at least as much oil out: there is one solution.
+If the supply temperature is given, the oil has the temperature at which the leaving oil carries
+away the dissipated power (`fenics_ehd.film.heat`). The solution is unique, because a hotter film is
+thinner, dissipates less power, and lets at least as much oil out.
 
 Coefficients are ``k_ij = -dF_i / dx_j`` and ``b_ij = -dF_i / dv_j`` of the film's force on the
-shaft, x along the load, y a quarter turn on in direction of rotation, with zero-pressure lines and
-grooves at rest. They jump, by up to 1 % on 64 x 12 cells, if the edge of the film moves by a row of
-nodes; the mean over four meshes with slightly different cells cancels most of the jumps.
+shaft. x is along the load, y is a quarter turn from x in direction of rotation; zero-pressure lines
+and grooves are at rest. The coefficients jump, by up to 1 % on 64 x 12 cells, when the edge of the
+film moves by a row of nodes. The mean over four meshes with slightly different numbers of cells
+cancels most of the jumps.
 """
 
 from __future__ import annotations
@@ -51,34 +52,34 @@ from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.multibody.lubricated_joint import QUARTER
 from fenics_ehd.multibody.quantities import film_power, min_film_thickness
 
-#: Most meshes of one search.
+#: Largest number of meshes in one search for an equilibrium.
 MOST_MESHES = 60
 
-#: Angle between force and load line at which the search for an attitude ends [rad].
+#: Angle between force and load line, below which the search for an attitude ends [rad].
 TOLERANCE = 1e-9
 
-#: Smallest factor between two of the loads by which a load is approached.
+#: Smallest ratio of two loads in a sequence that approaches a load.
 NEAREST = 1.02
 
-#: Smallest minimum film over the clearance: accuracy was measured up to an eccentricity of 0.999.
+#: Smallest minimum film over the clearance; accuracy was tested up to an eccentricity of 0.999.
 THINNEST_FILM = 5e-4
 
-#: Largest angle between force and load line of a centred shaft, which has no attitude [rad].
+#: Largest angle between force and load line for a centred shaft, which has no attitude [rad].
 STRAIGHT = 1e-6
 
-#: Additional cells around of the other three meshes of the coefficients.
+#: Numbers of cells around, beyond the given one, of three more meshes for the coefficients.
 EXTRA_CELLS = (2, 4, 6)
 
 #: Least change of ln(viscosity) between two operating points from which the exponent of power over
-#: flow is computed: nothing but the temperature changes between them.
+#: flow is computed, as only the temperature changes between them.
 LEAST_CHANGE = 1e-6
 
-#: Most operating points of the search for a temperature.
+#: Largest number of operating points in the search for a temperature.
 MOST_POINTS = 50
 
 
 def _expected_attitude(settings: BearingSettings) -> float:
-    """First guess: ahead of the load if a surface turns, else along the squeeze velocity."""
+    """First guess of the attitude [rad]: 50 degrees with rotation, else along the squeeze."""
     entrainment = settings.direction * settings.entrainment
     if entrainment:
         return float(np.copysign(np.radians(50.0), entrainment))
@@ -86,7 +87,7 @@ def _expected_attitude(settings: BearingSettings) -> float:
 
 
 def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
-    """Equilibrium under a load, with a mesh that suits its position.
+    """Equilibrium under a load [N], with a mesh that suits the position of the journal.
 
     Raises
     ------
@@ -101,7 +102,7 @@ def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
         position = point.position
         if meshed.suits(position):
             return point
-    raise SolverError(f"load = {load:g} N: none of {MOST_MESHES} meshes suits its own equilibrium")
+    raise SolverError(f"load = {load:g} N: none of {MOST_MESHES} meshes suits its equilibrium")
 
 
 def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
@@ -110,7 +111,7 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
     Raises
     ------
     SettingsError
-        The film cannot carry the load.
+        The film cannot carry the load, or no equilibrium was found.
     """
     settings = bearing.settings
     point = _held(bearing, 0.6)
@@ -127,7 +128,7 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
         except (SolverError, GapClosedError) as error:
             if max(aim / reached, reached / aim) < NEAREST:
                 raise SettingsError(
-                    f"load = {load:g} N: no equilibrium found, the nearest one is under "
+                    f"load = {load:g} N: no equilibrium was found; the nearest load with one is "
                     f"{reached:.4g} N: use another load, speed or squeeze"
                 ) from error
             aim = float(np.sqrt(aim * reached))
@@ -135,8 +136,8 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
         film = min_film_thickness(point.joint)
         if not settings.roughness and film < THINNEST_FILM * settings.clearance:
             raise SettingsError(
-                f"load = {load:g} N is too high: a film of {film / settings.clearance:.3g} "
-                f"clearance, below {THINNEST_FILM:g}, the thinnest allowed, carries {aim:.4g} N"
+                f"load = {load:g} N is too high: under {aim:.4g} N the film has a thickness of "
+                f"{film / settings.clearance:.3g} clearance, below the limit of {THINNEST_FILM:g}"
             )
         if aim == load:
             return point
@@ -150,11 +151,11 @@ def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
     Raises
     ------
     SettingsError
-        The shaft touches the bore at every attitude.
+        The shaft touches the bore at every attitude that was tried.
     """
     settings = bearing.settings
     expected = _expected_attitude(settings)
-    # Across the tilt of the shaft, its ends leave most of the gap.
+    # Perpendicular to the tilt of the shaft, its ends have the largest gap.
     across = np.arctan2(settings.tilt[1], settings.tilt[0])
     message = ""
     for angle in (*(expected + np.radians([0, 90, -90, 180])), across, across + np.pi):
@@ -166,26 +167,22 @@ def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
     raise SettingsError(f"eccentricity and tilt close the gap at every attitude: {message}")
 
 
-#: Most attitudes of one search.
+#: Largest number of attitudes in one search.
 MOST_ATTITUDES = 60
 
-#: Longest step of the attitude [rad].
+#: Largest step of the attitude [rad].
 LONGEST_TURN = 1.0
 
-#: Least slope of the force's direction over the attitude for a secant step.
+#: Least slope of the force's direction over the attitude, for a step by the secant rule.
 FLAT = 0.05
 
 
 def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
     """Equilibrium at an eccentricity ratio in 0..1; at any attitude if the film has no pressure.
 
-    The attitude is found by the secant rule. Its first step is that of a plain bearing, whose force
-    turns with the journal.
-
-    Raises
-    ------
-    SettingsError
-        No attitude puts the force on the load line, or the shaft touches the bore.
+    The attitude is found by the secant rule. The first step is that for a plain bearing, whose
+    force rotates with the journal. Raises ------ SettingsError
+        The force is along the load at no attitude, or the shaft touches the bore.
     """
     point = _held(bearing, ratio)
     off = direction_of(point.force_on_bore)
@@ -194,8 +191,8 @@ def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
     if not ratio:
         if abs(off) > STRAIGHT:
             raise SettingsError(
-                f"eccentricity = 0: the film's force is {np.degrees(off):.4g} degrees off the "
-                "load line and no attitude can turn it: change squeeze or grooves"
+                f"eccentricity = 0: the force of the film is {np.degrees(off):.4g} degrees off "
+                "the load line, at any attitude: change squeeze or grooves"
             )
         return point
     turn = -off
@@ -214,21 +211,21 @@ def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
         turn = -off / slope if slope > FLAT else -np.sign(slope or 1.0) * off
         turn = float(np.clip(turn, -LONGEST_TURN, LONGEST_TURN))
     raise SolverError(
-        f"eccentricity = {ratio:g}: no attitude found; the film's force stays "
+        f"eccentricity = {ratio:g}: no attitude was found; the force of the film remains "
         f"{np.degrees(off):.3g} degrees off the load line"
     )
 
 
 @dataclass(frozen=True)
 class BearingHeat:
-    """Balanced heat of a bearing.
+    """Result of a bearing's heat balance.
 
     Attributes
     ----------
     effective_temperature, outlet_temperature
-        Temperatures of the oil [C].
+        Effective temperature of the oil in the film, and temperature of the leaving oil [C].
     flow
-        Flow of the oil that leaves, see `FilmFlows.leaving` [m3/s].
+        Flow of the leaving oil, see `FilmFlows.leaving` [m3/s].
     """
 
     effective_temperature: float
@@ -239,14 +236,14 @@ class BearingHeat:
 def _with_balanced_heat(
     bearing: Bearing, solve: Callable[[Bearing], OperatingPoint]
 ) -> tuple[BearingHeat, OperatingPoint]:
-    """Operating point at the effective temperature of its oil.
+    """Operating point at the effective temperature of the oil, and the heat balance.
 
     Raises
     ------
     SettingsError
-        The viscosity of the oil is constant, or not known at the supply's temperature.
+        The viscosity of the oil is constant, or unknown at the supply temperature.
     HeatError
-        There is no such temperature.
+        No temperature satisfies the heat balance.
     """
     settings = bearing.settings
     heat = settings.heat
@@ -286,15 +283,15 @@ def _with_balanced_heat(
 
 @dataclass(frozen=True)
 class ContactFigures:
-    """Contact of rough surfaces in a bearing.
+    """Results on the contact of rough surfaces in a bearing.
 
     Attributes
     ----------
     load
         Resultant of the contact pressure [N].
     share
-        Resultant over the load. Contact and film act in different directions: their shares do not
-        add up to 1.
+        Resultant over the load. Contact and film act in different directions, so their shares
+        do not add up to 1.
     max_pressure
         Largest contact pressure [Pa].
     power
@@ -308,24 +305,24 @@ class ContactFigures:
 
 
 def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
-    """Dynamic coefficients of a bearing under a load.
+    """Dynamic coefficients of a bearing under a load [N].
 
     Raises
     ------
     SettingsError
-        Without force or eccentricity no derivative exists. Of compressible oil, derivatives lack
-        the rate of the density.
+        The film has no force or the shaft no eccentricity, so that there are no derivatives; or
+        the oil is compressible.
     """
     settings = point.meshed.settings
     if settings.density_law != "constant":
         raise SettingsError(
-            f"density_law = '{settings.density_law}': the damping of compressible oil is not "
-            "known: coefficients need density_law = 'constant'"
+            f"density_law = '{settings.density_law}': the damping by compressible oil is not "
+            "computed: use density_law = 'constant'"
         )
     if not load or not np.any(point.position):
         raise SettingsError(
-            "coefficients need a film with pressure and an eccentricity above 0: the cavitating "
-            "film of a centred shaft has no derivative"
+            "coefficients need a film with pressure and an eccentricity above 0, since the "
+            "cavitating film of a centred shaft has no derivatives"
         )
     parts = []
     for extra in (0, *EXTRA_CELLS):
@@ -335,7 +332,7 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         parts.append([linear.stiffness, linear.damping])
     stiffness, damping = np.mean(parts, axis=0)
     if settings.plain:
-        # The force turns with the journal: a mesh at rest resolves this to a row of nodes only.
+        # The force rotates with the journal; a mesh at rest resolves this only to a row of nodes.
         distance = np.hypot(*point.position)
         across = QUARTER @ point.position / distance
         turned = QUARTER @ point.force_on_bore / distance
@@ -349,14 +346,14 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
 
 @dataclass(frozen=True, eq=False)
 class BearingResult:
-    """A bearing in equilibrium; values that are not defined are None.
+    """Results of a bearing in equilibrium; values that are not defined are None.
 
     Attributes
     ----------
     settings
         Settings of the bearing.
     load
-        Load W that the film's pressure carries [N].
+        Load W that the pressure of the film carries [N].
     attitude
         Attitude angle, from the load line to the line of centres in direction of rotation [rad];
         None for a centred shaft or a film without pressure.
@@ -369,31 +366,31 @@ class BearingResult:
     eccentricity_ratio
         Eccentricity ratio e / c at mid-width [-].
     sommerfeld_number
-        ``eta N / p (R / c)^2`` with N, of shaft and bore together, in revolutions per second and
-        ``p = W / (2 R B)`` [-].
+        ``eta N / p (R / c)^2``, with the sum N of the speeds of shaft and bore in revolutions per
+        second, and ``p = W / (2 R B)`` [-].
     friction_torque
-        Torque with which the film brakes the shaft, about the axis of the shaft [N m].
+        Torque of the film on the shaft about its axis, positive if it brakes the shaft [N m].
     power_loss
-        Mechanical power put into the film [W].
+        Mechanical power that shaft and bore transfer to the film [W].
     dissipation
-        Power that becomes heat: mechanical power and power of oil supplied under pressure, less
+        Power that becomes heat: mechanical power and power of oil supplied under pressure, minus
         the power of oil that flows out against an ambient pressure [W].
     tilting_moment
         Moment of pressure and contact on the shaft, about x and y at mid-width, shape (2,) [N m].
     flow
-        Flows through sides, supply and cavities [m3/s].
+        Flows through sides, supplies and cavities [m3/s].
     contact
-        Contact of rough surfaces; None for smooth ones.
+        Results on the contact of rough surfaces; None for smooth surfaces.
     coefficients
-        Stiffness, damping and stability; None unless they were requested.
+        Stiffness, damping and stability; None if they were not requested.
     heat
-        Balanced temperatures; None without a supply temperature.
+        Temperatures from the heat balance; None without a supply temperature.
     position
-        Eccentricity, x along the load, shape (2,) [m].
+        Eccentricity of the journal, x along the load, shape (2,) [m].
     film, state
-        Film and its solution.
+        Film, and its solution.
     angle
-        Angle from the load line to the film's frame [rad].
+        Angle from the load line to the x axis of the film's frame [rad].
     """
 
     settings: BearingSettings
@@ -430,7 +427,7 @@ def bearing_result(
     load: float | None = None,
     with_coefficients: bool = False,
 ) -> BearingResult:
-    """Operating point of a bearing.
+    """Compute the operating point of a bearing.
 
     Parameters
     ----------
@@ -439,20 +436,20 @@ def bearing_result(
     eccentricity, load
         Eccentricity ratio in 0..1 or load [N], exactly one of them.
     with_coefficients
-        Whether to compute stiffness, damping and the stability threshold.
+        Whether stiffness, damping and the stability threshold are computed.
 
     Raises
     ------
     SettingsError
-        A value out of its limits, or without an equilibrium.
+        A value is outside its limits, or there is no equilibrium.
     HeatError
         The oil cannot carry away the heat.
     CavitationError
-        No film was found.
+        The film could not be solved.
     ViscosityError
-        The viscosity runs away with the pressure, or grows faster than the cells resolve.
+        Pressure and viscosity grow without bound, or faster than the cells resolve.
     VerificationError
-        A figure of the result is no finite number.
+        A result is not a finite number.
     """
     if (eccentricity is None) == (load is None):
         raise SettingsError("exactly one of eccentricity and load must be given")
@@ -469,7 +466,7 @@ def bearing_result(
         assert eccentricity is not None
         return _at_eccentricity(at_temperature, eccentricity)
 
-    # Figures that overflow are refused below.
+    # Results that overflow are refused below.
     with np.errstate(all="ignore"):
         heat = None
         if bearing.settings.heated:
@@ -483,7 +480,13 @@ def bearing_result(
 
 
 def _require_finite_figures(result: BearingResult) -> None:
-    """Refuse a result with a figure that is no finite number."""
+    """Refuse a result that is not a finite number.
+
+    Raises
+    ------
+    VerificationError
+        A result is not finite; the message names it.
+    """
     unknown = []
     for part in (result, result.flow, result.contact, result.coefficients, result.heat):
         figures = {} if part is None else vars(part)
@@ -492,8 +495,8 @@ def _require_finite_figures(result: BearingResult) -> None:
                 unknown.append(name)
     if unknown:
         raise VerificationError(
-            f"{', '.join(unknown)}: no finite number: is one of radius, clearance, width, "
-            "viscosity, speed and pressures far from any bearing's?"
+            f"{', '.join(unknown)}: not a finite number: check whether radius, clearance, width, "
+            "viscosity, speed and pressures are those of a bearing"
         )
 
 
@@ -502,9 +505,9 @@ def _require_resolved(point: OperatingPoint) -> None:
     steepest = steepest_thickening(point.meshed.film, point.state.pressure)
     if not steepest <= MOST_WITHIN_A_CELL:
         raise ViscosityError(
-            f"the viscosity grows {steepest:.3g} times within a film cell, above "
-            f"{MOST_WITHIN_A_CELL:g}: use more cells; if that does not help, the viscosity runs "
-            "away: lower load, eccentricity or the pressure coefficient (barus, roelands)"
+            f"the viscosity grows by a factor of {steepest:.3g} within a film cell, above the "
+            f"limit of {MOST_WITHIN_A_CELL:g}: use more cells; if that does not help, pressure and "
+            "viscosity grow without bound: lower load, eccentricity, barus or roelands"
         )
 
 
@@ -523,14 +526,14 @@ def _tilting_moment(point: OperatingPoint) -> np.ndarray:
 def _result(
     point: OperatingPoint, with_coefficients: bool, heat: BearingHeat | None
 ) -> BearingResult:
-    """Figures of an operating point."""
+    """Results of an operating point."""
     position = point.position
     settings = point.meshed.settings
     film = point.meshed.film
     joint = point.joint
     load = float(np.hypot(*point.force_on_bore)) if point.carries else 0.0
     pressure, pressure_angle = _peak(point)
-    # The load at a Sommerfeld number of 1.
+    # Load for which the Sommerfeld number is 1.
     stress = film.parameters.lubricant.viscosity * abs(settings.entrainment) / (2 * np.pi)
     unit = 2 * settings.width * stress * settings.radius**3 / settings.clearance**2
     return BearingResult(
@@ -542,7 +545,7 @@ def _result(
         min_film_thickness=min_film_thickness(joint),
         eccentricity_ratio=float(np.hypot(*position)) / settings.clearance,
         sommerfeld_number=unit / load if load else None,
-        # 0.0 + x: zero without a minus sign.
+        # 0.0 + x turns a negative zero into zero.
         friction_torque=0.0 + joint.braking,
         power_loss=0.0 + film_power(joint),
         dissipation=joint.dissipated,
@@ -559,7 +562,7 @@ def _result(
 
 
 def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
-    """Figures of the contact; None between smooth surfaces."""
+    """Results on the contact of rough surfaces; None for smooth surfaces."""
     joint = point.joint
     if joint.contact is None:
         return None

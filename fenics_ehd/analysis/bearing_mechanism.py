@@ -41,16 +41,17 @@ AROUND = np.linspace(0.0, 2 * np.pi, ANGLES, endpoint=False)
 #: Largest factor between the gap that a mesh was made for and the gap that it is used for.
 LARGEST_FACTOR = 1.2
 
-#: Largest angle from the journal to the x axis of the film's frame, of a round bore [rad].
+#: Largest angle between the journal's position and the x axis of the film's frame, in a round bore
+#: [rad].
 ALIGNED = 1e-3
 
-#: The same if the pressure is zero on the line of the maximum film, which is a line of the mesh.
+#: The same limit if the pressure is zero on the line of the maximum film, a line of the mesh [rad].
 ALIGNED_WITH_LINE = 1e-7
 
-#: Below this share of the largest pressure times the area, a force is round-off.
+#: Force over largest pressure times area, below which the force is round-off.
 ROUND_OFF = 1e-11
 
-#: Below this share of ``12 eta Omega (R / c)^2``, a pressure is round-off.
+#: Pressure over ``12 eta Omega (R / c)^2``, below which the pressure is round-off.
 NO_PRESSURE = 1e-13
 
 #: Function that makes the mechanism of a bearing from its settings, the angle from the load line to
@@ -115,24 +116,24 @@ class Bearing:
 
 @attrs.frozen
 class HeldPoint(Revolute):
-    """A point that is held at another point, with a velocity [m/s]."""
+    """A point that is held at another point and has a velocity [m/s]."""
 
     velocity: np.ndarray = attrs.field(factory=lambda: np.zeros(2))
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Distance and velocity of the point, see `Joint`."""
+        """Distance of the two points, which is 0, and velocity of the point, see `Joint`."""
         return np.zeros(2), self.velocity
 
 
 class MeshedBearing:
-    """A bearing whose film has a mesh for one position of the journal.
+    """A bearing with a film mesh for one position of the journal.
 
     Parameters
     ----------
     bearing
         The bearing.
     position
-        Eccentricity that the mesh is made for, x along the load, shape (2,) [m].
+        Eccentricity for which the mesh is made, x along the load, shape (2,) [m].
 
     Attributes
     ----------
@@ -178,11 +179,11 @@ class MeshedBearing:
         return length_scale(thinnest, roughness) if roughness else thinnest
 
     def _thickness(self, angle: np.ndarray) -> np.ndarray:
-        """Thickness that the mesh was made for, at angles in the film's frame."""
+        """Thickness that grades the mesh, at angles in the film's frame."""
         return np.asarray(np.interp(angle + self.angle, AROUND, self._made_for, period=2 * np.pi))
 
     def suits(self, position: np.ndarray) -> bool:
-        """True if the mesh is suited for another eccentricity."""
+        """True if the mesh can be used for another eccentricity."""
         if self.settings.bore_shape is None:
             off = direction_of(rotation(-self.angle) @ position)
             if abs(off) > (ALIGNED_WITH_LINE if self.settings.line_at_max_film else ALIGNED):
@@ -198,7 +199,7 @@ class MeshedBearing:
         """Mechanism with the journal at an eccentricity [m], under a load [N] or held (None)."""
         s = self.settings
         into_frame = rotation(-self.angle)
-        # In the frame of the bore, which turns.
+        # The rate of the eccentricity is needed in the frame of the bore, which rotates.
         turning = s.direction * s.bore_speed * np.array([-position[1], position[0]])
         unloaded = self._unloaded
         start = tuple(position)
@@ -218,13 +219,13 @@ class MeshedBearing:
         return replace(unloaded, bodies=bodies, joints=joints, forces=forces)
 
     def rest(self, position: np.ndarray, load: float | None = None) -> OperatingPoint:
-        """Equilibrium under a load [N], or with the journal held at an eccentricity [m]."""
+        """Equilibrium under a load [N]; without one, the journal is held at the position [m]."""
         return OperatingPoint(self, balanced(System(self.mechanism(position, load))))
 
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """A journal in equilibrium in its bearing.
+    """A bearing whose journal is in equilibrium.
 
     Attributes
     ----------
@@ -239,17 +240,17 @@ class OperatingPoint:
 
     @cached_property
     def joint(self) -> JointStep:
-        """The lubricated joint."""
+        """The lubricated joint in equilibrium."""
         return self.rest.joints()["film"]
 
     @property
     def state(self) -> FilmState:
-        """State of the film."""
+        """Solution of the film."""
         return self.joint.state
 
     @property
     def position(self) -> np.ndarray:
-        """Eccentricity, x along the load, shape (2,) [m]."""
+        """Eccentricity of the journal, x along the load, shape (2,) [m]."""
         eccentricity = self.rest.z[self.rest.system.bodies["shaft"]][:2]
         centred = np.hypot(*eccentricity) < ROUND_OFF * self.meshed.settings.clearance
         return np.zeros(2) if centred else eccentricity

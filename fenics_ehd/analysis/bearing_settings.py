@@ -1,6 +1,6 @@
-"""Settings of one rigid bearing; the defaults are those of the paper's Table 1.
+"""Settings of one rigid bearing; the default values are those of the paper's Table 1.
 
-Imports inside functions: `--help` does without films.
+Imports inside functions: `--help` must work without films, and quickly.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from fenics_ehd.film.kinematics import Shape
     from fenics_ehd.film.supply import AxialGroove
 
-#: Viscosity of the paper's oil, the default [Pa s].
+#: Default viscosity, that of the paper's oil [Pa s].
 VISCOSITY = 0.01
 
 #: Tolerance of the effective temperature [K].
@@ -58,38 +58,38 @@ MOST_CELLS = 100_000
 class BearingSettings(OilSettings, Roughness):
     """Settings of a bearing, its oil and the motion of its shaft.
 
-    Directions refer to the load: x is along the load, y a quarter turn on in the direction of
-    rotation, and z along the axis, about which the shaft turns in the positive sense.
+    Directions refer to the load: x is along the load, y is a quarter turn from x in the direction
+    of rotation, and z is along the axis, about which the shaft rotates in the positive sense.
     """
 
-    radius: float = metres(0.0225, "R of the bore [m]")
+    radius: float = metres(0.0225, "radius R of the bore [m]")
     clearance: float = radial_clearance(17e-6)
-    width: float = metres(0.022, "B of the bearing [m]")
+    width: float = metres(0.022, "width B of the bearing [m]")
     viscosity: float = viscosity(VISCOSITY, "dynamic viscosity of the oil [Pa s]")
-    speed: float = angular_speed(500.0, "of the shaft [rad/s]")
-    bore_speed: float = angular_speed(0.0, "of the bore [rad/s], the load standing still")
-    tilt: tuple[float, float] = pair("of the shaft about x and y [rad]")
-    squeeze: tuple[float, float] = pair("velocity of the shaft's centre, x and y [m/s]")
-    cells_around: int = count(64, "cells along the circumference", 3)
-    cells_along: int = count(12, "cells along the axis", 1)
+    speed: float = angular_speed(500.0, "angular speed of the shaft [rad/s]")
+    bore_speed: float = angular_speed(0.0, "angular speed of the bore [rad/s], load at rest")
+    tilt: tuple[float, float] = pair("tilt of the shaft about x and y [rad]")
+    squeeze: tuple[float, float] = pair("velocity of the shaft's centre along x and y [m/s]")
+    cells_around: int = count(64, "number of cells around the bore", 3)
+    cells_along: int = count(12, "number of cells along the axis", 1)
     element: str = film_element()
     grooves: tuple[AxialGroove, ...] = attrs.field(default=(), converter=as_tuple)
     line_at_max_film: bool = flag(
         False,
-        "p = 0 along the maximum film, as the classical tables have it; for coefficients that line "
-        "stays where it is when the shaft moves, as a groove does",
+        "whether p = 0 is imposed on the line of the maximum film, as in classical tables; for "
+        "coefficients the line keeps its position when the shaft moves",
     )
     ambient: float = ambient_pressure()
     cavitation: str = cavitation()
     shear_rule: str = shear_rule()
     supply_temperature: float = supply_temperature(
         NO_TEMPERATURE,
-        f"of the oil that comes in [C], from which its own follows; {NO_TEMPERATURE:g}: not given",
+        f"temperature of the supplied oil [C], from which the oil's effective temperature is "
+        f"computed; {NO_TEMPERATURE:g}: not used",
     )
     conducted: float = only_with(
         conducted_share(
-            "share of the dissipated power that shaft and bore conduct away, with "
-            "supply_temperature"
+            "part of the dissipated power that shaft and bore conduct away, with supply_temperature"
         ),
         "supply_temperature",
     )
@@ -99,12 +99,12 @@ class BearingSettings(OilSettings, Roughness):
         "roughness",
         words=ROUGH,
     )
-    #: Shape of the bore, angles from the load line; None: round.
+    #: Shape of the bore, with angles from the load line; None for a round bore.
     bore_shape: Shape | None = None
 
     @property
     def heated(self) -> bool:
-        """True if the temperature of the oil follows from the balance of its heat."""
+        """True if the temperature of the oil is computed from a heat balance."""
         return self.supply_temperature > NO_TEMPERATURE
 
     @property
@@ -140,14 +140,14 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def plain(self) -> bool:
-        """True if nothing but the load and the eccentricity has a direction."""
+        """True if the bearing has no preferred direction except those of load and eccentricity."""
         fixed = self.grooves or self.line_at_max_film or self.bore_shape is not None
         return not (fixed or any(self.tilt) or any(self.squeeze))
 
     def __attrs_post_init__(self) -> None:
         if self.cells_around * self.cells_along > MOST_CELLS:
             raise SettingsError(
-                f"cells = {self.cells_around}x{self.cells_along}: at most {MOST_CELLS} are allowed"
+                f"cells = {self.cells_around}x{self.cells_along}: the limit is {MOST_CELLS} cells"
             )
         # At this slope one end touches when the middle is centred.
         limit = 2 * self.clearance / self.width
@@ -158,8 +158,8 @@ class BearingSettings(OilSettings, Roughness):
             )
         if self.graded and self.viscosity != VISCOSITY:
             raise SettingsError(
-                f"viscosity = {self.viscosity:g} Pa s: give a viscosity, a grade, or viscosity_40 "
-                "and viscosity_100, one of them"
+                f"viscosity = {self.viscosity:g} Pa s: give only one of a viscosity, a grade, or "
+                "viscosity_40 with viscosity_100"
             )
         require_effects(self)
         self._check_classes()
@@ -174,34 +174,34 @@ class BearingSettings(OilSettings, Roughness):
             self._check_shape()
         if self.grooves and self.speed and self.bore_speed:
             raise SettingsError(
-                f"bore_speed = {self.bore_speed:g} rad/s with grooves: they stand still, so shaft "
-                "or bore must"
+                f"bore_speed = {self.bore_speed:g} rad/s with grooves, which are at rest: the "
+                "speed of shaft or bore must be 0"
             )
         self._check_entrainment()
-        # Without rotation the film resists the squeeze velocity and does not drive the shaft.
+        # Without rotation, the film can only resist the motion of the shaft.
         still = not (self.speed or self.bore_speed or any(g.pressure for g in self.grooves))
         if still and any(self.squeeze) and not self.squeeze[0] > 0:
             raise SettingsError(
                 f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s at speed 0: the shaft "
-                "must move along the load, the first must be above 0"
+                "must move along the load: the first component must be above 0"
             )
 
     def _check_entrainment(self) -> None:
-        """Refuse surfaces that turn against each other: terms of size c / R would carry the load.
+        """Refuse speeds of shaft and bore that nearly cancel.
 
-        The film's pressure is proportional to the sum of the speeds. Terms with their difference
-        are smaller by c / R, and lubrication theory has only some of them.
+        The pressure of the film is proportional to the sum of the speeds. Terms with their
+        difference are smaller by c / R, and lubrication theory has only some of these terms.
         """
         least = self.clearance / self.radius * abs(self.speed - self.bore_speed)
         if abs(self.entrainment) < least and not any(self.squeeze):
             raise SettingsError(
-                f"bore_speed = {self.bore_speed:g} rad/s against speed = {self.speed:g} rad/s: no "
-                f"oil is drawn in; their sum must be at least {least:.3g} rad/s, clearance / "
-                "radius of their difference"
+                f"bore_speed = {self.bore_speed:g} rad/s and speed = {self.speed:g} rad/s draw in "
+                f"no oil: their sum must be at least {least:.3g} rad/s, their difference times "
+                "clearance / radius"
             )
 
     def _check_classes(self) -> None:
-        """Refuse grooves and shapes of another class."""
+        """Refuse grooves and shapes that are objects of other classes."""
         if self.grooves:
             from fenics_ehd.film.supply import AxialGroove
 
@@ -214,7 +214,7 @@ class BearingSettings(OilSettings, Roughness):
             require_shape("bore_shape", self.bore_shape)
 
     def _check_shape(self) -> None:
-        """Refuse a zero-pressure line in a bore that is not round, and such a bore that turns."""
+        """Refuse a bore that is not round if it rotates or if a zero-pressure line is imposed."""
         if self.line_at_max_film:
             raise SettingsError(
                 "bore_shape and line_at_max_film exclude each other: the line belongs to the plain "
@@ -222,32 +222,32 @@ class BearingSettings(OilSettings, Roughness):
             )
         if self.bore_speed:
             raise SettingsError(
-                f"bore_speed = {self.bore_speed:g} rad/s with a bore_shape that is not the same "
-                "all around: it stands still, so the bore must"
+                f"bore_speed = {self.bore_speed:g} rad/s with a bore_shape that is not round: the "
+                "shape is at rest, so bore_speed must be 0"
             )
 
     def _check_mass_conserving(self) -> None:
-        """Refuse mass-conserving cavitation without a supply, or of a shaft that moves."""
+        """Refuse mass-conserving cavitation without an oil supply, or with a moving shaft."""
         from fenics_ehd.film.oil_balance import require_monotone
 
         require_monotone(self.element, "element")
         if not (self.ambient or self.grooves) or self.line_at_max_film:
             raise SettingsError(
                 "cavitation = 'mass-conserving' needs a supply, a groove or an ambient pressure "
-                "above 0: without one the bearing runs dry"
+                "above 0: without one, the bearing runs dry"
             )
         if any(self.squeeze):
             raise SettingsError(
                 f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s: cavitation = "
-                "'mass-conserving' gives the steady film of a shaft at rest in the bearing"
+                "'mass-conserving' computes the steady film of a shaft without squeeze: set it to 0"
             )
 
     @property
     def entrainment(self) -> float:
-        """Sum of the speeds of shaft and bore; half of it draws the oil in [rad/s]."""
+        """Sum of the speeds of shaft and bore [rad/s]; half of it entrains the oil."""
         return self.speed + self.bore_speed
 
     @property
     def direction(self) -> int:
-        """Sense of rotation of the shaft, 1 or -1; of the bore if the shaft is at rest."""
+        """Sense of rotation of the shaft, 1 or -1; if the shaft is at rest, that of the bore."""
         return -1 if (self.speed or self.bore_speed) < 0 else 1

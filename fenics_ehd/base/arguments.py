@@ -1,7 +1,7 @@
 """Checks of arguments of public functions and classes, the same as those of scene keys.
 
 Settings classes check their fields themselves (`fenics_ehd.base.fields`). The functions of this
-module check arguments of functions, and of classes that are no settings.
+module check arguments of functions, and of classes that are not settings classes.
 """
 
 from __future__ import annotations
@@ -20,18 +20,20 @@ def require_word(name: str, value: Any, words: tuple[str, ...]) -> None:
     Raises
     ------
     SettingsError
-        The message lists the accepted words.
+        If the value is another one; the message lists the accepted words.
     """
     one_of(words)(name, value)
 
 
 def require_number(name: str, value: Any, **bounds: Any) -> float:
-    """A finite number within bounds: `above`, `least`, `below`, `most`, see `checks.limits`.
+    """Return an argument as a float, after a check that it is finite and within bounds.
+
+    The bounds are `above`, `least`, `below` and `most`, see `checks.limits`.
 
     Raises
     ------
     SettingsError
-        The message has the bound.
+        If the argument is not a finite number, or is outside a bound; the message has the bound.
     """
     number: Any = as_float(value)
     if isinstance(number, str):
@@ -41,12 +43,12 @@ def require_number(name: str, value: Any, **bounds: Any) -> float:
 
 
 def require_count(name: str, value: Any, least: int = 0) -> int:
-    """A whole number of at least `least`, also one of NumPy.
+    """Return an argument as an int, after a check that it is whole and at least `least`.
 
     Raises
     ------
     SettingsError
-        The message has the limit.
+        If it is not; the message has the limit. Whole numbers of NumPy are accepted.
     """
     number: int = value.tolist() if hasattr(value, "tolist") else value
     whole_number(least)(name, number)
@@ -54,12 +56,12 @@ def require_count(name: str, value: Any, least: int = 0) -> int:
 
 
 def require_pair(name: str, value: Any, *, zero: bool = True) -> tuple[float, float]:
-    """Two finite numbers along x and y; `zero`: both may be 0.
+    """Return a vector of the plane, x and y, after a check of its two numbers.
 
     Raises
     ------
     SettingsError
-        The message has the name of the argument.
+        If the argument does not have two finite numbers, or if both are 0 and `zero` is false.
     """
     pair: Any = as_tuple(value)
     plane_vector(zero=zero)(name, pair)
@@ -67,12 +69,12 @@ def require_pair(name: str, value: Any, *, zero: bool = True) -> tuple[float, fl
 
 
 def require_class(name: str, value: Any, *classes: type, optional: bool = False) -> None:
-    """Refuse an argument of another class; None is accepted if it is optional.
+    """Refuse an argument that is not of one of some classes; None is accepted if it is optional.
 
     Raises
     ------
     SettingsError
-        The message has the class of the argument and the classes that are accepted.
+        If the class is another one; the message has it and the accepted classes.
     """
     if isinstance(value, classes) or (optional and value is None):
         return
@@ -88,7 +90,7 @@ def require_callable(name: str, value: Any, *, optional: bool = False) -> None:
     Raises
     ------
     SettingsError
-        The message has the class of the argument.
+        If the argument is not callable; the message has its class.
     """
     if not (callable(value) or (optional and value is None)):
         raise SettingsError(
@@ -102,12 +104,21 @@ Value = TypeVar("Value")
 def copied(
     name: str, values: Mapping[str, Value], check: Callable[[str, Any], None]
 ) -> dict[str, Value]:
-    """A copy of a dictionary whose values are checked under their full names.
+    """Copy a dictionary after a check of every value.
+
+    Parameters
+    ----------
+    name
+        Name of the argument, for messages.
+    values
+        Dictionary to be copied.
+    check
+        Function of the full name (``bodies['rod']``) and value of an entry that raises an error.
 
     Raises
     ------
     SettingsError
-        The argument is no dictionary, or a value fails the check.
+        If the argument is not a dictionary, or if a value fails the check.
     """
     require_class(name, values, Mapping)
     for key, value in values.items():
@@ -121,7 +132,7 @@ def require_names(function: str, names: Iterable[str], known: Iterable[str]) -> 
     Raises
     ------
     SettingsError
-        The message has the argument that is probably meant.
+        If a name is unknown; the message suggests a similar argument.
     """
     known = list(known)
     for name in names:

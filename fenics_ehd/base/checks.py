@@ -17,14 +17,18 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import shown
 from fenics_ehd.base.units import in_unit
 
-#: Smallest and largest size of a number: powers and products of such numbers do not overflow.
+#: Smallest magnitude of a number other than 0: powers and products of such numbers do not vanish.
 SMALLEST = 1e-30
 
+#: Largest magnitude of a number: powers and products of such numbers do not overflow.
 LARGEST = 1e30
 
 
 def unless(holds: Callable[[Any], bool], wanted: str) -> Callable[[str, Any], None]:
-    """A check that refuses values without a property; `wanted` describes the property in words."""
+    """Make a check that refuses values for which `holds` is false.
+
+    `wanted` describes the accepted values; messages have it behind "must be".
+    """
 
     def check(name: str, value: Any) -> None:
         if not holds(value):
@@ -43,18 +47,18 @@ def limits(
     hint: str = "",
     sized: bool = True,
 ) -> Callable[[str, Any], None]:
-    """A check that accepts finite numbers within limits.
+    """Make a check that accepts finite numbers within limits.
 
     Parameters
     ----------
     above, below
-        Exclusive limits.
+        Lower and upper limit, which are not accepted themselves.
     least, most
-        Inclusive limits.
+        Lower and upper limit, which are accepted.
     unit, hint
-        Unit of the number, and end of the message for a number beyond a limit.
+        Unit of the number, and text at the end of the message about a number beyond a limit.
     sized
-        Whether numbers are also refused if their powers and products overflow or vanish.
+        Whether magnitudes outside `SMALLEST` to `LARGEST` are refused, too.
     """
 
     def check(name: str, value: Any) -> None:
@@ -72,19 +76,20 @@ def limits(
                 )
         if sized and value and not SMALLEST <= abs(value) <= LARGEST:
             raise SettingsError(
-                f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in size"
+                f"{name} = {value!r} must be 0 or from {SMALLEST:g} to {LARGEST:g} in magnitude"
             )
 
     return check
 
 
 def require_finite(name: str, value: Any, unit: str = "") -> None:
-    """Refuse a value that is not a finite number, or a text with a number and its unit.
+    """Refuse a value that is not a finite number.
 
     Raises
     ------
     SettingsError
-        The message has the unit.
+        If it is not. For a text that could not be converted to a number, the message has the
+        unit.
     """
     if isinstance(value, str):
         try:
@@ -96,9 +101,9 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
 
 
 def as_float(value: Any, unit: str | None = None) -> Any:
-    """A number, or a text with a number and its unit, as a float; any other value unchanged.
+    """Convert a number, or a text with a number and its unit, to a float.
 
-    Values that cannot be converted are refused by a check, whose message has the name.
+    Other values are returned unchanged: a check refuses them, as its message can name the setting.
     """
     value = value.tolist() if hasattr(value, "tolist") else value  # a number or array of NumPy
     with suppress(SettingsError, OverflowError):
@@ -110,21 +115,21 @@ def as_float(value: Any, unit: str | None = None) -> Any:
 
 
 def as_tuple(value: Any, unit: str | None = None) -> Any:
-    """Nested lists as nested tuples with numbers as floats, see `as_float`."""
+    """Convert nested lists to nested tuples, and numbers in them to floats, see `as_float`."""
     plain = as_float(value, unit)
     listed = isinstance(plain, (list, tuple))
     return tuple(as_tuple(entry, unit) for entry in plain) if listed else plain
 
 
 def one_of(options: tuple[str, ...]) -> Callable[[str, Any], None]:
-    """A check that accepts one of several words."""
+    """Make a check that accepts one of several words."""
     return unless(
         lambda word: isinstance(word, str) and word in options, f"one of {', '.join(options)}"
     )
 
 
 def whole_number(least: int = 0, most: int | None = None) -> Callable[[str, Any], None]:
-    """A check that accepts whole numbers of at least `least` and at most `most`."""
+    """Make a check that accepts whole numbers from `least` to `most`."""
     limit = "" if most is None else f" and at most {most}"
     return unless(
         lambda n: type(n) is int and least <= n and (most is None or n <= most),
@@ -135,16 +140,16 @@ def whole_number(least: int = 0, most: int | None = None) -> Callable[[str, Any]
 def plane_vector(
     unit: str = "", *, below: float = inf, zero: bool = True
 ) -> Callable[[str, Any], None]:
-    """A check that accepts a tuple of two numbers along x and y.
+    """Make a check that accepts a tuple of two numbers, along x and y.
 
     Parameters
     ----------
     unit
         Unit of the numbers.
     below
-        Limit of their sizes, exclusive.
+        Limit of their magnitudes, which is not accepted itself.
     zero
-        Whether both may be 0.
+        Whether both numbers may be 0.
     """
 
     def holds(value: Any) -> bool:

@@ -1,4 +1,4 @@
-"""Arrays with a unit, and names of columns, which end with their unit."""
+"""Arrays with a unit, and names of columns of results, which end with a unit."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-#: Units at the end of column names, ``force_N``. Several units are a product, ``Pa_m``; units after
-#: ``per`` are divisors, ``rad_per_s``. A name without a unit is dimensionless.
+#: Units that may end the name of a column, such as ``force_N``. Several units mean their product,
+#: ``Pa_m``; units after ``per`` are divisors, ``rad_per_s``. Without a unit, the quantity is
+#: dimensionless.
 UNITS = ("Pa", "N", "Nm", "W", "J", "m", "m2", "m3", "s", "kg", "rad", "deg", "C", "K", "Hz")
 
-#: Written forms of units that differ from their form in names.
+#: Spelling in texts of units that are spelled differently in names.
 _WRITTEN = {"Nm": "N m"}
 
 #: Unit of a dimensionless quantity.
@@ -21,18 +22,18 @@ DIMENSIONLESS = "1"
 
 
 class Quantity(np.ndarray):
-    """An array with its unit; slices keep the unit, results of arithmetic are plain arrays.
+    """Array with a unit; slices keep the unit, results of arithmetic are plain arrays.
 
     Attributes
     ----------
     units
-        Unit, for instance ``"Pa"``, ``"m3/s"`` or ``"1"``.
+        Unit of the values, for instance ``"Pa"``, ``"m3/s"`` or ``"1"``.
     """
 
     units: str
 
     def __new__(cls, values: Any, units: str) -> Quantity:
-        """View of an array, which is not copied."""
+        """View an array as a quantity; its values are not copied."""
         quantity = np.asarray(values).view(cls)
         quantity.units = units
         return quantity
@@ -41,7 +42,7 @@ class Quantity(np.ndarray):
         self.units = getattr(source, "units", DIMENSIONLESS)
 
     def __array_wrap__(self, array: np.ndarray, *_: Any) -> Any:
-        # A product or a count has another unit than its factor.
+        # The result of arithmetic has no unit here: a product has another one than its factors.
         return np.asarray(array)[()]
 
     def __repr__(self) -> str:
@@ -52,7 +53,7 @@ class Quantity(np.ndarray):
 
 
 def split_unit(column: str) -> tuple[str, str]:
-    """Name and unit of a column: ``side_flow_m3_per_s`` is ``side_flow`` in ``m3/s``."""
+    """Split a column's name into quantity and unit: ``side_flow_m3_per_s`` has ``m3/s``."""
     words = column.split("_")
     first = len(words)
     while first > 1 and (words[first - 1] in UNITS or words[first - 1] == "per"):
@@ -64,7 +65,7 @@ def split_unit(column: str) -> tuple[str, str]:
 
 
 def with_unit(name: str, unit: str) -> str:
-    """The column of a quantity: the inverse of `split_unit`."""
+    """Name of the column for a quantity and its unit: the inverse of `split_unit`."""
     if unit == DIMENSIONLESS:
         return name
     for short, written in _WRITTEN.items():
@@ -72,12 +73,12 @@ def with_unit(name: str, unit: str) -> str:
     return f"{name}_{unit.replace('/', '_per_').replace(' ', '_')}"
 
 
-#: Column of the time.
+#: Name of the column of the time.
 TIME = "time_s"
 
 
 def csv_line(values: Sequence[str]) -> bytes:
-    """One row of a file of comma-separated values."""
+    """Encode one row of a CSV file."""
     buffer = io.StringIO()
     csv.writer(buffer).writerow(values)
     return buffer.getvalue().encode()

@@ -1,27 +1,27 @@
 """Environment of a command, set before any library is imported.
 
-A command gives the same results in every folder: files of the current folder that the user has not
-named are neither executed nor read. Only commands call this module. A program that imports the
-package, a notebook for instance, keeps its environment; see also `matplotlib_start` and `compat`.
+A command gives the same results in every folder: files in the current folder are neither executed
+nor read unless the user names them. Only commands use this module. A program that imports the
+package, such as a notebook, keeps its environment; see also `matplotlib_start` and `compat`.
 
-This module, and the package's ``__init__`` before it, import only modules that are built into
-Python or frozen: another module could be read from the current folder.
+This module and the package's ``__init__``, which runs before it, import only modules that are built
+into Python or frozen. Other modules might be read from the current folder.
 
-Imports inside functions: `processes` imports modules that are not frozen, and is imported once the
-current folder has left the module path.
+Imports inside functions: `processes` imports modules that are not frozen; it is imported after the
+current folder has been removed from the module path.
 """
 
 import os
 import sys
 
-#: Variable with the path of matplotlib's options; the null device means none.
+#: Environment variable with the path of matplotlib's options; the null device means no options.
 MATPLOTLIB_OPTIONS = "MATPLOTLIBRC"
 
 
 def leave_current_folder() -> None:
     """Remove the current folder from the head of `sys.path`, where ``python -m`` puts it.
 
-    A folder that has this package is appended at the end.
+    If the current folder contains this package, it is appended at the end instead.
     """
     if sys.flags.safe_path or not sys.path:
         return
@@ -33,9 +33,10 @@ def leave_current_folder() -> None:
 def start_command() -> None:
     """Set environment variables for libraries and child processes.
 
-    Child processes do not search the current folder for modules. Matplotlib has its defaults. Open
-    MPI starts no daemon for a single process: the daemon needs files, a path, and a disk that is
-    not full. Such a process cannot spawn others by MPI. Ranks have their daemon.
+    Child processes do not search the current folder for modules. Matplotlib uses its defaults.
+    Libraries use one BLAS thread unless the user has set a number. For a single process, Open MPI
+    starts no daemon, which would need files, a path and free space on a disk; the process can then
+    not spawn others by MPI. Ranks of a launcher have a daemon already.
     """
     from fenics_ehd.base.processes import THREADS, is_rank
 

@@ -1,6 +1,6 @@
-"""Differences between dolfinx versions, detected by feature at import.
+"""Functions that hide differences between dolfinx versions, which are detected by feature.
 
-Names are those of the newest version. No other module tests a version.
+Names are those of the newest version. No other module distinguishes versions.
 
 Imports inside functions: dolfinx.io.gmsh imports Gmsh, which takes Ctrl-C away from Python, so that
 a run without a mesh must not import it; dolfinx.fem.petsc is not imported by dolfinx 0.11 itself.
@@ -37,7 +37,7 @@ except ImportError:
     from basix.ufl_wrapper import BasixElement as _BasixElement
 
 
-#: Annotations of classes whose names differ between versions or are private.
+#: Placeholders in annotations for classes whose names are private or differ between versions.
 Element: TypeAlias = Any
 MeshTags: TypeAlias = Any
 
@@ -45,7 +45,7 @@ MeshTags: TypeAlias = Any
 def model_to_mesh(
     model: Any, comm: MPI.Comm, rank: int = 0
 ) -> tuple[mesh.Mesh, MeshTags, MeshTags]:
-    """Mesh, cell tags and facet tags of the current Gmsh model (held by `rank`)."""
+    """Convert the current Gmsh model of one rank to a mesh, its cell tags and its facet tags."""
     try:
         from dolfinx.io import gmsh as gmshio
     except ImportError:
@@ -54,14 +54,14 @@ def model_to_mesh(
 
 
 def _cell(name: str, dimension: int = 3) -> ufl.Cell:
-    """UFL cell with its geometric dimension, which elements of the old UFL have."""
+    """UFL cell with its geometric dimension, which elements of the old UFL need."""
     return ufl.Cell(name, geometric_dimension=dimension)
 
 
 def lagrange_element(
     cell: str, degree: int, shape: tuple[int, ...] = (), *, dimension: int = 3
 ) -> Element:
-    """Nodal Lagrange element of cells in space or in the plane; `shape` (3,) makes vectors."""
+    """Lagrange element on cells in space or in the plane; with `shape` (3,), a vector element."""
     if _basix_ufl is not None:
         return _basix_ufl.element("Lagrange", cell, degree, shape=shape)
     if shape:
@@ -78,7 +78,11 @@ def custom_element(
     superdegree: int,
     shape: tuple[int, ...] = (),
 ) -> Element:
-    """Element from its polynomial span and point evaluations; `shape` (3,) makes vectors."""
+    """Make an element from its polynomials and point evaluations, as basix does.
+
+    With `shape` (3,) it is a vector element. For the other parameters see
+    ``basix.create_custom_element``.
+    """
     cell_type = getattr(basix.CellType, cell)
     if _basix_ufl is not None:
         scalar = _basix_ufl.custom_element(
@@ -114,31 +118,31 @@ def custom_element(
 
 
 def functionspace(domain: mesh.Mesh, element: Element) -> fem.FunctionSpace:
-    """Function space on a mesh."""
+    """Make the function space of an element on a mesh."""
     return getattr(fem, "functionspace", fem.FunctionSpace)(domain, element)
 
 
 def _cell_rows(dofmap: Any, domain: mesh.Mesh) -> np.ndarray:
-    """Rows of a dofmap, one for each local cell (ghosts included)."""
+    """Array of a dofmap with one row for each local cell, ghosts included."""
     cells = domain.topology.index_map(domain.topology.dim)
     raw = np.asarray(getattr(dofmap, "array", dofmap))
     return raw.reshape(cells.size_local + cells.num_ghosts, -1)
 
 
 def geometry_dofmap(domain: mesh.Mesh) -> np.ndarray:
-    """Geometry nodes of every local cell, shape (cells, nodes per cell)."""
+    """Indices of the geometry nodes of every local cell, shape (cells, nodes per cell)."""
     geometry = domain.geometry
     dofmap = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
     return _cell_rows(dofmap, domain)
 
 
 def space_dofmap(space: fem.FunctionSpace) -> np.ndarray:
-    """Scalar dofs (block indices) of every local cell of a space, shape (cells, dofs)."""
+    """Dofs of every local cell of a space, shape (cells, dofs); a vector counts as one dof."""
     return _cell_rows(space.dofmap.list, space.mesh)
 
 
 def evaluated(expression: fem.Expression, domain: mesh.Mesh, cells: np.ndarray) -> np.ndarray:
-    """Values of an expression at its points in some cells."""
+    """Evaluate an expression at its points in the given cells."""
     return expression.eval(*(() if _OLD else (domain,)), cells)
 
 
@@ -158,15 +162,15 @@ _FORM_OPTIONS: Any = getattr(ffcx, _OPTIONS)
 
 
 def _no_options() -> tuple[dict[str, Any], dict[str, Any]]:
-    """Empty options: files of the user's or the current folder are not opened."""
+    """Return empty options, in place of those in files of the home or current folder."""
     return {}, {}
 
 
-# Option files in these folders could change results, or name compilers and plugins.
+# Option files in the home or current folder could change results, or name compilers and plugins.
 for _module in (jit, _FORM_OPTIONS):
     setattr(_module, f"_load_{_OPTIONS}", _no_options)
 
-#: Folder of compiled forms, elements and expressions, of this package alone.
+#: Folder with the compiled forms, elements and expressions of this package only.
 FORMS = forms_folder()
 
 _DEFAULTS: dict[str, Any] = getattr(jit, f"DOLFINX_DEFAULT_JIT_{_OPTIONS.upper()}")
@@ -179,18 +183,27 @@ _JIT = getattr(jit, f"get_{_OPTIONS}")(
 
 
 class _NotCompiledError(Exception):
-    """A form is not compiled yet."""
+    """A module of forms is not compiled yet."""
 
 
 def _load_or_begin(
     begin: Callable[..., Any], name: str, objects: Sequence[str], folder: Path, timeout: int
 ) -> Any:
-    """Load a compiled module; if it is not compiled and `timeout` is not 0, begin to compile it.
+    """Load a compiled module, or begin to compile it if `timeout` is not 0.
+
+    Parameters
+    ----------
+    begin
+        FFCx's function, which loads a module or writes its first file.
+    name, objects, folder
+        Arguments of this function.
+    timeout
+        Seconds to wait for another process that compiles the module.
 
     Raises
     ------
     _NotCompiledError
-        It is not compiled, and `timeout` is 0.
+        If the module is not compiled and `timeout` is 0.
     """
     if not (timeout or is_compiled(Path(folder, f"{name}.c"))):
         raise _NotCompiledError
@@ -198,7 +211,10 @@ def _load_or_begin(
 
 
 def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of FFCx that compiles with a lock and silently, and loads without waiting."""
+    """Wrap a function of FFCx so that it locks the folder and is silent while it compiles.
+
+    Compiled modules are loaded without a lock.
+    """
 
     @wraps(compile_objects)
     def compiled(*arguments: Any, **options: Any) -> Any:
@@ -222,14 +238,14 @@ _INTEGRAL_TYPE: Any = getattr(fem, "IntegralType", getattr(cpp.fem, "IntegralTyp
 
 
 def plane(element: Element) -> Element:
-    """The element with a geometric dimension of 2, which the old UFL needs."""
+    """Give an element the geometric dimension 2, which the old UFL needs, and return it."""
     if _OLD and hasattr(element, "_cell"):
         element._cell = _cell("quadrilateral", 2)
     return element
 
 
 def quadrature_element(degree: int) -> Element:
-    """Element whose values are at the Gauss points of quadrilaterals of the plane."""
+    """Element on quadrilaterals of the plane with its values at the Gauss points of a degree."""
     if _OLD:
         cell = _cell("quadrilateral", 2)
         return ufl.FiniteElement("Quadrature", cell, degree, quad_scheme="default")
@@ -237,28 +253,48 @@ def quadrature_element(degree: int) -> Element:
 
 
 def plane_domain() -> ufl.Mesh:
-    """Domain of forms on quadrilaterals of the plane, independent of a mesh."""
+    """UFL domain of quadrilaterals in the plane, for forms that are independent of a mesh."""
     return ufl.Mesh(lagrange_element("quadrilateral", 1, (2,), dimension=2))
 
 
 def plane_mesh(cells: np.ndarray, x: np.ndarray) -> mesh.Mesh:
-    """Mesh of quadrilaterals (corners in dolfinx order) of points (n, 2), on this process only."""
+    """Make a mesh of quadrilaterals in the plane, on this process only.
+
+    Parameters
+    ----------
+    cells
+        Indices of the corners of every cell in dolfinx order, shape (cells, 4).
+    x
+        Positions of the points, shape (n, 2).
+    """
     domain = plane_domain()
     points_last = list(inspect.signature(mesh.create_mesh).parameters)[3] == "x"
     return mesh.create_mesh(MPI.COMM_SELF, cells, *((domain, x) if points_last else (x, domain)))
 
 
 class Coefficient(ufl.Coefficient):
-    """Coefficient independent of a mesh; the old FFCx uses its printed form as a name in C."""
+    """Coefficient that is independent of a mesh.
+
+    The old FFCx uses the text of a coefficient as a name in C.
+    """
 
     def __str__(self) -> str:
         return f"w_{self.count()}"
 
 
 def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> fem.FunctionSpace:
-    """The same space with other numbers of its degrees of freedom, shape (cells, dofs per cell).
+    """Copy a function space with new numbers of its degrees of freedom.
 
-    Nodes with the same number are one degree of freedom, which makes a plane mesh periodic.
+    Nodes with the same number become one degree of freedom; a plane mesh is made periodic so.
+
+    Parameters
+    ----------
+    space
+        Function space to be copied.
+    numbers
+        New number of every degree of freedom of every cell, shape (cells, dofs per cell).
+    size
+        Number of degrees of freedom of the new space.
     """
     dofmap = cpp.fem.DofMap(
         space.dofmap.dof_layout,
@@ -279,7 +315,7 @@ def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> 
 
 
 def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
-    """Compile forms independent of a mesh as one module; returns handles for `create_form`."""
+    """Compile forms that are independent of a mesh; return handles for `create_form`."""
     scalar = {"scalar_type": "double" if _OLD else np.float64}
     options = {_OPTIONS: getattr(ffcx, f"get_{_OPTIONS}")(scalar)}
     compiled, module, _ = ffcx_jit.compile_forms(list(forms), **options, **_JIT)
@@ -287,7 +323,7 @@ def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
 
 
 def coefficient_positions(compiled: Any) -> list[int]:
-    """Positions of the coefficients that a form's kernel reads, in the kernel's order."""
+    """Indices in the form of the coefficients that its kernel reads, in the kernel's order."""
     name = "original_coefficient_position"
     positions = getattr(compiled[1], name if hasattr(compiled[1], name) else f"{name}s")
     return [positions[i] for i in range(compiled[1].num_coefficients)]
@@ -300,7 +336,21 @@ def create_form(
     constant: fem.Constant,
     domain: mesh.Mesh,
 ) -> Any:
-    """Form over all cells of a mesh from a compiled form; coefficients in the kernel's order."""
+    """Make a dolfinx form over all cells of a mesh.
+
+    Parameters
+    ----------
+    compiled
+        Handle from `compile_forms`.
+    spaces
+        Function spaces of the test and trial functions.
+    coefficients
+        Coefficients in the order of the kernel, see `coefficient_positions`.
+    constant
+        Constant of the form.
+    domain
+        Mesh over which the form is integrated.
+    """
     module, ufcx = compiled
     pointer = int(module.ffi.cast("uintptr_t", module.ffi.addressof(ufcx)))
     native = [space._cpp_object for space in spaces]
@@ -316,7 +366,7 @@ def create_form(
 
 
 def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.Mesh) -> Any:
-    """Matrix of dolfinx with the sparsity pattern of a form."""
+    """Make an empty dolfinx matrix with the sparsity pattern of a form."""
     if _OLD:
         dofmaps = [space._cpp_object.dofmap for space in spaces]
         pattern = cpp.fem.create_sparsity_pattern(domain.topology, dofmaps, {_INTEGRAL_TYPE.cell})
@@ -331,8 +381,8 @@ def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.M
 def quiet_compiler() -> Iterator[None]:
     """Suppress the log of the C compiler; restore logging and warnings afterwards.
 
-    Setuptools, which compiles, gives the root logger a handler and a level, and makes it print
-    Python's warnings.
+    Setuptools runs the compiler. It also adds a handler to the root logger, sets its level, and
+    redirects Python's warnings to it.
     """
     root = logging.getLogger()
     handlers = list(root.handlers)

@@ -1,8 +1,8 @@
 """Lock of the folder of compiled forms: one process compiles at a time.
 
-FFCx writes a C file when it begins to compile a form, and a second file when the form is compiled.
-If a process is killed between the two, only the first file exists. Without this lock, every later
-process would wait for the killed one.
+FFCx writes a C file when it begins to compile a form, and a second file when it has compiled the
+form. If a process is killed in between, only the C file exists, and every later process would wait
+for the second file in vain. With a lock, a process can remove such a C file and compile the form.
 """
 
 from __future__ import annotations
@@ -23,48 +23,52 @@ from fenics_ehd.base.printed import escaped
 #: Waiting time after which a notice names the process that compiles [s].
 NOTICE = 10.0
 
-#: Longest wait for one compilation [s]; a compilation takes half a minute at most.
+#: Longest waiting time for one process that compiles [s]; a compilation takes at most half a
+#: minute.
 LIMIT = 300
 
 #: Time between two attempts to lock [s].
 POLL = 0.1
 
-#: Longest description of a process in a notice [characters].
+#: Largest number of characters that describe a process in a notice.
 LONGEST = 300
 
 
 def forms_folder() -> Path:
-    """Folder of the package's compiled forms, in the user's cache; nothing else compiles there."""
+    """Folder in the user's cache for compiled forms of this package only."""
     return user_cache() / "fenics" / "fenics_ehd"
 
 
 def is_compiled(source: Path) -> bool:
-    """True if the form of a C file is compiled."""
+    """Whether the form in a C file has been compiled."""
     return source.exists() and source.with_suffix(".c.cached").exists()
 
 
 def orphans(folder: Path) -> list[Path]:
-    """C files of forms and elements whose compilation was begun and not completed."""
+    """C files in a folder of forms and elements whose compilation was not completed."""
     return [source for source in folder.glob("libffcx_*.c") if not is_compiled(source)]
 
 
 @contextmanager
 def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Iterator[None]:
-    """Lock a folder for compiling and remove orphans; the lock ends with the process.
+    """Lock a folder for compiling, and remove the files of compilations that were not completed.
+
+    The lock ends with the block, or with the process.
 
     Parameters
     ----------
     folder
-        Folder, which is created if it is missing.
+        Path of the folder, which is created if it is missing.
     notice
-        Seconds of waiting after which a line on standard error names the process that compiles.
+        Waiting time [s] after which a line on standard error names the process that compiles.
     limit
-        Seconds of waiting for one compilation.
+        Longest waiting time [s] for one process that compiles.
 
     Raises
     ------
     CompilationError
-        Another process holds the lock for longer than `limit`: it is suspended, or its disk hangs.
+        If another process holds the lock for longer than `limit`, for instance because it is
+        suspended.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "lock", "a+", encoding="utf-8", errors="replace") as lock:
@@ -76,6 +80,7 @@ def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Ite
 
 
 def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
+    """Wait until the lock file is locked, see `compiling`."""
     began = since = time.monotonic()
     holder = ""
     silent = True
@@ -86,29 +91,30 @@ def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
             since = now
         if now > since + limit:
             raise CompilationError(
-                f"{folder}: forms have been compiled for {limit:g} s by {holder}: continue or end "
+                f"{folder}: {holder} has been compiling forms for {limit:g} s: continue or end "
                 "that process, or set XDG_CACHE_HOME to another folder"
             )
         if silent and now > began + notice:
             silent = False
             with suppress(OSError):  # the standard error output is closed
                 print(
-                    f"fenics-ehd: waiting for compiled forms, {folder} is in use by {holder}",
+                    f"fenics-ehd: waiting for compiled forms: {folder} is in use by {holder}",
                     file=sys.stderr,
                 )
         time.sleep(POLL)
 
 
 def _sign(lock: IO[str]) -> None:
-    """Write the process that has locked the file, and the time, into the file."""
+    """Write a description of this process and the time into the file that it has locked."""
     holder = f"process {os.getpid()} on {platform.node()} since {time.strftime('%X')}"
     words = f"{holder}: {' '.join(sys.argv)}".split()
-    with suppress(OSError):  # the disk is full: the process stays unnamed
+    with suppress(OSError):  # the disk may be full: then there is no description
         lock.truncate(0)
         lock.write(escaped(" ".join(words))[:LONGEST])
         lock.flush()
 
 
 def _signature(lock: IO[str]) -> str:
+    """Description of the process that has locked the file."""
     lock.seek(0)
     return lock.read(LONGEST) or "an unnamed process"

@@ -1,4 +1,4 @@
-"""Named errors: each message is one line with the value, the limit and the key to change."""
+"""Exceptions of the package; a message is one line with the value, the limit and the key."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from typing import Any
 
 
 class EhdError(Exception):
-    """Base of every error that fenics_ehd raises on purpose; the command line exits with 1."""
+    """Base class of all exceptions that fenics_ehd raises; the command line exits with 1."""
 
     exit_status = 1
 
 
 class InputError(EhdError):
-    """Bad input: a value, a key or a file. The command line exits with 2."""
+    """Input cannot be used: a value, a key or a file. The command line exits with 2."""
 
     exit_status = 2
 
 
 class SettingsError(InputError):
-    """A scene file or option holds a key or a value that cannot be used."""
+    """A key or value of a scene file, an option or an argument cannot be used."""
 
 
 class AccuracyError(InputError):
-    """An accuracy is requested for figures whose errors are not estimated."""
+    """An accuracy was requested for figures whose errors are not estimated."""
 
 
 class SensitivityError(InputError):
-    """A requested derivative does not exist: of an unknown figure, or along no parameter."""
+    """A requested derivative does not exist: the figure is unknown, or the key not continuous."""
 
 
 class InUseError(InputError):
@@ -35,15 +35,15 @@ class InUseError(InputError):
 
 
 class OutputError(EhdError):
-    """A file cannot be written, on a full disk for instance."""
+    """A file cannot be written, for instance because the disk is full."""
 
 
 class CompilationError(EhdError):
-    """Forms cannot be compiled: another process has held the lock for too long."""
+    """Forms cannot be compiled, because another process has held the lock for too long."""
 
 
 class MeshError(InputError):
-    """The Gmsh model lacks something that the part needs, or cannot be meshed."""
+    """A Gmsh model lacks something that the part needs, or cannot be meshed."""
 
 
 class StructureError(InputError):
@@ -51,22 +51,25 @@ class StructureError(InputError):
 
 
 class BodyFileError(InputError):
-    """A reduced-body file cannot be read, or does not hold a reduced body."""
+    """A file of a reduced body or of a basis cannot be read, written or used."""
 
 
 class InterfaceMismatchError(InputError):
-    """Film mesh and bore nodes do not match."""
+    """The mesh of a film and the nodes of its bore do not match."""
 
 
 class SolverError(EhdError):
-    """A linear, eigenvalue or nonlinear solve failed or did not pass its own check."""
+    """A linear, eigenvalue or nonlinear solve failed, or its result did not pass a check."""
 
 
 class CavitationError(SolverError):
-    """The complementarity problem of the film was not solved to its tolerance.
+    """The complementarity problem of a film was not solved to its tolerance.
 
-    `state` has the arrays of the failed film solve by name (gap, velocities, pressure, flux), to
-    be saved for inspection.
+    Attributes
+    ----------
+    state
+        Arrays of the failed film solve by name (gap, velocities, pressure, flux), which commands
+        save for inspection.
     """
 
     def __init__(self, message: str, state: Mapping[str, Any] | None = None):
@@ -75,23 +78,23 @@ class CavitationError(SolverError):
 
 
 class ViscosityError(CavitationError):
-    """The iteration between viscosity and pressure diverges: the oil thickens without bound."""
+    """The iteration of viscosity and pressure diverges: both grow without bound."""
 
 
 class GapClosedError(SolverError):
-    """The film thickness is not positive everywhere."""
+    """The thickness of a film is not positive everywhere."""
 
 
 class FilmTooThinError(SolverError):
-    """The film became thinner than `smallest_film`, the limit of the run."""
+    """A film became thinner than `smallest_film`, the limit of the run."""
 
 
 class ContactError(SolverError):
-    """Rough surfaces overlap farther than the model of their contact describes."""
+    """Rough surfaces overlap more than the model of asperity contact can describe."""
 
 
 class StepSizeError(SolverError):
-    """The time integration needed a step below its smallest allowed one."""
+    """The time integration needs a step below the smallest that is allowed."""
 
 
 class PeriodicityError(SolverError):

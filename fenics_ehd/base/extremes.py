@@ -1,20 +1,21 @@
 """Extremes between nodes and between steps: peak pressure, thinnest film, extremes of a cycle.
 
-A film is solved at nodes, a run at steps, and the extreme of a smooth curve lies between them. The
-largest of nodal values rises and falls as a peak passes from node to node, by more than meshes and
-steps change it. One rule serves both directions of a film and the time: between two points the
-curve is the cubic that has the values v and slopes v' of both,
+A film is solved at nodes and a run at steps, but the extreme of a smooth curve lies between them.
+If a peak moves from node to node, the largest nodal value varies by more than it does with other
+meshes and steps. One rule is therefore used for both directions of a film and for time. Between two
+points, the curve is the cubic with the values v and the slopes v' at both points, where
 
-    v'_i = slope at i of the parabola through i - 1, i, i + 1,
+    v'_i = slope at i of the parabola through i - 1, i, i + 1.
 
-and the extreme is that of the cubic next to the largest point, on the side to which it rises. Curve
-and slope are continuous, so that the extreme does not jump as it passes a point. At the edge of a
-groove, or of a step in a surface, a cubic overshoots: towards the extreme the curve is at most
-`STEEPER` times as steep as between the points at this side. A pressure that is level in a groove
-has no higher maximum.
+The extreme is that of the cubic next to the largest point, on the side to which the curve rises.
+Curve and slope are continuous, so that the extreme does not jump when it passes a point. At the
+edge of a groove, or at a step in a surface, a cubic overshoots. The slope towards the extreme is
+therefore limited to `STEEPER` times the largest slope between points on that side. Thus a constant
+pressure in a groove gives no higher maximum.
 
-On a film the rule is applied to every row of nodes around, then to the extremes of these rows along
-the width: ``max_z max_phi p(phi, z)``. Errors of this and other rules: `docs/measurements.md`.
+On a film the rule is applied to every row of nodes around the bore, then across the width to the
+extremes of these rows: ``max_z max_phi p(phi, z)``. `docs/measurements.md` compares the errors of
+this rule and of others.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from math import sqrt
 
 import numpy as np
 
-#: Largest slope towards an extreme over the slopes between the points at this side of it.
+#: Largest slope towards an extreme, relative to the slopes between points on that side of it.
 STEEPER = 1.5
 
-#: Relative difference of heights, over the width, and of angles [rad], that is rounding.
+#: Largest round-off in the positions of nodes: in heights over the width, and in angles [rad].
 EQUAL = 1e-9
 
 
@@ -36,24 +37,26 @@ def between_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest values of curves between their points, and the positions of these values.
 
+    The largest value is that of a point if there are fewer than three points, or if the curve does
+    not repeat and the largest point is its first or last one.
+
     Parameters
     ----------
     positions
-        Ascending positions of the points, shape (n,).
+        Positions of the points in ascending order, shape (n,).
     values
         Values of k curves at the points, shape (k, n).
     period
-        Length after which the curves repeat; None: they end at the first and the last point.
+        Length after which the curves repeat; None if they end at the first and the last point.
 
     Returns
     -------
     largest, where
-        Shape (k,). A curve has its largest value at a point if it has fewer than three points, or
-        if it does not repeat and the largest point is one of its ends.
+        Largest value of each curve, and its position, both of shape (k,).
     """
     peaks = np.argmax(values, axis=1)
     points = positions.tolist()
-    # A step evaluates few curves: plain numbers take a fifth of the time of arrays of five.
+    # A step evaluates few curves: Python numbers take a fifth of the time of arrays of length 5.
     curves = _neighbours(values, peaks)
     largest = np.empty(len(values))
     where = np.empty(len(values))
@@ -62,12 +65,12 @@ def between_points(
     return largest, where
 
 
-#: Points before and after the largest one that decide on an extreme.
+#: Number of points before the largest one, and after it, on which the extreme depends.
 REACH = 2
 
 
 def _neighbours(values: np.ndarray, peaks: np.ndarray) -> list[list[float]]:
-    """Values of every curve at its largest point and two points before and after it."""
+    """Values of every curve at its largest point, two points before it and two after it."""
     near = (peaks[:, None] + np.arange(-REACH, REACH + 1)) % values.shape[1]
     neighbours: list[list[float]] = np.take_along_axis(values, near, axis=1).tolist()
     return neighbours
@@ -85,7 +88,8 @@ def _peak(
     peak
         Index of the point with the largest value.
     values
-        At this point and two before and after it, in turn around the ends.
+        Values at five points, from two before to two after this point; beyond an end of the
+        array, they continue at its other end.
     period
         See `between_points`.
     """
@@ -99,7 +103,7 @@ def _peak(
         return _between(x, values)
     x = [points[index % count] for index in range(peak - REACH, peak + REACH + 1)]
     v = list(values)
-    # Beyond an end the parabola through the last three points continues.
+    # A point beyond an end is on the parabola through the last three points.
     if peak - REACH < 0:
         x[0], v[0] = _beyond(x[3:0:-1], v[3:0:-1])
     if peak + REACH >= count:
@@ -108,7 +112,10 @@ def _peak(
 
 
 def _beyond(x: list[float], v: list[float]) -> tuple[float, float]:
-    """Point beyond the last of three on the parabola through them, as far as those before."""
+    """Position and value of a point that continues three points on the parabola through them.
+
+    Its distance from the last point is that between the last two.
+    """
     a, b, c = x
     beyond = c + (c - b)
     value = (
@@ -120,15 +127,15 @@ def _beyond(x: list[float], v: list[float]) -> tuple[float, float]:
 
 
 def _between(x: list[float], v: list[float]) -> tuple[float, float]:
-    """Largest value near the middle one of five points, which is the largest, and its position."""
+    """Largest value of a curve through five points, the third of which is largest; its position."""
     widths = [x[i + 1] - x[i] for i in range(4)]
     secants = [(v[i + 1] - v[i]) / widths[i] for i in range(4)]
-    # Slope of the parabola through three points at the middle one of them.
+    # Slopes at the three middle points, each of the parabola through the point and its neighbours.
     slopes = [
         (secants[i] * widths[i + 1] + secants[i + 1] * widths[i]) / (widths[i] + widths[i + 1])
         for i in range(3)
     ]
-    # The curve rises into the interval that begins at this one of the five points.
+    # Number of the point at the begin of the interval into which the curve rises.
     begin = REACH if slopes[1] > 0.0 else REACH - 1
     width = widths[begin]
     rise, share = _highest(
@@ -144,16 +151,16 @@ def _between(x: list[float], v: list[float]) -> tuple[float, float]:
 
 
 def _highest(change: float, first: float, last: float) -> tuple[float, float]:
-    """Largest value within the unit interval of a cubic that begins at 0, and its position.
+    """Largest value of a cubic within the unit interval, and its position; its value at 0 is 0.
 
     Parameters
     ----------
     change, first, last
-        Value at the end, slopes at the start and the end.
+        Value of the cubic at 1, and its slopes at 0 and 1.
     """
     cubic = first + last - 2.0 * change
     square = 3.0 * change - 2.0 * first - last
-    # first + 2 square s + 3 cubic s^2 = 0: the root that is a maximum.
+    # The maximum is at one of the roots of first + 2 square s + 3 cubic s^2 = 0.
     discriminant = square * square - 3.0 * cubic * first
     share = 0.0
     if discriminant >= 0.0:
@@ -166,14 +173,15 @@ def _highest(change: float, first: float, last: float) -> tuple[float, float]:
 def over_time(
     times: np.ndarray, values: np.ndarray, period: float | None, sign: int = 1
 ) -> tuple[float, float]:
-    """Extreme of a curve between its steps, and its time.
+    """Extreme of a quantity between the steps of a run, and its time.
 
     Parameters
     ----------
     times, values
-        At the steps, shape (steps,).
+        Time and value at every step, shape (steps,).
     period
-        Of a cycle whose last step is its start; None: the curve does not repeat.
+        Length of the cycle, of which `times` has the end but not the start; None if the curve
+        does not repeat.
     sign
         1 for the maximum, -1 for the minimum.
     """
@@ -183,18 +191,19 @@ def over_time(
 
 @dataclass(frozen=True, eq=False)
 class FilmRows:
-    """Nodes of a film in rows around: each row has all angles, from the lower side upwards.
+    """Nodes of a film in rows around the bore, from the lower side upwards.
 
-    Of 8-node cells rows through the middles of cells, which have every other angle, are left out.
+    All rows have the same angles. Rows through the middles of 8-node cells, which have only every
+    other angle, are omitted.
 
     Attributes
     ----------
     nodes
         Indices of the nodes of every row by ascending angle, shape (rows, n).
     angles
-        Of the nodes of a row, shape (n,) [rad].
+        Angles of the nodes of every row, shape (n,) [rad].
     heights
-        Of the rows, shape (rows,) [m].
+        Height of every row, shape (rows,) [m].
     """
 
     nodes: np.ndarray
@@ -203,7 +212,7 @@ class FilmRows:
 
     @classmethod
     def of(cls, angle: np.ndarray, height: np.ndarray) -> FilmRows:
-        """Rows of points at angles [rad] and heights [m], shape (k,)."""
+        """Arrange points in rows, from their angles [rad] and heights [m], shape (points,)."""
         angle = np.asarray(angle)
         height = np.asarray(height)
         turn = np.mod(angle, 2 * np.pi)
@@ -217,33 +226,33 @@ class FilmRows:
         return cls(nodes, turn[nodes[0]], height[nodes[:, 0]])
 
     def largest(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Largest values between the nodes, and their positions.
+        """Largest values of a field between the nodes of the film, and their positions.
 
         Parameters
         ----------
         values
-            At all points of the film at k instants, shape (k, points).
+            Values of the field at all points of the film for k instants, shape (k, points).
 
         Returns
         -------
         largest, angle, height
-            Shape (k,); of values, [rad], [m].
+            Largest value, its angle [rad] and its height [m] at each instant, shape (k,).
         """
         each = np.asarray(values)[:, self.nodes]
         k, rows, n = each.shape
         around, angles = between_points(self.angles, each.reshape(k * rows, n), 2 * np.pi)
         around = around.reshape(k, rows)
         largest, height = between_points(self.heights, around)
-        # The angle at which the row nearest to the extreme has its own.
+        # The angle is that of the extreme in the row with the largest value.
         row = np.argmax(around, axis=1)
         return largest, angles.reshape(k, rows)[np.arange(k), row], height
 
     def film_extremes(self, pressure: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """Peak pressures and thinnest films at k instants, shape (2, k) [Pa], [m].
+        """Peak pressures [Pa] and smallest film thicknesses [m] at k instants, shape (2, k).
 
         Parameters
         ----------
         pressure, gap
-            Shape (k, points) [Pa], [m].
+            Pressure [Pa] and film thickness [m] at all points of the film, shape (k, points).
         """
         return np.array([self.largest(pressure)[0], -self.largest(-np.asarray(gap))[0]])

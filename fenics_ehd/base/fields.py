@@ -1,9 +1,8 @@
-"""Fields of settings: numbers with units and limits, words, switches, tables.
+"""Fields of settings classes: numbers with units and limits, words, switches, tables.
 
-A number may have a written unit, see `fenics_ehd.base.units`. Limits refuse values that can only be
-in a wrong unit; notices report values of unusual size, which may be in a wrong unit. The limits of
-a length are above every real machine, and below the same length written in millimetres or
-micrometres.
+A number may be written with its unit, see `fenics_ehd.base.units`. Limits refuse values that can
+only be in a wrong unit; notices report unusual values, which may be in a wrong unit. The limit of a
+length is larger than in any real machine, but smaller than numbers in millimetres or micrometres.
 """
 
 from __future__ import annotations
@@ -39,7 +38,19 @@ def checked(
     converter: Callable[[Any], Any] | None = None,
     **more: Any,
 ) -> Any:
-    """A field with a check of its value; `more` is further metadata."""
+    """Make a field of an attrs class whose value is checked.
+
+    Parameters
+    ----------
+    default, help_text
+        Default of the field and description of its value.
+    check
+        Function of the name and the value that raises `SettingsError` for a wrong value.
+    converter
+        Function that converts the value before the check.
+    more
+        Further metadata of the field.
+    """
     return attrs.field(
         default=default,
         converter=converter,
@@ -59,11 +70,12 @@ def number(
     usual: tuple[float, float] | None = None,
     example: str = "",
 ) -> Any:
-    """Real number with limits: `above` and `below` exclusive, `least` and `most` inclusive.
+    """Field for a real number with limits: `above`, `below` exclusive, `least`, `most` inclusive.
 
-    A text is a number with its unit; the help text has the unit of the setting in brackets. The
-    message for a value beyond a limit has this unit and the `example`, because the value may be in
-    another unit. Sizes outside `usual` are reported by `fenics_ehd.base.settings.unusual`.
+    The help text has the unit of the setting in brackets; a text is accepted as a number with its
+    own unit. The message about a value beyond a limit has the unit of the setting and the
+    `example`, because the value may be in another unit. `fenics_ehd.base.settings.unusual` reports
+    magnitudes outside `usual`.
     """
     unit = unit_of(help_text)
     measured = f"in {unit}, " if unit else ""
@@ -73,12 +85,12 @@ def number(
 
 
 def count(default: int, help_text: str, least: int = 0, most: int | None = None) -> Any:
-    """Whole number of at least `least` and at most `most`."""
+    """Field for a whole number from `least` to `most`."""
     return checked(default, help_text, whole_number(least, most))
 
 
 def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> Any:
-    """List of rows of numbers, empty by default; the columns have names and units."""
+    """Field for a list of rows of numbers, empty by default; columns have names and units."""
 
     def is_row(row: Any) -> bool:
         return isinstance(row, (list, tuple)) and len(row) == len(columns)
@@ -99,13 +111,13 @@ def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> An
 
 
 def choice(default: str, options: tuple[str, ...], help_text: str) -> Any:
-    """One of several words."""
+    """Field for one of several words."""
     listed = ", ".join(options)
     return checked(default, f"{help_text}: {listed}", one_of(options), options=options)
 
 
 def text(default: str, help_text: str) -> Any:
-    """Non-empty text that can name a file."""
+    """Field for a text that is not empty and can be the name of a file."""
     check = unless(
         lambda word: isinstance(word, str) and word != "" and "\0" not in word, "a non-empty text"
     )
@@ -113,18 +125,18 @@ def text(default: str, help_text: str) -> Any:
 
 
 def flag(default: bool, help_text: str) -> Any:
-    """True or false."""
+    """Field for true or false."""
     check = unless(lambda word: isinstance(word, bool), "true or false")
     return checked(default, help_text, check)
 
 
 def section(cls: type) -> Any:
-    """Nested table."""
+    """Field for a nested table with the settings of a class."""
     return attrs.field(factory=cls, metadata={"section": cls})
 
 
 def option(cls: type) -> Any:
-    """Nested table that is None unless the scene has it."""
+    """Field for a nested table that is None unless the scene has it."""
     return attrs.field(default=None, metadata={"section": cls, "optional": True})
 
 
@@ -134,9 +146,9 @@ def table(
     converter: Callable[[Any], Any],
     kept: Callable[[str], bool] = lambda key: False,
 ) -> Any:
-    """Table with free names, whose values are converted and checked one by one.
+    """Field for a table with free names, whose values are converted and checked one by one.
 
-    Values of keys for which `kept` is true are not converted.
+    Values of keys for which `kept` returns true are not converted.
     """
 
     def check_all(name: str, value: Any) -> None:
@@ -147,7 +159,7 @@ def table(
 
     def convert(value: Any) -> Any:
         if not isinstance(value, Mapping):
-            return value  # refused by the check, which knows the name
+            return value  # the check refuses the value, with the name in its message
         return {key: entry if kept(key) else converter(entry) for key, entry in value.items()}
 
     factory: Any = attrs.Factory(dict)
@@ -155,12 +167,15 @@ def table(
 
 
 def is_cell_count(key: str) -> bool:
-    """True of a parameter of a model that is a number of cells."""
+    """Whether a parameter of a model is a number of cells, by its name."""
     return "cells" in key or "layers" in key
 
 
 def numbers(help_text: str) -> Any:
-    """Table with free names and numbers in the unit of the help text; those of cells have none."""
+    """Field for a table of numbers with free names, in the unit of the help text.
+
+    Numbers of cells have no unit.
+    """
     unit = unit_of(help_text)
 
     def check(name: str, value: Any) -> None:
@@ -171,7 +186,7 @@ def numbers(help_text: str) -> Any:
     return table(
         help_text,
         check,
-        # Whole numbers stay whole: they are numbers of cells.
+        # Whole numbers are not converted to floats: they may be numbers of cells.
         lambda value: as_float(value, unit) if isinstance(value, str) else value,
         is_cell_count,
     )
@@ -180,7 +195,17 @@ def numbers(help_text: str) -> Any:
 def entries(
     help_text: str, kinds: Mapping[str, type], named: Mapping[str, type] = MappingProxyType({})
 ) -> Any:
-    """Table of named tables, whose settings classes follow from ``kind``, or from the name."""
+    """Field for a table of named tables.
+
+    Parameters
+    ----------
+    help_text
+        Description of the tables.
+    kinds
+        Settings class of a table by its ``kind``.
+    named
+        Settings class of a table by its name, for names with a fixed meaning.
+    """
     return attrs.field(
         factory=dict, metadata={"help": help_text, "table": True, "kinds": kinds, "named": named}
     )
@@ -191,35 +216,35 @@ FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 
 
 def film_element() -> Any:
-    """Element of a film mesh."""
+    """Field for the element of a film mesh."""
     return choice("lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node or bilinear")
 
 
-#: Parts of the cavities in which oil is sheared.
+#: Rules for the part of the cavitated zone in which oil is sheared.
 SHEAR_RULES = ("streamers", "full", "none")
 
 
 def shear_rule() -> Any:
-    """Rule for shear in the cavitated zone."""
+    """Field for the rule for shear in the cavitated zone."""
     return choice("streamers", SHEAR_RULES, "oil that is sheared where the film cavitates")
 
 
-#: Conditions of cavitation.
+#: Cavitation models.
 CAVITATIONS = ("reynolds", "mass-conserving")
 
 
 def cavitation() -> Any:
-    """Condition of cavitation."""
+    """Field for the cavitation model."""
     help_text = "reynolds, or mass-conserving (JFO), which needs bilinear elements"
     return choice("reynolds", CAVITATIONS, help_text)
 
 
-#: Limit of an ambient pressure, above any that parts of steel bear [Pa].
+#: Limit of an ambient pressure [Pa], above any pressure that parts of steel withstand.
 MOST_PRESSURE = 1e12
 
 
 def ambient_pressure() -> Any:
-    """Pressure at both sides of a film [Pa]."""
+    """Field for the pressure at both sides of a film [Pa]."""
     return number(
         0.0,
         "at both sides, above that at which the film cavitates [Pa]",
@@ -230,10 +255,10 @@ def ambient_pressure() -> Any:
     )
 
 
-#: Transfers of pressures between a film mesh and a bore with another mesh.
+#: Methods of transfer between a film mesh and a bore with another mesh.
 TRANSFERS = ("conservative", "mortar")
 
-#: Interpolations between the rows of a load.
+#: Interpolations in time between the rows of a table of loads.
 INTERPOLATIONS = ("cubic", "linear")
 
 #: Largest bearing radius, bearing width or crank radius [m].
@@ -242,17 +267,20 @@ LARGEST_LENGTH = 5.0
 #: Largest radial clearance [m].
 LARGEST_CLEARANCE = 5e-3
 
-#: Smallest and largest ratio of clearance and bore radius. Ratios of bearings are 100 times the
-#: smallest or more: a smaller one means a radius in millimetres, or a clearance that cannot be
-#: made. The largest follows from lubrication theory, which neglects terms of the order of the
-#: ratio.
+#: Smallest and largest accepted ratio of clearance to bore radius. Ratios of real bearings are at
+#: least 100 times the smallest: below it, the radius is in millimetres, or the clearance cannot be
+#: manufactured. The largest ratio is a limit of lubrication theory, which neglects terms of its
+#: order.
 CLEARANCE_RATIOS = (1e-5, 0.1)
 
 
 def pair(
     help_text: str, default: Any = (0.0, 0.0), *, below: float = 1e15, zero: bool = True
 ) -> Any:
-    """Two numbers along x and y, of sizes below a limit; `zero`: both may be 0."""
+    """Field for two numbers along x and y, with magnitudes below a limit.
+
+    Both may be 0 if `zero` is true.
+    """
     unit = unit_of(help_text)
     check = plane_vector(unit, below=below, zero=zero)
     return checked(default, help_text, check, partial(as_tuple, unit=unit))
@@ -263,19 +291,19 @@ FARTHEST = 100 * LARGEST_LENGTH
 
 
 def place(help_text: str, default: Any = (0.0, 0.0)) -> Any:
-    """A point in the plane [m]."""
+    """Field for the position of a point in the plane [m]."""
     return pair(help_text, default, below=FARTHEST)
 
 
 def places(help_text: str) -> Any:
-    """Points in the plane by name [m]."""
+    """Field for positions of points in the plane by name [m]."""
     unit = unit_of(help_text)
     check = plane_vector(unit, below=FARTHEST)
     return table(help_text, check, partial(as_tuple, unit=unit))
 
 
 def names(help_text: str, default: Any = (), *, count: int | None = None) -> Any:
-    """A list of names, of a given `count` or of any."""
+    """Field for a list of names, `count` of them, or any number if it is None."""
 
     def listed(value: Any) -> bool:
         words = isinstance(value, tuple) and all(isinstance(n, str) and n for n in value)
@@ -286,38 +314,38 @@ def names(help_text: str, default: Any = (), *, count: int | None = None) -> Any
 
 
 def youngs_modulus(default: float) -> Any:
-    """Young's modulus of a part [Pa]; 210 and 210e3 are refused, as values in GPa and MPa."""
+    """Field for Young's modulus of a part [Pa]; 210 (GPa) and 210e3 (MPa) are refused."""
     return number(
         default, "[Pa]", least=1e6, below=1e18, usual=(1e9, 2e12), example="210e9 for 210 GPa"
     )
 
 
 def density(default: float, help_text: str = "[kg/m3]", least: float = 100.0) -> Any:
-    """Density of a part [kg/m3]; 7.85 and 7.85e6 are refused, as values in other units."""
+    """Field for the density of a part [kg/m3]; 7.85 and 7.85e6, in other units, are refused."""
     return number(
         default, help_text, least=least, below=1e5, usual=(500, 25e3), example="7850 for 7.85 g/cm3"
     )
 
 
 def mass(default: float, help_text: str, largest: float) -> Any:
-    """Mass of a rigid body [kg], zero included; one above `largest` may be in grams."""
+    """Field for the mass of a rigid body [kg], 0 or more; above `largest` it is unusual."""
     return number(default, help_text, least=0, usual=(1e-4, largest), example="0.5 for 500 g")
 
 
 def speed(default: float, help_text: str) -> Any:
-    """Angular speed [rad/s]; a larger one may be in revolutions per minute."""
+    """Field for an angular speed [rad/s]; above 2e4 it is unusual, perhaps in rpm."""
     return number(default, help_text, usual=(0.01, 2e4), example="314 for 3000 rpm")
 
 
 def metres(default: float, help_text: str, *, below: float = LARGEST_LENGTH) -> Any:
-    """Length of a machine [m]; 0 is accepted if it is the default, for a length not given."""
+    """Field for a length of a machine [m]; 0, if it is the default, means that none is set."""
     return number(
         default, help_text, **_above_zero(default), below=below, example="0.025 for 25 mm"
     )
 
 
 def viscosity(default: float, help_text: str) -> Any:
-    """Dynamic viscosity [Pa s]; 0 is accepted if it is the default, for one not given."""
+    """Field for a dynamic viscosity [Pa s]; 0, if it is the default, means that none is set."""
     return number(
         default,
         help_text,
@@ -329,19 +357,19 @@ def viscosity(default: float, help_text: str) -> Any:
 
 
 def _above_zero(default: float) -> dict[str, Any]:
-    """Lower limit of a positive quantity, which includes 0 if that is the default."""
+    """Lower limit of a positive quantity: 0, which is itself accepted only if it is the default."""
     return {"above": 0.0} if default else {"least": 0.0}
 
 
 def radial_clearance(default: float) -> Any:
-    """Radial clearance of a bearing [m]."""
+    """Field for the radial clearance of a bearing [m]."""
     return number(
         default, "radial clearance [m]", above=0, below=LARGEST_CLEARANCE, example="30e-6 for 30 um"
     )
 
 
 def deviation(help_text: str) -> Any:
-    """Deviation of a surface from the round one [m], of either sign."""
+    """Field for a deviation of a surface from the round one [m], of either sign."""
     return number(
         0.0,
         help_text,
@@ -353,17 +381,17 @@ def deviation(help_text: str) -> Any:
 
 
 def require_thin_film(clearance: float, radius: float, key: str) -> None:
-    """Refuse a clearance outside `CLEARANCE_RATIOS` of the bore's radius, both in [m].
+    """Refuse a clearance [m] whose ratio to the bore radius [m] is outside `CLEARANCE_RATIOS`.
 
     Raises
     ------
     SettingsError
-        The message has both lengths.
+        If it is outside; the message has `key` and both lengths.
     """
     least, most = CLEARANCE_RATIOS
     # A clearance at the limit may be rounded down.
     if not least * (1 - 1e-9) * radius <= clearance < most * radius:
         raise SettingsError(
             f"{key} = {clearance:g} m must be at least {least:g} and below {most:g} of the bore "
-            f"radius {radius:g} m: lengths are in metres, and the film is taken as thin"
+            f"radius {radius:g} m: lengths must be in metres, and the film must be thin"
         )

@@ -1,13 +1,13 @@
-"""Files of users and of this program: texts are read, results written, folders locked.
+"""Reading of text files, atomic writing of results, and folders of results with their manifests.
 
 Writes are atomic: a result is complete or absent, even after a crash or with a full disk. One
-process at a time writes to a folder, and only the program's own files are replaced or removed.
-``manifest.txt`` lists them, one name a line, folders with a slash at the end. A name is appended
-before its file is made, so that the manifest is complete even if the process is killed. Symbolic
-links are never followed.
+process at a time writes to a folder, and only files that this program made are replaced or removed.
+``manifest.txt`` lists these files, one name per line; names of folders end with a slash. A name is
+appended before its file is made, so that the manifest is complete even if the process is killed.
+Symbolic links are never followed.
 
-Lines ``key: value`` of known keys are no names but properties of the folder. ``command: run`` is
-the command that made it: no other command writes there.
+A line ``key: value`` with a known key is not a name but a property of the folder. ``command: run``
+is the command that made the folder; other commands do not write there.
 
 Imports inside functions: h5py is slow to import, and reading texts does not need it.
 """
@@ -43,14 +43,15 @@ from fenics_ehd.base.libraries import version_of
 
 
 def read_text(path: str | Path) -> str:
-    """Text of a file in UTF-8, with or without a byte order mark.
+    """Read a text file in UTF-8, with or without a byte order mark.
 
     Raises
     ------
     OSError
-        The file cannot be read, or is a folder, a pipe or a device: reading these may never end.
+        If the file cannot be read, or is a folder, a pipe or a device, whose reading may never
+        end.
     UnicodeDecodeError
-        The file is not in UTF-8.
+        If the file is not in UTF-8.
     """
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise OSError(0, "a folder, pipe or device, not a file")
@@ -58,12 +59,13 @@ def read_text(path: str | Path) -> str:
 
 
 def read_json(path: str | Path) -> Any:
-    """Content of a JSON file.
+    """Read a JSON file.
 
     Raises
     ------
     OSError, ValueError
-        See `read_text`; or the text is no JSON, or has a number that is not finite.
+        If `read_text` cannot read the file, if it is not JSON, or if it has a number that is not
+        finite.
     """
     try:
         return json.loads(read_text(path), parse_float=_finite, parse_constant=_finite)
@@ -72,18 +74,24 @@ def read_json(path: str | Path) -> Any:
 
 
 def _finite(text: str) -> float:
-    """Number of a JSON text; the program writes null for numbers that are not finite."""
+    """Convert the text of a number in JSON; it must be finite, as other numbers are stored as null.
+
+    Raises
+    ------
+    ValueError
+        If the number is not finite.
+    """
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"{text} is no finite number")
+        raise ValueError(f"{text} is not a finite number")
     return value
 
 
 def user_cache() -> Path:
     """Folder of the user's caches.
 
-    A relative ``XDG_CACHE_HOME`` is disregarded, as its specification demands: files would be read
-    from the current folder.
+    A relative path in ``XDG_CACHE_HOME`` is ignored, as its specification demands: with it, files
+    would be read from the current folder.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return cache if cache.is_absolute() else Path.home() / ".cache"
@@ -94,7 +102,7 @@ def user_cache() -> Path:
 CACHE_VARIABLE = "FENICS_EHD_CACHE"
 CACHE_OFF = "off"
 
-#: Space for the metadata of HDF5 [bytes].
+#: Space on the disk that is reserved for the metadata of an HDF5 file [bytes].
 BOOKKEEPING = 1 << 18
 
 #: Extension of a file that is being written.
@@ -103,12 +111,12 @@ PART = ".part"
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Turn an `OSError` into an error whose message has the path.
+    """Convert an `OSError` in the block to an error whose message has the path.
 
     Raises
     ------
     OutputError
-        For every `OSError`.
+        If an `OSError` is raised in the block.
     """
     try:
         yield
@@ -118,12 +126,14 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def write_whole(path: Path, content: str | bytes | memoryview) -> None:
-    """Write a file under a temporary name, sync it to the disk and rename it; links are replaced.
+    """Write a file under a temporary name, sync it to the disk, and rename it to its path.
+
+    An existing file or link is replaced.
 
     Raises
     ------
     OutputError
-        The file cannot be written; a former file of that name is unchanged.
+        If the file cannot be written; an existing file is then unchanged.
     """
     with naming(path):
         partial = new_part(path)
@@ -138,7 +148,7 @@ def write_whole(path: Path, content: str | bytes | memoryview) -> None:
 
 
 def new_part(path: Path) -> Path:
-    """A new empty file in the folder of `path`, to be written and renamed to `path`."""
+    """Make an empty file in the folder of `path`, to be written and then renamed to `path`."""
     partial = path.with_name(path.name + PART)
     while True:
         try:
@@ -150,12 +160,14 @@ def new_part(path: Path) -> Path:
 
 @contextmanager
 def written_aside(path: Path) -> Iterator[Path]:
-    """Path of the same name in a temporary folder; the file written there is moved to `path`.
+    """Yield a path with the same file name in a temporary folder.
+
+    After the block, the file that was written there is moved to `path`.
 
     Raises
     ------
     OutputError
-        The file cannot be written.
+        If the file cannot be written.
     """
     with naming(path), TemporaryDirectory(dir=path.absolute().parent) as folder:
         aside = Path(folder, path.name)
@@ -164,7 +176,7 @@ def written_aside(path: Path) -> Iterator[Path]:
 
 
 def put_in_place(partial: Path, path: Path) -> None:
-    """Sync a written file to the disk, then rename it to `path`, over a former one."""
+    """Sync a written file to the disk, then rename it to `path`, replacing an existing file."""
     sync_path(partial)
     partial.replace(path)
     sync_path(path.parent)
@@ -178,12 +190,12 @@ def require_room(path: Path, size: int) -> None:
     path
         Path of the file, which is created if it is missing.
     size
-        Bytes by which it will grow.
+        Number of bytes by which the file will grow.
 
     Raises
     ------
     OSError
-        The disk has too little room.
+        If the disk has less free space.
     """
     with open(path, "ab") as file:
         end = file.tell()
@@ -202,17 +214,17 @@ def sync_path(path: Path) -> None:
         os.close(descriptor)
 
 
-#: List of the program's files in a folder.
+#: Name of the manifest, the list of the program's files in a folder.
 MANIFEST = "manifest.txt"
 
-#: First line of that list.
+#: First line of a manifest.
 HEADER = "fenics_ehd made these in this folder, and may remove or replace them:"
 
 
 def lock_taken(descriptor: int) -> bool:
-    """Lock an open file or folder; False if another process has locked it.
+    """Lock an open file or folder; return False if another process has locked it.
 
-    The lock ends with the process. On a file system without locks every process gets it.
+    The lock ends with the process. On a file system without locks, the result is always True.
     """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -229,7 +241,7 @@ def locked(directory: Path) -> ExitStack:
     Raises
     ------
     InUseError
-        Another process has locked the folder.
+        If another process has locked the folder.
     """
     held = ExitStack()
     file = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
@@ -240,16 +252,16 @@ def locked(directory: Path) -> ExitStack:
     return held
 
 
-#: Key of the command that made a folder.
+#: Key in a manifest of the command that made the folder.
 COMMAND = "command"
 
 #: All keys of a manifest.
 KEYS = (COMMAND,)
 
-#: Status and figures of one run of a sweep or study, in the folder of that run.
+#: Name of the file with status and figures of one run of a sweep or study, in the run's folder.
 OUTCOME = "outcome.json"
 
-#: Commands by the files that they list in manifests of version 0.3, which name no command.
+#: Commands by file names in manifests of version 0.3, which do not have the key of the command.
 SIGNATURES = {
     "study.json": "study",
     "sweep.json": "sweep",
@@ -259,19 +271,20 @@ SIGNATURES = {
     "run.pvd": "paraview",
 }
 
-#: Extension of files of ``paraview``, whose manifests of version 0.3 have none of these names.
+#: Extension of the files that ``paraview`` writes, which may be all that a manifest of 0.3 has.
 FIELDS_ENDING = ".vtu"
 
 
 def made_by(directory: Path) -> str:
-    """Command that made a folder, by its entry or by the names it lists; empty if unknown.
+    """Command that made a folder, from the key or the file names in its manifest.
 
-    A folder without a manifest belongs to the folder above if the manifest there lists it.
+    The text is empty if the command is unknown. If a folder has no manifest but the manifest of the
+    folder above lists it, the command is that of the folder above.
 
     Raises
     ------
     InputError
-        The manifest cannot be used.
+        If the manifest cannot be used.
     """
     entries = _entries(directory)
     if COMMAND in entries:
@@ -293,7 +306,7 @@ def made_by(directory: Path) -> str:
 
 
 def is_part(directory: Path) -> bool:
-    """True of a folder that the manifest of the one above lists."""
+    """Whether the manifest of the folder above lists a folder."""
     absolute = Path(os.path.abspath(directory))
     if absolute == absolute.parent:
         return False
@@ -308,17 +321,17 @@ def require_made_by(directory: Path, command: str) -> None:
     Raises
     ------
     InputError
-        The message has the folder and both commands.
+        If another command made the folder; the message has both commands.
     """
     maker = made_by(directory)
     if maker not in ("", command):
         raise InputError(
-            f"{directory}: made by fenics-ehd {maker}, not a folder for {command}: choose another"
+            f"{directory} was made by fenics-ehd {maker}, not by {command}: choose another folder"
         )
 
 
 def _entries(directory: Path) -> dict[str, str]:
-    """Entries of a folder's manifest by key; of repeated keys the first is valid."""
+    """Values of the keys in a folder's manifest; for a repeated key, that of the first line."""
     pairs = (line.partition(": ") for line in _lines(directory) if _is_entry(line))
     entries: dict[str, str] = {}
     for key, _, value in pairs:
@@ -327,35 +340,36 @@ def _entries(directory: Path) -> dict[str, str]:
 
 
 def _is_entry(line: str) -> bool:
+    """Whether a line of a manifest is a known key with its value, not a name."""
     key, colon, _ = line.partition(": ")
     return bool(colon) and key in KEYS
 
 
 def listed(directory: Path) -> tuple[str, ...]:
-    """Names in the manifest of a folder; none without a manifest.
+    """File and folder names in the manifest of a folder; empty if there is no manifest.
 
     Raises
     ------
     InputError
-        The manifest cannot be read, or has names of other folders.
+        If the manifest cannot be read, or has names that are not in the folder itself.
     """
     path = directory / MANIFEST
     names = tuple(line for line in _lines(directory) if not _is_entry(line))
     for name in names:
         if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
             raise InputError(
-                f"{path}: {name!r} is not in this folder: not a list that this program made"
+                f"{path}: {name!r} is not a name in this folder: this program did not make the list"
             )
     return names
 
 
 def _lines(directory: Path) -> tuple[str, ...]:
-    """Lines of the manifest of a folder, each once, without its header.
+    """Distinct lines of the manifest of a folder, without its first line.
 
     Raises
     ------
     InputError
-        The manifest cannot be read, or the file is no manifest.
+        If the manifest cannot be read, or if the file is not a manifest.
     """
     path = directory / MANIFEST
     if not os.path.lexists(path):
@@ -374,24 +388,24 @@ def _lines(directory: Path) -> tuple[str, ...]:
 
 
 def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
-    """Enter names into the manifest of a folder, before their files are made.
+    """Append names to the manifest of a folder, before their files are made.
 
     Parameters
     ----------
     directory
         Path of the folder, which is created if it is missing.
     names
-        Names of files and folders in the folder.
+        Names of files and folders that will be made in the folder.
     command
-        Command that makes the folder; empty: the manifest keeps its entry.
+        Command that makes the folder; if empty, the command in the manifest is not changed.
 
     Raises
     ------
     InputError
-        A file of such a name was not made by this program or is a link; or another command made the
-        folder.
+        If a file with such a name was not made by this program or is a link, or if another
+        command made the folder.
     OutputError
-        The manifest cannot be written.
+        If the manifest cannot be written.
     """
     if command:
         require_made_by(directory, command)
@@ -404,7 +418,7 @@ def claim(directory: Path, names: Iterable[str], command: str = "") -> None:
         lines.insert(0, f"{COMMAND}: {command}")
     with naming(directory / MANIFEST):
         directory.mkdir(parents=True, exist_ok=True)
-        for name in listed_before.intersection(wanted):  # files of a process that was killed
+        for name in listed_before.intersection(wanted):  # a killed process may have left a part
             _part(directory / name).unlink(missing_ok=True)
         if lines:
             _append(directory / MANIFEST, lines)
@@ -416,39 +430,42 @@ def _require_claimable(directory: Path, name: str, in_manifest: bool) -> None:
     Raises
     ------
     InputError
-        A file of that name is not in the manifest, or is a link or a device.
+        If a file with this name is not in the manifest, or is a link or a device.
     """
     folder = name[-1] == "/"
     path = directory / name
     for existing in filter(os.path.lexists, (path,) if folder else (path, _part(path))):
         if not (in_manifest or _empty(existing)):
             raise InputError(
-                f"{existing}: not of a former run ({MANIFEST} does not list it): move it away, or "
-                "choose another folder"
+                f"{existing} exists and is not from a former run ({MANIFEST} does not list it): "
+                "move it away, or choose another folder"
             )
         if not (stat.S_ISDIR if folder else stat.S_ISREG)(existing.lstat().st_mode):
             raise InputError(
-                f"{existing}: a link or a device, where a {'folder' if folder else 'file'} is to "
-                "be written: move it away, or choose another folder"
+                f"{existing} is a link or a device, but a {'folder' if folder else 'file'} must "
+                "be written there: move it away, or choose another folder"
             )
 
 
 def _append(manifest: Path, lines: Iterable[str]) -> None:
     """Append lines to a manifest and sync it to the disk."""
     with open(manifest, "a", opener=_no_link, encoding="utf-8") as file:
-        # The last line of the manifest may lack its end.
+        # The last line of the manifest may lack its line break.
         file.write("\n".join(["" if file.tell() else HEADER, *lines, ""]))
     sync_path(manifest)
     sync_path(manifest.parent)
 
 
 def clear(directory: Path, names: Collection[str] | None = None) -> None:
-    """Remove files and folders that a manifest lists; in folders, only files of their manifests.
+    """Remove the files and folders that the manifest of a folder lists.
+
+    Only files that have entries in manifests of their folders are removed, also in subfolders. If
+    `names` is not None, other names are kept.
 
     Raises
     ------
     InputError
-        From `listed`.
+        If a manifest cannot be used, see `listed`.
     """
     for name in listed(directory):
         path = directory / name
@@ -464,7 +481,7 @@ def clear(directory: Path, names: Collection[str] | None = None) -> None:
 
 
 def let_go(directory: Path, *, folder: bool = True) -> None:
-    """Remove a manifest if none of its files exists, and the folder if it is then empty."""
+    """Remove the manifest of a folder if none of its files exists; then the folder if empty."""
     if not any((directory / name).exists() for name in listed(directory)):
         (directory / MANIFEST).unlink(missing_ok=True)
         if folder:
@@ -473,34 +490,37 @@ def let_go(directory: Path, *, folder: bool = True) -> None:
 
 
 def _part(path: Path) -> Path:
+    """Temporary name of a file that is being written."""
     return path.with_name(path.name + PART)
 
 
 def _empty(path: Path) -> bool:
+    """Whether a path is an empty folder."""
     return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
 
 
 def _no_link(path: str, flags: int) -> int:
+    """Open a file that is not a symbolic link."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
-#: File with the film of a failed solve.
+#: Name of the file with the film of a failed solve.
 FAILED_FILM = "failed_film.h5"
 
-#: File with the errors of a run over time, by component.
+#: Name of the file with the error budget of a run over time.
 ERROR_BUDGET = "error_budget.json"
 
-#: File with the search for settings that meet an accuracy.
+#: Name of the file with the search for settings that meet an accuracy.
 ACCURACY = "accuracy.json"
 
-#: Summary of a run: its figures and status, written last.
+#: Name of the file with the summary of a run, its figures and status; it is written last.
 SUMMARY = "summary.json"
 
-#: File with the scene of a run, in the folder of its history.
+#: Name of the file with the scene of a run, in the folder of its history.
 SCENE_NAME = "scene.toml"
 
-#: Names of pictures of runs, in the order of drawing. In names of files, names of joints may
-#: follow; names of runs as well if a picture compares several runs.
+#: Names of pictures of runs, in the order of drawing. A file name may also have the name of a
+#: joint, and names of runs if the picture compares several.
 PICTURES = (
     "max_pressure",
     "min_film_thickness",
@@ -526,13 +546,13 @@ PICTURE_FORMATS = ("png", "svg")
 
 
 def require_writable(path: str | Path) -> None:
-    """Refuse an unusable output path before the computation begins.
+    """Refuse an output path that cannot be written to, before a computation begins.
 
     Raises
     ------
     InputError
-        Neither the path nor the nearest folder above it can be written to, or the path is a
-        device or a pipe.
+        If the path, or the nearest existing folder above it, cannot be written to, or if the path
+        is a device or a pipe.
     """
     existing = Path(path).absolute()
     while not existing.exists() and existing != existing.parent:
@@ -548,7 +568,7 @@ def require_writable(path: str | Path) -> None:
         )
     if existing.is_dir():
         try:
-            # Permissions are not sufficient: a file system may be read-only or full.
+            # Permissions may be right on a file system that is read-only or full.
             with TemporaryFile(dir=existing):
                 pass
         except OSError as error:
@@ -557,14 +577,15 @@ def require_writable(path: str | Path) -> None:
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of an output file.
+    """Kind of an output file, which is recognised before a file is replaced.
 
     Attributes
     ----------
     words
         Name of the kind with its article, for messages.
     holds
-        Function that is true of a file of this kind; the file exists and is not empty.
+        Function of the path of a file, which exists and is not empty. It returns whether the file
+        is of this kind.
     """
 
     words: str
@@ -572,7 +593,7 @@ class Kind:
 
 
 def beginning_with(words: str, *signatures: bytes, at: int = 0) -> Kind:
-    """Kind of files that have one of some signatures `at` a number of bytes from the start."""
+    """Make a kind of files that have one of some signatures, `at` bytes after their start."""
 
     def holds(path: Path) -> bool:
         with open(path, "rb") as file:
@@ -585,43 +606,43 @@ def beginning_with(words: str, *signatures: bytes, at: int = 0) -> Kind:
 def require_output(
     path: str | Path, kind: Kind, inputs: Iterable[str | Path] = (), option: str = "-o"
 ) -> None:
-    """Refuse an output file that would replace an input, or a file of another kind.
+    """Refuse an output file that would replace an input file or a file of another kind.
 
-    An empty file may be replaced: `mktemp` makes one.
+    An empty file may be replaced, as `mktemp` makes one.
 
     Parameters
     ----------
     path, kind
         Path and kind of the file to be written.
     inputs
-        Files that the command reads.
+        Paths of the files that the command reads.
     option
-        Option of the command line with the path.
+        Option of the command line that has the path, for messages.
 
     Raises
     ------
     InputError
-        The file cannot be written (`require_writable`), is a folder, or exists and has another
-        kind.
+        If the file cannot be written (`require_writable`), is a folder, or exists and is of
+        another kind.
     SettingsError
-        The path is that of an input file.
+        If the path is that of an input file.
     """
     require_writable(path)
     file = Path(path)
     label = f"{option} {path}"
     if file.is_dir():
-        raise InputError(f"{option} would write a file {path}: it is a folder")
+        raise InputError(f"{label} is a folder, but a file must be written: give another name")
     for source in inputs:
         with suppress(OSError):  # the output or an input does not exist
             if os.path.samefile(file, source):
-                raise SettingsError(f"{label}: {source} is an input file, give another name")
+                raise SettingsError(f"{label}: {source} is an input file: give another name")
     try:
         other = file.is_file() and file.stat().st_size > 0 and not kind.holds(file)
     except (OSError, ValueError) as error:
         raise InputError(f"{label}: {error}") from None
     if other:
         raise InputError(
-            f"{label}: the file there is not {kind.words}: move it away, or give another name"
+            f"{label} exists and is not {kind.words}: move it away, or give another name"
         )
 
 
@@ -631,16 +652,16 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
     Parameters
     ----------
     directory
-        Folder for the results.
+        Path of the folder for results.
     inputs
-        Files that the command reads.
+        Paths of the files that the command reads.
     names
-        Names that the command will write, besides those in the manifest of the folder.
+        File names that the command will write, in addition to those in the folder's manifest.
 
     Raises
     ------
     InputError
-        The message has the input.
+        If an input would be replaced or removed; the message has its path.
     """
     outputs = {*listed(directory), *names}
     folder = directory.resolve()
@@ -657,12 +678,12 @@ def require_kept(directory: Path, inputs: Iterable[str | Path], names: Iterable[
 
 
 def status_of(directory: Path) -> str:
-    """Status of the run in a folder, empty without a summary."""
+    """Status of the run in a folder; empty if there is no summary."""
     return str(_summary(directory).get("status", ""))
 
 
 def complete_result(directory: Path) -> dict[str, Any] | None:
-    """Summary of the complete result in a folder; None if the folder has none."""
+    """Summary of the complete result in a folder; None if the folder has no complete result."""
     summary = _summary(directory)
     return summary if summary.get("status") == "complete" else None
 
@@ -673,7 +694,7 @@ def require_complete(directory: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The folder does not exist, or has no complete result.
+        If the folder does not exist, or has no complete result.
     """
     path = directory / SUMMARY
     try:
@@ -682,7 +703,7 @@ def require_complete(directory: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not a summary of a run: {error}") from None
     if not isinstance(summary, dict) or summary.get("status") != "complete":
         summary = summary if isinstance(summary, dict) else {}
-        missing = f"it has no {SUMMARY} of one" if directory.is_dir() else "no such folder"
+        missing = f"there is no {SUMMARY}" if directory.is_dir() else "no such folder"
         raise InputError(f"{directory}: no complete run: {summary.get('status', missing)}")
     return summary
 
@@ -697,18 +718,19 @@ def _summary(directory: Path) -> dict[str, Any]:
 
 
 def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
-    """Write ``summary.json``."""
+    """Write the summary of a run, ``summary.json``, to a folder."""
     write_whole(Path(directory) / SUMMARY, to_json(summary) + "\n")
 
 
 @contextmanager
 def keeping_failed_film(directory: str | Path) -> Iterator[None]:
-    """Save the film of a `CavitationError` that ends a command, directly or as its cause.
+    """Save the film of a `CavitationError` that ends the block, directly or as a cause.
 
     Raises
     ------
     EhdError
-        The error itself; its message has the path of the saved film.
+        If the block raises an error with such a film: the same error, with the path of the saved
+        film in its message.
     """
     try:
         yield
@@ -723,7 +745,7 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
 
         if path.is_file() and not _is_film(path):
             raise type(error)(
-                f"{error}; its film is not saved: {path} exists and is not of this program"
+                f"{error}; the film is not saved, as {path} exists and is not from this program"
             ) from error
         with naming(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -737,7 +759,7 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
 
 
 def _is_film(path: Path) -> bool:
-    """True of a file that `keeping_failed_film` wrote."""
+    """Whether `keeping_failed_film` wrote a file."""
     import h5py
 
     with suppress(OSError, RuntimeError), h5py.File(path, "r") as file:
@@ -746,12 +768,12 @@ def _is_film(path: Path) -> bool:
 
 
 def to_json(values: Mapping[str, object]) -> str:
-    """JSON text; a number that is not finite becomes null."""
+    """Convert values to JSON text; numbers that are not finite become null."""
     return json.dumps(_plain(values), indent=2, allow_nan=False)
 
 
 def _plain(value: object) -> object:
-    """A value in which numbers that are not finite are replaced by null, at any depth."""
+    """Replace numbers that are not finite by None in a value, at any depth."""
     if isinstance(value, Mapping):
         return {key: _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -760,7 +782,10 @@ def _plain(value: object) -> object:
 
 
 def versions(*, installed: bool = False) -> dict[str, str]:
-    """Versions of imported libraries; with `installed`, of all libraries that are installed."""
+    """Versions of this package, Python and the imported libraries, by name.
+
+    With `installed`, of all known libraries, also those that are not imported.
+    """
     names = ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "dolfinx", "gmsh", "matplotlib")
     return {
         "fenics_ehd": __version__,

@@ -1,15 +1,16 @@
 """Layouts of stored data: kind and shape of every value, declared once and checked on reading.
 
-Sizes are whole numbers or symbols, which fields share: ``("m", 3, "n")``. The first field with a
-symbol, in the order of the declaration, determines its value; ``"n + 3"``, ``"3 n"`` and
-``"3 n + 1"`` are linear in one symbol. Symbols in capitals count rows that grow during a run.
-Symbols in small letters are the same in every state of one model (`sizes_of`).
+The size of an axis is a whole number or a symbol that several values share, as in
+``("m", 3, "n")``. The first value with a symbol, in the order of the declaration, determines the
+size. ``"n + 3"``, ``"3 n"`` and ``"3 n + 1"`` are linear in one symbol. Symbols in capitals count
+rows that grow during a run; symbols in small letters have the same size in all states of a model
+(`sizes_of`).
 
-Headers of all values are checked before the first one is read, so that no memory is allocated for
-data of another shape. Content is checked as it is read.
+Headers of all values are checked before the first value is read, so that no memory is allocated for
+data of another shape. Values are checked when they are read.
 
-Names in files are the keys of a layout. They equal attribute names unless an entry has `member`, so
-that an attribute can be renamed without a change of files.
+Names in files are the keys of a layout. An entry has `member` if the name of the attribute differs
+from the key, so that an attribute can be renamed without a change of files.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ import numpy as np
 
 from fenics_ehd.base.sealed_file import is_text, require_stored, values
 
-#: Kinds of values: NumPy's kinds of type; size [bytes], or 0 for any size; description for
-#: messages.
+#: Kinds of values by name. Each one has NumPy's kinds of type, the size in bytes (0: any size), and
+#: a description for messages.
 KINDS: Mapping[str, tuple[str, int, str]] = {
     "float": ("f", 8, "numbers (float64)"),
     "real": ("fiu", 0, "numbers"),
@@ -37,15 +38,16 @@ KINDS: Mapping[str, tuple[str, int, str]] = {
     "text": ("", 0, "text"),
 }
 
-#: Sizes by symbol.
+#: Sizes of axes by symbol.
 Sizes = dict[str, int]
 
+#: Pattern of the size of an axis: factor, symbol, constant.
 _AXIS = re.compile(r"(?:(\d+) )?([A-Za-z_]\w*)(?: \+ (\d+))?")
 
 
 @dataclass(frozen=True)
 class Value:
-    """A number, a text, or an array of them.
+    """Layout of a number, a text, or an array of numbers or texts.
 
     Attributes
     ----------
@@ -54,17 +56,17 @@ class Value:
     axes
         Size of every axis; empty for a single value.
     required
-        Whether a file without it is refused.
+        Whether a file without the value is refused.
     finite
         Whether numbers must be finite.
     least
         Smallest number allowed.
     empty
-        Whether the value may be unknown: an array of as many axes, one of them of size 0.
+        Whether the value may be unknown: an array with the right number of axes, one of size 0.
     attribute
-        Whether it is an HDF5 attribute of its group, not a dataset.
+        Whether the value is an HDF5 attribute of its group, not a dataset.
     member
-        Python attribute that holds the value; empty: the attribute with the name of the key.
+        Python attribute with the value; if empty, it has the name of the key.
     """
 
     kind: str
@@ -77,12 +79,12 @@ class Value:
     member: str = ""
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
-        """Check kind and shape of a dataset or value, and add new symbols to the sizes.
+        """Check kind and shape of a dataset or value, and add the sizes of new symbols to `sizes`.
 
         Raises
         ------
         ValueError
-            The message has the value, its kind or shape, and the declared one.
+            If kind or shape differs from the declared one; the message has both, and `path`.
         """
         if isinstance(item, Mapping | h5py.Group | h5py.Empty) or item is None:
             raise ValueError(f"{path} is no array")
@@ -103,7 +105,7 @@ class Value:
             require_stored(item)
 
     def _shape(self, sizes: Sizes) -> str:
-        """Declared shape in words, known sizes as numbers."""
+        """Declared shape as text, with numbers for known sizes."""
         axes = (_number(axis, sizes) for axis in self.axes)
         shown = [
             str(axis) if size is None else str(size)
@@ -112,12 +114,12 @@ class Value:
         return f"({', '.join(shown)}{',' * (len(shown) == 1)})"
 
     def require_content(self, content: Any, path: str) -> None:
-        """Refuse numbers that are not finite or below the smallest one allowed.
+        """Refuse numbers that are not finite or below the smallest number allowed.
 
         Raises
         ------
         ValueError
-            The message has the path of the value.
+            If there is such a number; the message has `path`.
         """
         if self.kind == "text" or np.size(content) == 0:
             return
@@ -130,23 +132,22 @@ class Value:
 
 @dataclass(frozen=True)
 class Group:
-    """Values and groups by name.
+    """Layout of a group: values and other groups by name.
 
     Attributes
     ----------
     entries
         Layouts of values and groups by name.
     each
-        Layout of all other entries, each with symbols of its own; None: other entries are refused.
+        Layout of every other entry, which has symbols of its own; None to refuse other entries.
     required
         Whether a file without the group is refused.
     foreign
         Whether other programs may add entries, which are not read.
     scoped
-        Whether new symbols in the group are unknown outside of it.
+        Whether symbols that first occur in the group are unknown outside it.
     member
-        Python attribute that holds the group's object; empty: the attribute with the name of the
-        key.
+        Python attribute with the object of the group; if empty, it has the name of the key.
     """
 
     entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
@@ -157,15 +158,15 @@ class Group:
     member: str = ""
 
     def tree(self, record: Any, **others: Any) -> dict[str, Any]:
-        """Values of an object by the keys of this layout, to be stored or checked.
+        """Collect the values of an object by the keys of this layout, to be stored or checked.
 
         Parameters
         ----------
         record
-            Object whose attributes have the values, or a mapping with the same keys. Attributes
-            that are None, and keys that the mapping lacks, are left out.
+            Object whose attributes have the values, or a mapping with the keys of the layout.
+            Attributes that are None, and missing keys of a mapping, are omitted.
         others
-            Values of keys without an attribute in the object.
+            Values of keys for which the object has no attribute.
         """
         values = dict(others)
         for key, entry in self.entries.items():
@@ -183,7 +184,7 @@ class Group:
         return values
 
     def arguments(self, tree: Mapping[str, Any]) -> dict[str, Any]:
-        """Content of a group as keyword arguments of the constructor of its object."""
+        """Convert the content of a group to keyword arguments of its object's constructor."""
         return {self.entries[key].member or key: value for key, value in tree.items()}
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
@@ -192,7 +193,7 @@ class Group:
         Raises
         ------
         ValueError
-            The message has the entry that is missing, unknown, or of another kind or shape.
+            If an entry is missing, unknown, or of another kind or shape; the message names it.
         """
         if not isinstance(item, Mapping | h5py.Group):
             raise ValueError(f"{path or '/'} is no group")
@@ -212,7 +213,7 @@ class Group:
                 raise ValueError(f"{path}/{name} is not known")
 
     def value_at(self, path: str) -> Value:
-        """Layout of the value at a path, ``state/rates``, of a group that was checked."""
+        """Layout of the value at a path such as ``state/rates``, in a group that was checked."""
         entry: Entry | None = self
         for name in path.split("/"):
             assert isinstance(entry, Group)
@@ -221,15 +222,16 @@ class Group:
         return entry
 
     def _others(self, item: Any) -> Iterator[str]:
+        """Names of the entries for which the layout is `each`."""
         return (name for name in item if name not in self.entries)
 
     def read(self, item: Any, path: str = "") -> dict[str, Any]:
-        """Content of a checked group: single numbers and texts are Python's, groups dictionaries.
+        """Read a checked group as a dictionary; single numbers and texts have Python's types.
 
         Raises
         ------
         ValueError
-            See `Value.require_content`.
+            If `Value.require_content` refuses a value.
         """
         layouts = {name: e for name, e in self.entries.items() if name in _holder(item, e)}
         if self.each is not None:
@@ -253,12 +255,15 @@ Entry = Value | Group
 
 
 def _tree(entry: Entry | None, value: Any) -> Any:
-    """A value itself, or the tree of an object by its layout."""
+    """Return a value unchanged, or the tree of an object whose layout is a group."""
     return entry.tree(value) if isinstance(entry, Group) else value
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
-    """Check an entry with symbols of its own; those of a state are stored with its path."""
+    """Check an entry that has symbols of its own.
+
+    For an entry of a state, its symbols are added to `sizes` with the path before their names.
+    """
     if isinstance(item, h5py.Group | h5py.Dataset):
         entry.check(item, path, dict(sizes))
         return
@@ -270,12 +275,12 @@ def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
 
 
 def _holder(item: Any, entry: Entry) -> Any:
-    """Container of an entry: its group, or the HDF5 attributes of the group."""
+    """Container that has an entry: the group itself, or the HDF5 attributes of the group."""
     return item.attrs if isinstance(entry, Value) and entry.attribute else item
 
 
 def _plain(value: Any) -> Any:
-    """Content of an HDF5 attribute, in the types that `values` returns for a dataset."""
+    """Convert the content of an HDF5 attribute to the types that `values` returns."""
     if isinstance(value, np.ndarray) and value.ndim and (is_text(value.dtype) or not value.size):
         return tuple(text.decode() if isinstance(text, bytes) else str(text) for text in value)
     if isinstance(value, bytes):
@@ -284,12 +289,12 @@ def _plain(value: Any) -> Any:
 
 
 def attribute(item: Any, name: str, value: Value) -> Any:
-    """Attribute of a group or dataset, checked.
+    """Read an attribute of a group or dataset, and check it.
 
     Raises
     ------
     ValueError
-        The attribute is missing, or has another kind or shape.
+        If the attribute is missing, or has another kind or shape than its layout.
     """
     label = f"attribute {name} of {item.name}"
     if name not in item.attrs:
@@ -301,30 +306,31 @@ def attribute(item: Any, name: str, value: Value) -> Any:
 
 
 def read_declared(group: h5py.Group, layout: Group) -> dict[str, Any]:
-    """Content of a group of an HDF5 file, after all headers are checked against its layout.
+    """Read a group of an HDF5 file, after a check of all headers against its layout.
 
     Raises
     ------
     ValueError
-        An entry is missing, unknown, of another kind or shape, or not finite.
+        If an entry is missing, unknown, of another kind or shape, or not finite.
     """
     layout.check(group, _root(group), {})
     return layout.read(group, _root(group))
 
 
 def _root(group: h5py.Group) -> str:
+    """Path of a group for messages, empty for the root of the file."""
     return "" if group.name == "/" else str(group.name)
 
 
 def sizes_of(layout: Group, tree: Mapping[str, Any]) -> Sizes:
-    """Sizes that all states of one model share, from one of its states."""
+    """Sizes that are the same in all states of a model, from the tree of one state."""
     sizes: Sizes = {}
     layout.check(tree, "", sizes)
     return {name: n for name, n in sizes.items() if not name.rpartition(" ")[2].isupper()}
 
 
 def _fit(shape: tuple[int, ...], axes: tuple[str | int, ...], sizes: Sizes) -> bool:
-    """True if a shape fits its declaration; new symbols are added to the sizes."""
+    """Whether a shape fits its declaration; sizes of new symbols are added to `sizes`."""
     if len(shape) != len(axes):
         return False
     for size, axis in zip(shape, axes, strict=True):
@@ -342,7 +348,7 @@ def _fit(shape: tuple[int, ...], axes: tuple[str | int, ...], sizes: Sizes) -> b
 
 
 def _number(axis: str | int, sizes: Sizes) -> int | None:
-    """Size of an axis; None if its symbol is still unknown."""
+    """Size of an axis; None if the size of its symbol is still unknown."""
     if isinstance(axis, int):
         return axis
     factor, symbol, constant = _parsed(axis)
@@ -350,40 +356,43 @@ def _number(axis: str | int, sizes: Sizes) -> int | None:
 
 
 def _parsed(axis: str) -> tuple[int, str, int]:
-    """Factor, symbol and constant of a size."""
+    """Factor, symbol and constant of the size of an axis."""
     match = _AXIS.fullmatch(axis)
     assert match is not None, axis
     return int(match[1] or 1), match[2], int(match[3] or 0)
 
 
 class Stateful:
-    """An object with a state: attributes that are carried from step to step.
+    """Base class of objects with a state: attributes that are carried from step to step.
 
-    The state is a dictionary by the keys of `carried`, which is the layout of the state, also in a
-    file. Attributes that are stateful themselves, or dictionaries of such objects, are represented
-    by their states. A state stays constant, because its object replaces arrays and dictionaries.
+    The state is a dictionary with the keys of `carried`. An attribute that is stateful itself, or a
+    dictionary of stateful objects, is represented by its state. A state that was read remains
+    constant, because the object replaces arrays and dictionaries and does not modify them.
     """
 
+    #: Layout of the state, by key, in memory and in files.
     carried: ClassVar[Mapping[str, Entry]]
 
     def require_fitting(self, state: Mapping[str, Any]) -> None:
-        """Refuse a state of another model.
+        """Refuse a state that belongs to another model.
 
         Raises
         ------
         ValueError
-            The message has the value of another kind or shape.
+            If a value has another kind or shape than in this object; the message names it.
         """
         layout = Group(self.carried)
         start = self.state
         for name, entry in self.carried.items():
             if isinstance(entry, Group) and (start[name] is None) != (state.get(name) is None):
-                raise ValueError(f"/{name} is in one of stored state and start alone")
+                raise ValueError(
+                    f"/{name} must be in both the stored state and the start of the run, or in none"
+                )
         sizes = sizes_of(layout, layout.tree(start)) | self.known_sizes()
         layout.check(layout.tree(state), "", sizes)
 
     def known_sizes(self) -> Sizes:
-        """Sizes, by symbols of `carried`, that cannot be read from the initial state."""
+        """Sizes of symbols in `carried` that the initial state does not determine."""
         return {}
 
     @property
@@ -414,7 +423,7 @@ class Stateful:
 
 
 def _state_of(value: Any) -> Any:
-    """Copy of a value for a state; stateful objects are replaced by their states."""
+    """Copy a value for a state; stateful objects are replaced by their states."""
     if isinstance(value, dict):
         return {name: _state_of(entry) for name, entry in value.items()}
     return value.state if isinstance(value, Stateful) else value

@@ -1,4 +1,4 @@
-"""Public names of a package that import their module when they are first used."""
+"""Public names of a package whose modules are imported when a name is first used."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ def lazily(
     package
         Name of the package.
     modules
-        Public names by the module that defines them, relative to the package.
+        Public names by the module that defines them; the module is relative to the package.
     former
-        Present name of every former one, which is accepted with a warning.
+        New name of every former name, which is still accepted with a warning.
 
-    Raises
-    ------
-    AttributeError
-        Raised by that function: the package has no such name.
+    Returns
+    -------
+    callable
+        Function from a name to the object; it raises AttributeError if the package has no such
+        name.
     """
     homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names}
     present = dict(former or {})

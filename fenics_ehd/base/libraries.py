@@ -1,7 +1,7 @@
-"""Compiled libraries: their origins, and a test that they work together.
+"""Compiled libraries: paths, versions, and a test that they work together.
 
-If pip or PYTHONPATH puts a NumPy before Debian's, then SciPy, h5py and dolfinx, compiled for
-Debian's, fail with obscure messages at any point. This module finds the fault.
+SciPy, h5py and dolfinx of Debian are compiled for Debian's NumPy. If pip or PYTHONPATH puts another
+NumPy first, they fail at any point with obscure messages. The test of this module detects that.
 """
 
 from __future__ import annotations
@@ -36,13 +36,16 @@ def origin(name: str) -> str:
 
 
 def version_of(name: str) -> str:
-    """Version of a library, "missing" or "broken"; Debian ships some without pip's metadata."""
+    """Version of a library; "missing" if it is not installed, "broken" if it cannot be imported.
+
+    If a library has no metadata of pip, as some of Debian, it is imported.
+    """
     source = origin(name)
     if not source:
         return "missing"
     with suppress(metadata.PackageNotFoundError):
         distribution = metadata.distribution(name)
-        # The first metadata on the path may belong to another copy.
+        # The first metadata on the path may belong to another copy of the library.
         if Path(source).is_relative_to(str(distribution.locate_file(""))):
             return distribution.version
     try:
@@ -53,7 +56,7 @@ def version_of(name: str) -> str:
 
 
 def library_fault() -> str:
-    """The first library that cannot be imported, its origin and the reason; empty if all work."""
+    """Message about the first library that does not work, with its path; empty if all work."""
     for name in ARRAYS:
         try:
             with redirect_stderr(io.StringIO()):  # NumPy 2 prints a page there
@@ -64,12 +67,13 @@ def library_fault() -> str:
 
 
 def _tried(module: ModuleType) -> None:
-    """Use a library as other libraries do at import: an incomplete installation then fails."""
+    """Use a library as other libraries do at import, so that an incomplete installation fails."""
     if module.__name__ == "numpy":
         module.zeros(1, dtype=module.dtype(float))
 
 
 def _described(name: str, error: Exception) -> str:
+    """Message about a library that does not work."""
     version = version_of("numpy").replace("broken", "")
     used = f"numpy {version} of {origin('numpy')}".replace("  ", " ")
     library = used if name == "numpy" else f"{name} of {origin(name)} with {used}"
@@ -83,6 +87,6 @@ def _described(name: str, error: Exception) -> str:
 
 
 def foreign_numpy() -> bool:
-    """True if NumPy is in another folder than SciPy; such a combination may fail."""
+    """Whether NumPy and SciPy are in different folders, a combination that may fail."""
     folders = {Path(source).parents[1] for source in map(origin, ("numpy", "scipy")) if source}
     return len(folders) > 1

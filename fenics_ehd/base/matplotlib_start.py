@@ -1,7 +1,7 @@
-"""Import of matplotlib without options of the current folder, before any other import of it.
+"""Import of matplotlib without options from the current folder, before any other import of it.
 
-Matplotlib would read ``matplotlibrc`` there before any other file of options. Commands have no such
-options (`command_start`); a program that imports the package keeps its own.
+Matplotlib would prefer a file ``matplotlibrc`` in the current folder. Commands use no such file
+(`command_start`); a program that imports the package keeps its own options.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Conditions of settings that have an effect only together with another setting.
+"""Conditions of settings that have an effect only together with, or without, another setting.
 
-A field, or an option of a command, declares its conditions once. A setting is refused if one of its
-conditions fails, unless it has its default, which every scene file lists.
+The field of a setting, or an option of a command, declares its conditions once. If a condition
+fails, the setting is refused unless its value is the default, as complete scene files list all
+defaults.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ from typing import Any, NamedTuple
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import shown
 
-#: Text of an unset setting.
+#: Value of a text setting that is not set.
 NONE = "none"
 
-#: Temperature of an unset setting [C]: absolute zero.
+#: Value of a temperature that is not set [C]: absolute zero.
 NO_TEMPERATURE = -273.15
 
 
 def is_given(value: Any) -> bool:
-    """True of a value other than zero, false, empty, `NONE` or `NO_TEMPERATURE`."""
+    """Whether a setting is set: not zero, false, empty, `NONE` or `NO_TEMPERATURE`."""
     if isinstance(value, (list, tuple)):
         return any(map(is_given, value))
     return bool(value) and value not in (NONE, NO_TEMPERATURE)
@@ -34,7 +35,7 @@ class Setting(NamedTuple):
     value: Any
 
 
-#: Function that returns the setting of a key, or None for an unknown key.
+#: Function from a key to its setting, or to None for an unknown key.
 LookUp = Callable[[str], Setting | None]
 
 
@@ -45,18 +46,17 @@ class Needs:
     Attributes
     ----------
     keys
-        Other settings, of the same table or of a table around it; one of them must be set. Unknown
-        keys are ignored; the condition holds if all keys are unknown.
+        Keys of other settings, in the same table or in a table around it; one of them must be set.
+        Unknown keys are ignored; the condition holds if all keys are unknown.
     among
-        Values of which one of the keys must have one; empty: any value that is set.
+        Values that count as set; if empty, every value for which `is_given` is true.
     absent
-        Whether none of the keys may be set, instead of one that must be.
+        Whether none of the keys may be set, instead of at least one that must be.
     words
-        Text behind "without" or "with" in messages, for keys that are properties of several
-        settings.
+        Text behind "without" or "with" in messages, in place of the keys.
     notice
-        Whether the setting is reported in a notice instead of being refused: shipped scenes list it
-        together with the switch that makes it ineffective.
+        Whether a setting whose condition fails is only reported in a notice, not refused. Shipped
+        scenes contain such settings together with a switch that makes them ineffective.
     """
 
     keys: tuple[str, ...]
@@ -66,7 +66,7 @@ class Needs:
     notice: bool = False
 
     def failure(self, look_up: LookUp) -> str:
-        """Reason of a missing effect, "without ..." or "with ..."; empty if it has one."""
+        """Why the setting has no effect, "without ..." or "with ..."; empty if it has one."""
         known = [setting for setting in map(look_up, self.keys) if setting is not None]
         met = [setting for setting in known if self._holds(setting.value)]
         if self.absent and met:
@@ -77,36 +77,39 @@ class Needs:
         return f"without {self.words or wanted}"
 
     def _holds(self, value: Any) -> bool:
+        """Whether the value of a key counts as set."""
         return value in self.among if self.among else is_given(value)
 
     def _wanted(self, key: str) -> str:
+        """Key with the values that count as set, for messages."""
         return f"{key} = {' or '.join(map(shown, self.among))}" if self.among else key
 
 
 def only_with(field: Any, *keys: str, **condition: Any) -> Any:
-    """A field that has an effect only if one of the keys is set, see `Needs`."""
+    """Add to a field the condition that one of the keys is set, see `Needs`."""
     return _with(field, Needs(keys, **condition))
 
 
 def not_with(field: Any, *keys: str, **condition: Any) -> Any:
-    """A field that has an effect only if none of the keys is set, see `Needs`."""
+    """Add to a field the condition that none of the keys is set, see `Needs`."""
     return _with(field, Needs(keys, absent=True, **condition))
 
 
 def _with(field: Any, condition: Needs) -> Any:
+    """Add a condition to the metadata of a field."""
     former = field.metadata.get("needs", ())
     field.metadata = {**field.metadata, "needs": (*former, condition)}
     return field
 
 
 def missing_need(conditions: Iterable[Needs], look_up: LookUp) -> str:
-    """Reason of the first condition that fails, see `Needs.failure`; empty if all hold."""
+    """Failure of the first condition that fails, see `Needs.failure`; empty if all hold."""
     failures = (condition.failure(look_up) for condition in conditions)
     return next(filter(None, failures), "")
 
 
 def no_effect(name: str, value: Any, why: str) -> SettingsError:
-    """Error about a setting without effect; `why` is "without ..." or "with ..."."""
+    """Make the error about a setting without effect; `why` is "without ..." or "with ..."."""
     last = name.rpartition(".")[2]
     remedy = f"give that, or drop {last}" if why.startswith("without") else f"drop {last} or that"
     plain = isinstance(value, (bool, int, float, str, tuple)) and not name.startswith("-")

@@ -22,18 +22,18 @@ def configured(
 ) -> Iterator[None]:
     """Set a KSP, SNES or EPS from the options database, with `defaults` for missing options.
 
-    If `defaults` has options of parts of the solver, set up the solver within the block: multigrid
-    levels and MUMPS are created during the set-up and read their options then.
+    If `defaults` has options of multigrid levels or of MUMPS, the solver must be set up within the
+    block: these parts are created during the set-up and read their options then.
 
     Parameters
     ----------
     solver
         PETSc object with ``setOptionsPrefix`` and ``setFromOptions``.
     prefix
-        Options prefix, ``"film_"`` reads ``-film_...``.
+        Prefix of the options; with ``"film_"``, the solver reads ``-film_...``.
     defaults
-        Values by option name without prefix. They are removed from PETSc's options database after
-        the block, so that no other solver reads them.
+        Default values by option name without prefix. They are in PETSc's options database only
+        within the block, so that no other solver reads them.
     """
     options = PETSc.Options(prefix)
     added = {key: value for key, value in defaults.items() if not options.hasName(key)}
@@ -51,7 +51,7 @@ def configured(
 def configure(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
 ) -> None:
-    """Set a solver as `configured` does, if none of `defaults` is an option of its parts."""
+    """Set a solver as `configured` does; `defaults` must not have options of its parts."""
     with configured(solver, prefix, defaults):
         pass
 
@@ -59,32 +59,35 @@ def configure(
 def destroy_with(owner: object, *objects: PETSc.Object) -> None:
     """Destroy PETSc objects when their Python owner is collected, or at exit.
 
-    PETSc objects reference arrays and Python contexts until they are destroyed, which must happen
-    before the end of the interpreter. Without an explicit call PETSc 3.18 would keep them until all
-    ranks collect garbage together, which never happens.
+    PETSc objects refer to arrays and Python contexts until they are destroyed, which must happen
+    before the interpreter ends. PETSc 3.18 would otherwise keep them until all ranks collect
+    garbage together, which never happens.
     """
     weakref.finalize(owner, _destroy, objects)
 
 
 def _destroy(objects: tuple[PETSc.Object, ...]) -> None:
+    """Destroy PETSc objects."""
     for item in objects:
         item.destroy()
 
 
 def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None:
-    """Solve for every column of a dense matrix, all at once with a factorisation.
+    """Solve a linear system for every column of a dense matrix.
+
+    A direct solver solves for all columns at once, an iterative one for one after the other.
 
     Parameters
     ----------
     ksp
-        Solver, set up.
+        Solver that is set up.
     right, solution
-        Dense matrices of the same layout.
+        Dense matrices with the right-hand sides and for the solutions, distributed alike.
 
     Raises
     ------
     SolverError
-        The iteration did not converge for one of the columns.
+        If the iteration does not converge for a column.
     """
     if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
         ksp.pc.getFactorMatrix().matSolve(right, solution)

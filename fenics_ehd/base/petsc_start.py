@@ -1,13 +1,13 @@
-"""Start of PETSc at import; this module must be imported before PETSc or dolfinx.
+"""Initialisation of PETSc at import; this module must be imported before PETSc or dolfinx.
 
-PETSc would read ``~/.petscrc`` and ``.petscrc`` in the current folder, whose options may be meant
-for another program and change results. Options in ``PETSC_OPTIONS``, and options of a script that
-starts PETSc itself, are effective.
+PETSc does not read ``.petscrc`` in the home and current folders, whose options may be meant for
+another program and would change results. Options in ``PETSC_OPTIONS``, and those of a script that
+initialises PETSc itself, are effective.
 
-petsc4py would read ``petsc.cfg`` in the current folder, which may name another folder for the
-library to be loaded. dolfinx from 0.9 on makes petsc4py read the file again at its own import.
+petsc4py does not read ``petsc.cfg`` in the current folder, which may name another folder from which
+the library is loaded. dolfinx from 0.9 on would make petsc4py read this file again.
 
-PETSc would also handle SIGTERM and SIGHUP itself, print pages, and end the program at once.
+PETSc does not handle SIGTERM and SIGHUP: it would print pages and end the program at once.
 """
 
 import os
@@ -17,9 +17,9 @@ from mpi4py import MPI
 
 from fenics_ehd.base.processes import in_neutral_folder
 
-# First among the options, so that options of the user come later and override it.
+# Options of the user come later and therefore override this one.
 os.environ["PETSC_OPTIONS"] = f"-no_signal_handler {os.environ.get('PETSC_OPTIONS', '')}"
 with in_neutral_folder():
     petsc4py.init(["fenics-ehd", "-skip_petscrc"], comm=MPI.COMM_WORLD)
-# The decorator enters the neutral folder at every call.
+# The function changes to a neutral folder at every call.
 petsc4py.lib.getPathArchPETSc = in_neutral_folder()(petsc4py.lib.getPathArchPETSc)

@@ -12,7 +12,7 @@ import numpy as np
 def rotation(angle: float) -> np.ndarray:
     """Matrix that rotates a vector by an angle [rad], shape (2, 2), read-only.
 
-    The matrix also transforms components from a frame rotated by that angle to the frame at rest.
+    It also transforms components in a frame that is rotated by this angle to the frame at rest.
     """
     cosine = math.cos(angle)
     sine = math.sin(angle)

@@ -11,21 +11,21 @@ LONGEST_VALUE = 60
 
 
 def escaped(text: str) -> str:
-    """Text in which control characters, in names for instance, are escaped as Python escapes them.
+    """Escape control characters in a text, as Python does; line breaks are kept.
 
-    Bytes of a path that are not UTF-8 are escaped as well; line breaks stay.
+    Bytes of paths that are not UTF-8 are escaped, too.
     """
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
 def shown(value: Any) -> str:
-    """A value as scene files have it, in one line of at most `LONGEST_VALUE` characters."""
+    """Write a value as in a scene file, in one line of at most `LONGEST_VALUE` characters."""
     text = " ".join(_literal(value).split())
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
 
 def _literal(value: Any) -> str:
-    """A value as scene files have it; a float with as many digits as it needs."""
+    """Write a value as in a scene file; a float has as few digits as represent it exactly."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list | tuple):
@@ -37,20 +37,21 @@ def _literal(value: Any) -> str:
 
 
 def key_hint(known: Iterable[str], name: str) -> str:
-    """Hint at the key that is probably meant by an unknown one.
+    """Suggest a known key in place of an unknown one, for a message.
 
     Parameters
     ----------
     known
-        Keys with their sections.
+        Known keys with their sections.
     name
         Unknown key, with or without a section.
 
     Returns
     -------
     str
-        ``"did you mean bearing.clearance?"``: the same word in another section, or a similar word
-        in the same section, or in any section if the section is unknown too; else all known keys.
+        ``"did you mean bearing.clearance?"``, or ``"known: ..."`` with all known keys. A suggested
+        key has the same last word in another section, or a similar last word in the same section;
+        if the section is unknown, in any section.
     """
     known = list(known)
     section, _, word = name.rpartition(".")
@@ -66,7 +67,7 @@ def key_hint(known: Iterable[str], name: str) -> str:
 
 
 def _similar(keys: list[str], word: str) -> list[str]:
-    """The keys whose last word is most similar to a word."""
+    """Keys whose last word is the one most similar to `word`; empty if none is similar."""
     close = difflib.get_close_matches(word, map(_word, keys), n=1)
     return [key for key in keys if _word(key) in close]
 

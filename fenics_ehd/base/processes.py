@@ -1,13 +1,13 @@
-"""Processes: child processes, signals, ranks that end together, suppressed output.
+"""Child processes, signals, common end of all ranks, and suppressed output of libraries.
 
-- A function may be called in a child process: a changed state of a library, or a crash, is confined
-  to that process.
+- A function can be called in a child process, so that a crash or a changed state of a library is
+  limited to that process.
 - Signals end a run between two steps, never while a step is being written.
 - An error on one rank ends the other ranks, which may be waiting for it.
-- Output of libraries is kept off the standard output, which has the results of commands.
+- Libraries do not write to the standard output, which has the results of commands.
 
-Imports inside functions: mpi4py starts MPI when imported, which a worker must do after its
-environment is set up, and a single process need not do at all; tqdm is needed by workers alone.
+Imports inside functions: the import of mpi4py starts MPI, which a worker must do after its
+environment is set up, and a single process need not do; only workers need tqdm.
 """
 
 from __future__ import annotations
@@ -39,17 +39,18 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: Variables with the number of BLAS threads, read when NumPy is first imported: one per process.
+#: Environment variables with the number of BLAS threads, which are read when NumPy is imported.
+#: Their default is one thread per process.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 #: Beginnings of the variables that launchers set (Open MPI, PMIx, MPICH, Slurm). A process that
-#: inherits them acts as that rank.
+#: inherits them acts as the rank for which they were set.
 LAUNCHER = ("OMPI_", "ORTE_", "PMIX_", "PRTE_", "PMI_", "HYDI_", "MPI_LOCAL", "SLURM_")
 
-#: Beginnings of those variables that are settings of the user, and are passed on.
+#: Beginnings of variables among these that are settings of the user and are passed on.
 SETTINGS = ("OMPI_MCA_", "OMPI_ALLOW_", "PMIX_MCA_", "PRTE_MCA_", "PRTE_ALLOW_")
 
-#: Beginnings of settings through which a rank of Open MPI 4 contacts its daemon.
+#: Beginnings of settings through which a rank of Open MPI 4 contacts its daemon; not passed on.
 RANK_SETTINGS = (
     "OMPI_MCA_ess_base_",
     "OMPI_MCA_initial_wdir",
@@ -65,7 +66,7 @@ RANK_SETTINGS = (
     "OMPI_MCA_orte_top_session_dir",
 )
 
-#: Values of settings of ranks that forbid components which a single process needs.
+#: Values of settings that ranks have and that exclude components which a single process needs.
 RANK_VALUES = {
     "OMPI_MCA_ess": ("^singleton", "singleton"),  # the second in a single process
     "OMPI_MCA_pmix": ("^s1,s2,cray,isolated",),
@@ -79,44 +80,45 @@ SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
 
 
 def is_rank() -> bool:
-    """True if a launcher has started this process."""
+    """Whether a launcher has started this process as a rank."""
     return any(name in os.environ for name in RANKS)
 
 
 def set_by_launcher(name: str, value: str) -> bool:
-    """True of a variable that a launcher sets to make a process a rank."""
+    """Whether an environment variable is one that a launcher sets to make a process a rank."""
     if name.startswith(RANK_SETTINGS) or value in RANK_VALUES.get(name, ()):
         return True
     return name.startswith(LAUNCHER) and not name.startswith(SETTINGS)
 
 
 def without_launcher() -> dict[str, str]:
-    """Environment of a child process that is no rank; settings of the user are kept."""
+    """Environment for a child process that is not a rank; settings of the user are kept."""
     return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
 
 
 def begin_worker() -> None:
-    """Set up a process of a pool: no rank, one BLAS thread, ended with its parent.
+    """Set up a worker process of a pool: not a rank, one BLAS thread, ends with its parent.
 
-    It must be called before MPI starts, which would otherwise act as the parent's rank.
+    The function must be called before MPI starts: the process would otherwise act as the rank of
+    its parent.
     """
     from tqdm import tqdm
 
     for name, value in list(os.environ.items()):
         if set_by_launcher(name, value):
             del os.environ[name]
-    # Open MPI 4 would start a daemon for each process; two daemons that start at once may fail.
+    # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
     os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
     for name in THREADS:
         os.environ.setdefault(name, "1")
     logging.disable(logging.INFO)  # the build log of forms
-    # The default lock is shared by processes, and a killed process never releases it.
+    # Processes share the default lock, which a killed process never releases.
     tqdm.set_lock(threading.RLock())
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-#: Functions of OpenBLAS that set and return its number of threads: Debian's names, and those of
-#: wheels, which have a prefix and, with indices of 64 bits, a suffix.
+#: Names of the functions of OpenBLAS that set and return its number of threads. In wheels they have
+#: a prefix, and a suffix if indices have 64 bits; in Debian neither.
 THREAD_FUNCTIONS = tuple(
     (f"{prefix}openblas_set_num_threads{suffix}", f"{prefix}openblas_get_num_threads{suffix}")
     for prefix in ("", "scipy_")
@@ -126,7 +128,7 @@ THREAD_FUNCTIONS = tuple(
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit every OpenBLAS in this process to one thread, as results depend on their number."""
+    """Limit every OpenBLAS in this process to one thread, as results depend on this number."""
     former = [(write, read()) for write, read in _thread_functions()]
     try:
         for write, _ in former:
@@ -138,7 +140,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
-    """Functions that set and return the number of threads, for every loaded OpenBLAS."""
+    """Functions that set and return the number of threads of every loaded OpenBLAS."""
     functions = []
     for library in map(ctypes.CDLL, _loaded("blas")):
         for write, read in THREAD_FUNCTIONS:
@@ -182,7 +184,7 @@ def _kernels(library: ctypes.CDLL) -> Iterator[str]:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent ends: otherwise it would wait for tasks forever."""
+    """End this process when its parent ends, as it would otherwise wait for tasks for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -195,9 +197,9 @@ NEUTRAL = "/proc"
 
 @contextmanager
 def in_neutral_folder() -> Iterator[None]:
-    """Change to a folder in which libraries find no files by relative names, and back.
+    """Work in a folder without files that libraries could read by relative names.
 
-    The return works even if the former folder was removed or is unreadable.
+    The former folder is restored afterwards, even if it was removed or is unreadable.
     """
     former = os.open(".", os.O_PATH)
     os.chdir(NEUTRAL if os.path.isdir(NEUTRAL) else os.sep)
@@ -208,7 +210,7 @@ def in_neutral_folder() -> Iterator[None]:
         os.close(former)
 
 
-#: Program of the child process, whose module path is that of this process without its folder.
+#: Program of the child process; its module path is that of this process.
 _CALL = """
 import pathlib, pickle, sys
 sys.path = pickle.load(sys.stdin.buffer)
@@ -222,18 +224,18 @@ pathlib.Path(sys.argv[1]).write_bytes(pickle.dumps(answer))
 
 
 def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
-    """Result of a function called in another Python process, whose output is dropped.
+    """Call a function in another Python process, whose output is dropped, and return its result.
 
-    The other process is no rank, even if this process is one.
+    The other process is not a rank, even if this process is one.
 
     Parameters
     ----------
     function
         Function at the top level of a module that does not start MPI.
     arguments
-        Arguments; they and the result must be picklable.
+        Arguments of the function; they and the result must be picklable.
     lost
-        Error raised if the other process ends without a result.
+        Error that is raised if the other process ends without a result.
     """
     request = pickle.dumps(sys.path) + pickle.dumps((function, arguments))
     with TemporaryDirectory() as folder:
@@ -257,7 +259,7 @@ def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
 #: Signals that end a run as Ctrl-C does.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE)
 
-#: Exit status of a command that was ended by one of these signals.
+#: Exit status of a command that a signal has ended.
 INTERRUPTED = 130
 
 
@@ -265,9 +267,9 @@ INTERRUPTED = 130
 def ending_signals_raise() -> Iterator[None]:
     """Make SIGTERM and SIGHUP raise `KeyboardInterrupt`, as SIGINT does.
 
-    Signals during an import, which would turn the exception into another error, end the process.
-    Ignored signals stay ignored, SIGINT in background jobs of a shell for instance. SIGPIPE is
-    ignored as well, except between the steps of a run: writing to a closed pipe raises an error.
+    A signal during an import ends the process, as the import would turn the exception into another
+    error. Signals that are ignored remain so, for instance SIGINT in background jobs of a shell.
+    SIGPIPE is ignored except between the steps of a run; writing to a closed pipe raises an error.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -285,6 +287,7 @@ def ending_signals_raise() -> Iterator[None]:
 
 
 def _raise(_number: int, frame: FrameType | None) -> None:
+    """Handle a signal: raise `KeyboardInterrupt`, or end the process during an import."""
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             with suppress(OSError):
@@ -295,10 +298,12 @@ def _raise(_number: int, frame: FrameType | None) -> None:
 
 
 def _pass_over(_number: int, _frame: FrameType | None) -> None:
+    """Handle a signal: do nothing."""
     pass
 
 
 def _restore(handlers: dict[signal.Signals, Any]) -> None:
+    """Set signal handlers."""
     for number, handler in handlers.items():
         if handler is not None:  # None: the handler was not set from Python
             signal.signal(number, handler)
@@ -308,9 +313,9 @@ def _restore(handlers: dict[signal.Signals, Any]) -> None:
 def interrupt_between_steps() -> Iterator[Callable[[], None]]:
     """Defer the first signal until the yielded function is called.
 
-    The function then raises `KeyboardInterrupt`. A second signal acts at once. Only signals with a
-    Python handler are deferred, see `ending_signals_raise`. Outside the main thread nothing is
-    done.
+    This function then raises `KeyboardInterrupt`. A second signal acts at once. Only signals with a
+    Python handler are deferred, see `ending_signals_raise`. In other threads than the main thread,
+    signals are not changed.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None
@@ -337,7 +342,7 @@ def interrupt_between_steps() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def interrupt_kept() -> Iterator[None]:
-    """Ignore new handlers of signals in the block: Gmsh would replace that of SIGINT."""
+    """Keep the signal handlers in the block, as Gmsh would replace the handler of SIGINT."""
 
     def keep(number: int, _handler: Any) -> Any:
         return signal.getsignal(number)
@@ -350,10 +355,11 @@ def interrupt_kept() -> Iterator[None]:
         signal.signal = original
 
 
-#: Time within which other ranks must end as well [s]; ranks that take longer wait for this rank.
+#: Time that a failed rank waits for the end of the other ranks [s]; it then takes them as waiting
+#: for it.
 PATIENCE = 3.0
 
-#: Time that mpirun needs to print a rank's message before the rank aborts the job [s].
+#: Time between the message of a rank and its abort of the job [s], so that mpirun can print it.
 PASSING_ON = 0.3
 
 #: Time between two checks of the other ranks [s].
@@ -362,7 +368,7 @@ POLL = 0.01
 
 @contextmanager
 def all_ranks() -> Iterator[MPI.Comm | None]:
-    """Communicator reserved for `agreed`; None for a single process."""
+    """Yield a communicator that is used only in `agreed`; None for a single process."""
     if all(os.environ.get(name, "1") == "1" for name in SIZES):
         yield None
         return
@@ -374,33 +380,36 @@ def all_ranks() -> Iterator[MPI.Comm | None]:
 
 
 def require_alike(name: str, value: str) -> None:
-    """Refuse a value that differs between ranks, which would then wait for each other; collective.
+    """Refuse a value that differs between ranks, as they would wait for each other; collective.
 
     Raises
     ------
     SettingsError
-        On all ranks.
+        If it differs; the error is raised on all ranks.
     """
     from mpi4py import MPI
 
     values = MPI.COMM_WORLD.allgather(value)
     other = next((rank for rank, text in enumerate(values) if text != values[0]), 0)
     if other:
-        raise SettingsError(f"rank {other} has another {name} than rank 0: call all ranks alike")
+        raise SettingsError(
+            f"rank {other} has another {name} than rank 0: all ranks must have the same"
+        )
 
 
 def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
-    """Exit status and message of this rank; the message is that of the first failed rank.
+    """Agree on the end of all ranks: return the exit status and the message of this rank.
 
-    Every rank calls this function at its end. If a rank fails while the others wait for it in a
-    collective call, which no exception can interrupt, it prints its message and aborts all ranks.
+    The status is that of the first failed rank, which alone has a message. Every rank calls this
+    function at its end. If a rank has failed and the others wait for it in a collective call, which
+    no exception can interrupt, it prints its message and aborts all ranks.
 
     Parameters
     ----------
     comm
         Communicator from `all_ranks`.
     status, message
-        Exit status and message of this rank; 0 and empty without an error.
+        Exit status and message of this rank before; 0 and empty if it has not failed.
     """
     if comm is None:
         return status, message
@@ -423,12 +432,12 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
 
 @contextmanager
 def printing_kept() -> Iterator[io.StringIO]:
-    """Collect the output of Python code; drop output of compiled code to file descriptor 1.
+    """Collect the output of Python code, and drop the standard output of compiled code.
 
     Yields
     ------
     io.StringIO
-        Standard and error output of Python code.
+        Collected standard output and standard error of Python code.
     """
     output = io.StringIO()
     _flush()
@@ -446,7 +455,7 @@ def printing_kept() -> Iterator[io.StringIO]:
 
 
 def _flush() -> None:
-    """Flush the output of Python and of the C library."""
+    """Flush the standard output of Python and the output of the C library."""
     with suppress(OSError, ValueError):
         sys.stdout.flush()
     ctypes.CDLL(None).fflush(None)

@@ -37,14 +37,14 @@ def renamed_message(former: str, name: str) -> str:
 
 
 def warn_renamed(former: str, name: str, depth: int = 1) -> None:
-    """Emit the warning of a former name.
+    """Warn that a former name was used.
 
     Parameters
     ----------
     former, name
-        The former name and the present one.
+        Former name and new name.
     depth
-        Calls between the line that uses the former name and the caller of this function.
+        Number of calls between the line that uses the former name and the caller of this function.
     """
     warnings.warn(renamed_message(former, name), DeprecationWarning, stacklevel=depth + 2)
 
@@ -52,23 +52,23 @@ def warn_renamed(former: str, name: str, depth: int = 1) -> None:
 def joint_of_bare_name(
     name: str, quantities: Mapping[str, Container[str]], depth: int = 1, before: str = ""
 ) -> str | None:
-    """Joint of a quantity that is named without its joint, as versions before 0.4 did.
+    """Find the joint of a quantity whose name has no joint, as in versions before 0.4.
 
     Parameters
     ----------
     name
-        Bare name, ``max_pressure_Pa``.
+        Name of the quantity without a joint, ``max_pressure_Pa``.
     quantities
         Names of the quantities of every joint.
     depth
         See `warn_renamed`.
     before
-        What precedes the joint in the present name, ``joints.`` in the summary.
+        Text before the joint in the new name, such as ``joints.`` in the summary.
 
     Returns
     -------
     str or None
-        The joint if exactly one has such a quantity, with a warning; else None.
+        Name of the joint if exactly one has such a quantity, after a warning; else None.
     """
     fitting = [joint for joint, names in quantities.items() if name in names]
     if len(fitting) != 1:
@@ -78,12 +78,12 @@ def joint_of_bare_name(
 
 
 class _FormerAttribute:
-    """Descriptor that redirects a former attribute to the present one.
+    """Descriptor that redirects a former attribute to the attribute with the new name.
 
     Attributes
     ----------
     former, name
-        The former name and the present one.
+        Former name and new name.
     """
 
     def __init__(self, former: str, name: str) -> None:
@@ -91,10 +91,11 @@ class _FormerAttribute:
         self.name = name
 
     def _warn(self, owner: type) -> None:
+        """Warn that the former name was used."""
         warn_renamed(f"{owner.__name__}.{self.former}", f"{owner.__name__}.{self.name}", depth=2)
 
     def __get__(self, instance: Any, owner: type) -> Any:
-        """Value of the present attribute, of an instance or of the class."""
+        """Read the attribute under its new name, from an instance or from the class."""
         self._warn(owner)
         value: Any = owner if instance is None else instance
         for part in self.name.replace("[", ".").replace("]", "").split("."):
@@ -102,20 +103,20 @@ class _FormerAttribute:
         return value
 
     def __set__(self, instance: Any, value: Any) -> None:
-        """Assign to the present attribute."""
+        """Set the attribute under its new name."""
         self._warn(type(instance))
         setattr(instance, self.name, value)
 
 
 def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
-    """Class decorator that accepts former names of attributes and methods.
+    """Decorate a class so that it accepts former names of its attributes and methods.
 
     The decorator must be above ``@dataclass``, which would read former names as defaults of fields.
 
     Parameters
     ----------
     names
-        Present name of every former one, or a path to its value: ``"surfaces[0].body"``.
+        New name of every former name, or a path to its value: ``"surfaces[0].body"``.
     """
 
     def decorate(cls: Cls) -> Cls:
@@ -155,20 +156,16 @@ def accept_former_parameter(cls: type, method: str, former: str, name: str) -> N
 
 
 def renamed_arguments(**names: str) -> Callable[[Renamed], Renamed]:
-    """Decorator that accepts former keyword arguments of a function or of a constructor.
+    """Decorate a function or a class so that it accepts former names of keyword arguments.
 
-    Calls of the result pass through one more function: the decorator is not meant for functions
-    that are called in every iteration of a step.
+    Every call passes through one more function: the decorator is not meant for functions that are
+    called in every iteration of a step. The decorated function raises TypeError if it is called
+    with both a former name and its new name.
 
     Parameters
     ----------
     names
-        Present name of every former one.
-
-    Raises
-    ------
-    TypeError
-        From the decorated function: it is called with a former name and the present one.
+        New name of every former name.
     """
 
     def accept_former(function: Callable[..., Any], label: str) -> Callable[..., Any]:

@@ -1,9 +1,9 @@
-"""HDF5 files of this program: sealed, written atomically, checked before they are read.
+"""HDF5 files with a seal: written atomically, and checked before they are read.
 
-The seal is the SHA-256 digest of all data behind it. It is stored in the first 512 bytes of a file,
-which HDF5 leaves free for other uses (``head -n 1 body.h5`` shows it). A file that was changed by a
-disk, a transfer or an editor is refused before HDF5 opens it. The seal protects against accidents,
-not against forgery: a changed file can be sealed again.
+The seal is the SHA-256 digest of the data behind the first 512 bytes of a file. It is stored in
+these bytes, which HDF5 leaves free for other uses (``head -n 1 body.h5`` shows it). A file that a
+disk, a transfer or an editor has changed is refused before HDF5 opens it. The seal protects against
+accidents, not against forgery: anybody can seal a changed file again.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ HEAD = 512
 #: First bytes of a sealed file.
 _MARK = b"fenics_ehd sha256 "
 
-#: Largest compression ratio of deflate.
+#: Largest ratio by which the deflate filter of HDF5 can compress data.
 _DEFLATE = 1032
 
 
 @contextmanager
 def sealed_hdf5(path: str | Path, kind: str, version: int) -> Iterator[h5py.File]:
-    """An HDF5 file in memory, to be filled; it is then sealed and written atomically.
+    """Yield an HDF5 file in memory; after the block, seal it and write it atomically.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def sealed_hdf5(path: str | Path, kind: str, version: int) -> Iterator[h5py.File
     Raises
     ------
     OutputError
-        The file cannot be written; a former file stays.
+        If the file cannot be written; an existing file is then unchanged.
     """
     image = BytesIO()
     with h5py.File(image, "w", userblock_size=HEAD) as file:
@@ -62,15 +62,15 @@ def save_tree(path: str | Path, tree: Mapping[str, Any], kind: str, version: int
 
 
 def put_tree(group: h5py.Group, tree: Mapping[str, Any]) -> None:
-    """Store a tree in a group.
+    """Store a tree in an HDF5 group.
 
     Parameters
     ----------
     group
         Empty HDF5 group.
     tree
-        Dictionaries of dictionaries, arrays, numbers, texts and tuples of texts; see `Group.tree`
-        in `fenics_ehd.base.layout`.
+        Nested dictionaries of arrays, numbers, texts and tuples of texts; see `Group.tree` in
+        `fenics_ehd.base.layout`.
     """
     for name, value in _flat(tree):
         if isinstance(value, Mapping):
@@ -81,7 +81,10 @@ def put_tree(group: h5py.Group, tree: Mapping[str, Any]) -> None:
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Path and value of every entry of a tree, sorted by name; groups are empty; without None."""
+    """Path and value of every entry of a tree, sorted by name.
+
+    The value of a group is an empty dictionary; entries that are None are omitted.
+    """
     for name, value in sorted(tree.items()):
         if value is None:
             continue
@@ -93,7 +96,7 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def digest(tree: Mapping[str, Any]) -> str:
-    """SHA-256 of names and values of a tree, independent of the version of HDF5."""
+    """SHA-256 digest of the names and values of a tree, independent of the version of HDF5."""
     checksum = hashlib.sha256()
     for name, value in _flat(tree):
         array = np.asarray(value)
@@ -103,7 +106,10 @@ def digest(tree: Mapping[str, Any]) -> str:
 
 
 def seal(partial: Path, path: Path) -> None:
-    """Seal a file written with ``userblock_size=HEAD``, and rename it over a former one."""
+    """Seal a file that was written with ``userblock_size=HEAD``, and rename it to `path`.
+
+    An existing file is replaced.
+    """
     with open(partial, "r+b") as file:
         file.seek(HEAD)
         head = _head(hashlib.file_digest(file, "sha256"))  # type: ignore[arg-type]
@@ -113,12 +119,18 @@ def seal(partial: Path, path: Path) -> None:
 
 
 def _head(checksum: Any) -> bytes:
-    """First bytes of a file with this checksum."""
+    """First `HEAD` bytes of a sealed file with this checksum."""
     return (_MARK + checksum.hexdigest().encode() + b"\n").ljust(HEAD, b"\0")
 
 
 def require_file(path: str | Path) -> None:
-    """Refuse folders, devices and pipes, whose reading may never end; missing files pass."""
+    """Refuse a folder, device or pipe, whose reading may never end; a missing file is accepted.
+
+    Raises
+    ------
+    ValueError
+        If the path exists and is not a regular file.
+    """
     if Path(path).exists() and not Path(path).is_file():
         raise ValueError("not a regular file")
 
@@ -129,8 +141,8 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
     Raises
     ------
     ValueError, OSError
-        The file is no HDF5 file, or refers to data in other files, which the digest does not cover
-        and which could be any file of the user.
+        If the file is not HDF5, or if it refers to data in other files. Such data are not part of
+        the seal, and may be any file of the user.
     """
     require_file(path)
     file = h5py.File(path, "r", **options)
@@ -145,25 +157,25 @@ def open_hdf5(path: str | Path, **options: Any) -> h5py.File:
     try:
         outside = file.id.links.visit(linked, info=True) or file.visititems(stored)
         if outside:
-            raise ValueError(f"{outside} lies in another file, which is not followed")
+            raise ValueError(f"the data of {outside} are in another file, which is not read")
     except BaseException:
         file.close()
         raise
     return file
 
 
-#: Bytes by which datasets of a foreign file may exceed its size: variables of netCDF that were
-#: never written occupy no space.
+#: Number of bytes by which the datasets of a foreign file may exceed its size. Variables of netCDF
+#: that were never written occupy no space in a file.
 _UNWRITTEN = 1 << 26
 
 
 def require_own_data(path: str | Path) -> None:
-    """Check an HDF5 file that another library will read.
+    """Check an HDF5 file before another library reads it.
 
     Raises
     ------
     ValueError, OSError
-        See `open_hdf5`; or the datasets together are larger than the file can hold.
+        If `open_hdf5` refuses the file, or if its datasets are larger than the file can hold.
     """
     claimed = 0
 
@@ -176,16 +188,16 @@ def require_own_data(path: str | Path) -> None:
         file.visititems(count)
     most = Path(path).stat().st_size * _DEFLATE + _UNWRITTEN
     if claimed > most:
-        raise ValueError(f"{path} claims {claimed} bytes, it can hold {most}")
+        raise ValueError(f"{path} declares {claimed} bytes of data, but can hold at most {most}")
 
 
 def _sealed(path: str | Path) -> bool:
-    """True for a file that has a seal.
+    """Whether a file has a seal; a broken seal is refused.
 
     Raises
     ------
     ValueError
-        The file was changed after it was sealed, or is no regular file.
+        If the file was changed after it was sealed, or is not a regular file.
     """
     require_file(path)
     with open(path, "rb") as file:
@@ -197,14 +209,14 @@ def _sealed(path: str | Path) -> bool:
     return True
 
 
-#: Exceptions from reading a file that is damaged, of another kind, or out of reach.
+#: Exceptions that may be raised when a file is damaged, of another kind, or not accessible.
 UNREADABLE = (
     OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
 )  # fmt: skip
 
 
 def stored_as(words: str, kind: str) -> Kind:
-    """Kind of the output files of a format, of any version; a broken seal excludes a file."""
+    """Make the kind of the output files of a format, of any version, without a broken seal."""
 
     def holds(path: Path) -> bool:
         try:
@@ -220,7 +232,10 @@ def stored_as(words: str, kind: str) -> Kind:
 
 @contextmanager
 def named(error: type[InputError], label: str) -> Iterator[None]:
-    """Turn exceptions from reading a file into an error of this package with one line."""
+    """Convert exceptions from reading a file to an error of this package.
+
+    Its message is one line that begins with `label`.
+    """
     try:
         yield
     except FileNotFoundError:
@@ -246,27 +261,28 @@ def open_sealed(
     path, kind, version
         See `save_tree`.
     remedy
-        Advice about a file of another version, for the message.
+        Advice in the message about a file of another version.
     former
-        Former versions of the format that are read as well.
+        Former versions of the format that are accepted, too.
     foreign
-        Whether other programs also write such files, without a seal.
+        Whether files without a seal are accepted, as other programs write them.
 
     Raises
     ------
     ValueError, OSError
-        See `named`.
+        If the file cannot be opened, has another format or version, or has a broken or no seal;
+        `named` converts these errors.
     """
     sealed = _sealed(path)
     file = open_hdf5(path)
     try:
         label = file.attrs.get("format")
-        # Bytes in histories of version 0.2.
+        # The format is stored as bytes in histories of version 0.2.
         if not isinstance(label, str | bytes) or label not in (kind, kind.encode()):
             raise ValueError(f"not a {kind}")
         stored = file.attrs.get("format_version")
         if not np.isscalar(stored) or stored not in (version, *former):
-            raise ValueError(f"format version {stored}, this program reads {version}; {remedy}")
+            raise ValueError(f"format version {stored}, but this program reads {version}: {remedy}")
         if not (sealed or foreign):
             raise ValueError(f"it has no digest: {remedy}")
     except BaseException:
@@ -276,12 +292,12 @@ def open_sealed(
 
 
 def values(item: Any, part: slice | tuple[()] = ()) -> Any:
-    """Content of a dataset or of some rows: an array or a number, a tuple of texts or a text.
+    """Read a dataset, or a part of it: an array or a number, a tuple of texts or a text.
 
     Raises
     ------
     ValueError
-        The dataset has neither numbers nor text, or is larger than its file can hold.
+        If the dataset has neither numbers nor text, or is larger than its file can hold.
     """
     require_numbers(item, "fiub", text=True)
     if item.dtype.kind in "fiub":
@@ -295,17 +311,17 @@ _TEXTS = 256
 
 
 def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
-    """A text, or a tuple of texts.
+    """Read a dataset of one text, or of several as a tuple.
 
     Raises
     ------
     ValueError
-        The texts have more characters than their file has bytes: many entries share one text.
+        If the texts have more characters than the file has bytes, as many entries share one text.
     """
     if not item.shape:
         return str(item.asstr()[()])
     if len(item.shape) != 1:
-        raise ValueError(f"{item.name} has shape {item.shape}, texts have one axis")
+        raise ValueError(f"{item.name} has shape {item.shape}, but texts must have one axis")
     most = Path(item.file.filename).stat().st_size
     texts: list[str] = []
     total = 0
@@ -319,7 +335,7 @@ def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
 
 
 def is_text(kind: np.dtype) -> bool:
-    """True of the data type of texts, of fixed or variable length."""
+    """Whether a data type is that of texts, of fixed or variable length."""
     return kind.kind in "SU" or h5py.check_string_dtype(kind) is not None
 
 
@@ -329,8 +345,8 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     Raises
     ------
     ValueError
-        The item is no dataset, has no numbers of these kinds (f, i, u), or is larger than its file
-        can hold.
+        If the item is not a dataset, if its numbers are not of one of the `kinds` (NumPy's f, i,
+        u, b), or if it is larger than its file can hold. Texts are accepted if `text` is true.
     """
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         raise ValueError(f"{item.name} is no array")
@@ -339,25 +355,27 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     require_stored(item)
 
 
-#: HDF5's numbers of compressing filters: deflate, szip, nbit, scale-offset, LZF.
+#: Numbers of the HDF5 filters that compress: deflate, szip, nbit, scale-offset, LZF.
 _PACKING = (1, 4, 5, 6, 32000)
 
 
 def require_stored(item: h5py.Dataset) -> None:
-    """Refuse a dataset with more bytes than its file can hold, even compressed.
+    """Refuse a dataset with more bytes than its stored data can contain, even if compressed.
 
-    Data that were never written occupy no space in a file, for any shape.
+    Data that were never written occupy no space in a file, so that any shape can be declared.
 
     Raises
     ------
     ValueError
-        The message has the dataset, its bytes and the limit.
+        If the dataset is too large; the message has its bytes and the limit.
     """
     filters = item.id.get_create_plist()
     numbers = [filters.get_filter(i)[0] for i in range(filters.get_nfilters())]
     packings = sum(number in _PACKING for number in numbers)
     if packings > 1:
-        raise ValueError(f"{item.name} is packed {packings} times")
+        raise ValueError(f"{item.name} is compressed {packings} times, but once is the limit")
     most = item.id.get_storage_size() * (_DEFLATE if packings else 1)
     if item.nbytes > most:
-        raise ValueError(f"{item.name} claims {item.nbytes} bytes, its file can hold {most}")
+        raise ValueError(
+            f"{item.name} declares {item.nbytes} bytes, but its file can hold at most {most}"
+        )

@@ -1,7 +1,4 @@
-"""Settings classes with checked fields: reading from TOML and writing to TOML.
-
-The message for an unknown key suggests a similar key.
-"""
+"""Settings classes with checked fields: reading from TOML, writing to TOML, and notices."""
 
 from __future__ import annotations
 
@@ -22,12 +19,12 @@ from fenics_ehd.base.printed import key_hint
 
 
 def declared(cls: type) -> list[attrs.Attribute]:
-    """Fields of a class that a scene file may have: those with a help text."""
+    """Fields of a settings class that a scene file may have, those with metadata."""
     return [attribute for attribute in attrs.fields(cls) if attribute.metadata]
 
 
 def setting_names(cls: type, path: str = "") -> dict[str, attrs.Attribute]:
-    """Fields of a settings class by key, ``section.key`` and ``table.NAME.key`` included."""
+    """Fields of a settings class by full key, such as ``section.key`` or ``table.NAME.key``."""
     names = {}
     for attribute in declared(cls):
         name = f"{path}{attribute.name}"
@@ -42,33 +39,33 @@ def setting_names(cls: type, path: str = "") -> dict[str, attrs.Attribute]:
 T = TypeVar("T", bound=attrs.AttrsInstance)
 
 #: Largest number of characters of a key or number in a scene file. Time and memory to parse a key
-#: grow with the square of the number of its dots, and Python prints no numbers of thousands of
+#: grow with the square of the number of its dots, and Python does not print numbers of thousands of
 #: digits.
 LONGEST = 300
 
 
 class UnknownKeyError(SettingsError):
-    """A key that no field has; the message has its full name."""
+    """A scene has a key that does not exist; the message is the full key."""
 
 
 def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
-    """Settings object from nested tables.
+    """Make a settings object from nested tables.
 
     Parameters
     ----------
     cls
         Settings class.
     table
-        Values by key; values of a section are in a table of their own.
+        Values by key; the values of a section are in a nested table.
     path
-        Key of the table, followed by a dot, ``"rod."`` for instance; empty for the whole scene.
+        Key of the table, followed by a dot, such as ``"rod."``; empty for the complete scene.
 
     Raises
     ------
     UnknownKeyError
-        The key does not exist.
+        If a key does not exist.
     SettingsError
-        A key is missing, or a value is outside its limits; the message starts with the key.
+        If a key is missing, or a value is outside its limits; the message begins with the key.
     """
     if not isinstance(table, Mapping):
         raise SettingsError(f"{path.rstrip('.')} = {table!r} must be a table")
@@ -104,11 +101,18 @@ def _required(cls: type) -> list[str]:
 
 
 def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any:
-    """Settings object of a named table, of the class that ``kind`` selects, see `entries`."""
+    """Make the settings object of a named table, whose class ``kind`` selects, see `entries`.
+
+    Raises
+    ------
+    SettingsError
+        If the name has other characters, if the table or its kind is missing or wrong, or if
+        `build` refuses the table.
+    """
     path = f"{section}.{name}"
     kinds = about["kinds"]
     if not name.replace("_", "").replace("-", "").isalnum():
-        raise SettingsError(f"[{path}]: a name must be of letters, digits, _ and -")
+        raise SettingsError(f"[{path}]: a name must consist of letters, digits, _ and -")
     if not isinstance(table, Mapping):
         raise SettingsError(f"{path} = {table!r} must be a table: [{path}]")
     if name in about["named"]:
@@ -122,7 +126,7 @@ def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any
 
 
 def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, Any]]:
-    """Full key, field and value of every setting, sections and named tables included."""
+    """Iterate over full key, field and value of all settings, also in sections and named tables."""
     for attribute in declared(type(settings)):
         name = f"{path}{attribute.name}"
         value = getattr(settings, attribute.name)
@@ -138,7 +142,7 @@ def walk(settings: Any, path: str = "") -> Iterator[tuple[str, attrs.Attribute, 
 def idle_settings(
     settings: Any, path: str = "", around: tuple[tuple[str, Any], ...] = ()
 ) -> Iterator[tuple[str, Any, str, bool]]:
-    """Settings without effect: full key, value, reason, and whether it is only a notice.
+    """Iterate over settings without effect.
 
     Parameters
     ----------
@@ -147,7 +151,12 @@ def idle_settings(
     path
         Key of its table, followed by a dot.
     around
-        Paths and objects of the enclosing tables, the innermost first.
+        Keys and objects of the enclosing tables, the innermost first.
+
+    Yields
+    ------
+    tuple
+        Full key, value, reason, and whether the setting is only reported, not refused.
     """
     tables = ((path, settings), *around)
     look_up = partial(_setting, tables)
@@ -168,12 +177,13 @@ def idle_settings(
 
 
 def _default(attribute: attrs.Attribute) -> Any:
+    """Default value of a field."""
     default: Any = attribute.default
     return default.factory() if isinstance(default, attrs.Factory) else default  # type: ignore[arg-type]
 
 
 def _setting(tables: tuple[tuple[str, Any], ...], key: str) -> Setting | None:
-    """Setting of a key, from the first table that has the key; None if no table has it."""
+    """Setting of a key in the first table that has the key; None if no table has it."""
     for path, table in tables:
         value = table
         for name in key.split("."):
@@ -194,12 +204,12 @@ def keys_excluded_by(cls: type, key: str) -> tuple[str, ...]:
 
 
 def require_effects(settings: Any, path: str = "") -> None:
-    """Refuse settings without effect, except those of a notice; defaults are accepted.
+    """Refuse settings without effect, except defaults and settings that are only reported.
 
     Raises
     ------
     SettingsError
-        The message has the first such setting, its value and the setting that it needs.
+        If there is such a setting; the message has its value and the reason.
     """
     for name, value, why, notice in idle_settings(settings, path):
         if not notice:
@@ -207,13 +217,13 @@ def require_effects(settings: Any, path: str = "") -> None:
 
 
 def without_effect(settings: Any) -> list[str]:
-    """Notices: one line for every setting that has no effect and is not refused."""
+    """Notices about settings that have no effect and are not refused, one line each."""
     idle = idle_settings(settings)
     return [str(no_effect(name, value, why)) for name, value, why, notice in idle if notice]
 
 
 def unusual(settings: Any, path: str = "") -> list[str]:
-    """Notices: one line for every number of unusual size, which may be in another unit."""
+    """Notices about numbers of unusual magnitude, which may be in another unit, one line each."""
     notices = []
     for name, attribute, value in walk(settings, path):
         usual, hint = attribute.metadata.get("usual", (None, ""))
@@ -225,12 +235,12 @@ def unusual(settings: Any, path: str = "") -> list[str]:
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Tables of a TOML file.
+    """Read the tables of a TOML file.
 
     Raises
     ------
     SettingsError
-        The file cannot be read or is not TOML.
+        If the file cannot be read or is not TOML.
     """
     try:
         content = read_text(path)
@@ -244,32 +254,33 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def _bare_words(content: str) -> list[str]:
-    """Keys, dots included, and values of a TOML text, quoted texts removed."""
+    """Keys with their dots, and values, of a TOML text; quoted texts and comments are removed."""
     bare = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'|#.*|[ \t]", "", content)
     return re.split(r"[][{}=,\n]", bare)
 
 
 def toml_string(text: str) -> str:
-    """Text in quotes, escaped as TOML requires.
+    """Quote a text and escape it as TOML requires.
 
     Raises
     ------
     SettingsError
-        The text is not in UTF-8, such as the name of a file with other bytes.
+        If the text cannot be encoded in UTF-8, for instance the name of a file with other bytes.
     """
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise SettingsError(f"{text!a} is no text in UTF-8: rename that file or folder") from None
+        raise SettingsError(f"{text!a} is not in UTF-8: rename the file or folder") from None
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def toml_key(name: str) -> str:
-    """A key for TOML, in quotes if it needs them."""
+    """Write a key in TOML, in quotes if it has other characters than letters, digits, _ and -."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_string(name)
 
 
 def _literal(value: Any) -> str:
+    """Write a value in TOML."""
     if isinstance(value, tuple):
         return f"[{', '.join(map(_literal, value))}]"
     if isinstance(value, str):
@@ -278,9 +289,9 @@ def _literal(value: Any) -> str:
 
 
 def to_toml(settings: Any, path: str = "") -> str:
-    """TOML text of a settings object, every key with its help text; `build` reads it back.
+    """Write a settings object as TOML text with a help text for every key; `build` reads it.
 
-    Keys in the attribute ``idle`` of an object are left out.
+    Keys that the object lists in its attribute ``idle`` are omitted.
 
     Parameters
     ----------

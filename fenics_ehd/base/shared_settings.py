@@ -1,4 +1,4 @@
-"""Settings that several classes share: oil, rough surfaces, deviations, material of a part."""
+"""Settings that several scenes and commands share: oil, roughness, deviations, part material."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ from fenics_ehd.base.fields import (
 )
 from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, not_with, only_with
 
-#: Density of mineral oils at 15 C [kg/m3]; paraffinic ones of The Tribology Handbook (table 25,
-#: opened at digilib.universitaspertamina.ac.id) have 862 to 891 at 25 C.
+#: Density of mineral oils at 15 C [kg/m3]. Paraffinic oils have 862 to 891 at 25 C (The Tribology
+#: Handbook, table 25, opened at digilib.universitaspertamina.ac.id).
 DENSITY = 870.0
 
 #: Specific heat of mineral oil [J/(kg K)], rounded from 1966 (www.pantherlubes.com/tl_12.html). It
 #: grows with temperature by 0.2 % per K.
 SPECIFIC_HEAT = 2000.0
 
-#: Compressibility of mineral oils at ambient pressure in the law of Dowson and Higginson (1966)
-#: [1/Pa].
+#: Compressibility a of mineral oils at ambient pressure [1/Pa], in the density law of Dowson and
+#: Higginson (1966), in which density is proportional to ``1 + a p / (1 + b p)``.
 COMPRESSIBILITY = 0.6e-9
 
-#: Coefficient of the same law that bounds the density under pressure [1/Pa].
+#: Coefficient b of this law [1/Pa], which limits the density at high pressure.
 STIFFENING = 1.7e-9
 
 
 def _kinematic(temperature: int) -> Any:
+    """Field for the kinematic viscosity at a temperature [C]."""
     return number(
         0.0,
         f"kinematic, at {temperature} C [mm2/s], both in place of viscosity; 0: not given",
@@ -50,18 +51,24 @@ def _kinematic(temperature: int) -> Any:
 
 
 def supply_temperature(default: float, help_text: str) -> Any:
-    """Temperature of the oil that comes in [C]; `NO_TEMPERATURE` is accepted as a default."""
+    """Field for the temperature of the supplied oil [C].
+
+    `NO_TEMPERATURE`, as a default, means that none is set.
+    """
     lower = {"above" if default is REQUIRED else "least": NO_TEMPERATURE}
     return number(default, help_text, **lower, below=1000, usual=(1, 200), example="80 for 353 K")
 
 
 def conducted_share(help_text: str) -> Any:
-    """Fraction of the dissipated power that is not carried away by the oil [-]."""
+    """Field for the fraction of the dissipated power that the oil does not carry away [-]."""
     return number(0.0, help_text, least=0, below=1)
 
 
 def outlet_weight() -> Any:
-    """Weight of the outlet temperature in the effective temperature [-]; 0.5 is common practice."""
+    """Field for the weight of the outlet temperature in the effective temperature [-].
+
+    A weight of 0.5 is common practice.
+    """
     return number(
         0.5,
         "where the effective temperature lies between supply, 0, and outlet, 1",
@@ -70,19 +77,23 @@ def outlet_weight() -> Any:
     )
 
 
-#: Description of an oil by grade, for messages.
+#: Settings that describe an oil by its grade or kinematic viscosities, for messages.
 GRADED = "a grade, or viscosity_40 and viscosity_100"
 
-#: Values of `OilSettings.temperature_law`, whose laws are in `fenics_ehd.film.lubricant`.
+#: Values of `OilSettings.temperature_law`; `fenics_ehd.film.lubricant` implements them.
 TEMPERATURE_LAWS = ("walther",)
 
-#: Keys of rough surfaces, for messages.
+#: Settings that make surfaces rough, for messages.
 ROUGH = "journal_roughness or bore_roughness"
 
 
 @attrs.frozen(kw_only=True)
 class OilSettings:
-    """An oil: its viscosity, or its temperature with a grade or two kinematic viscosities."""
+    """Settings of an oil.
+
+    Its viscosity is given directly, or follows from a temperature and either a grade or two
+    kinematic viscosities.
+    """
 
     viscosity: float = viscosity(0.0, "dynamic [Pa s]; 0: by a grade or kinematic viscosities")
     grade: str = text(NONE, "ISO VG 46, SAE 10W-40 and others, in place of viscosity, or none")
@@ -170,17 +181,17 @@ class OilSettings:
 
     @property
     def graded(self) -> bool:
-        """True if the viscosity follows from a grade or two kinematic viscosities."""
+        """Whether the viscosity follows from a grade or from two kinematic viscosities."""
         return self.grade != NONE or bool(self.viscosity_40 or self.viscosity_100)
 
 
 def only_if_rough(field: Any) -> Any:
-    """A field that has an effect only between rough surfaces."""
+    """Add to a field the condition that a surface is rough."""
     return only_with(field, "roughness", words=ROUGH)
 
 
 def _roughness(of: str) -> Any:
-    """Root mean square height of a surface [m]; ground ones have 0.1 to 1 um."""
+    """Field for the rms roughness of a surface [m]; ground surfaces have 0.1 to 1 um."""
     return number(
         0.0, f"of the {of}, rms [m], 0: smooth", least=0, below=1e-4, usual=(1e-9, 1e-5),
         example="0.4e-6 for 0.4 um",
@@ -189,7 +200,7 @@ def _roughness(of: str) -> Any:
 
 @attrs.frozen(kw_only=True, slots=False)
 class Roughness:
-    """Roughness of a journal and its bore; rough surfaces may come into contact."""
+    """Settings of the roughness of a journal and its bore, whose asperities may be in contact."""
 
     journal_roughness: float = _roughness("journal")
     bore_roughness: float = _roughness("bore")
@@ -237,15 +248,16 @@ class Roughness:
 
     @property
     def roughness(self) -> float:
-        """Combined rms roughness sigma [m]."""
+        """Combined rms roughness sigma of both surfaces [m]."""
         return hypot(self.journal_roughness, self.bore_roughness)
 
 
 @attrs.frozen(slots=False)
 class Deviations:
-    """Deviations of a bore or a journal from a round surface, positive outward.
+    """Settings of the deviations of a bore or journal from a round surface, positive outward.
 
-    Deviations are in the frame of the body, so that a journal's shape turns with it. They add up.
+    All deviations are added. They are in the frame of the body, so that a journal's shape rotates
+    with the journal.
     """
 
     ovality: float = deviation("amplitude of a wave around [m]")
@@ -264,7 +276,7 @@ class Deviations:
 
 @attrs.frozen
 class Material:
-    """Isotropic elastic material."""
+    """Settings of an isotropic elastic material."""
 
     youngs_modulus: float = youngs_modulus(210e9)
     poissons_ratio: float = number(

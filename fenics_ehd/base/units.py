@@ -1,10 +1,9 @@
-"""Units: a number written with its unit, ``"9000 rpm"`` or ``"20 um"``, in the unit of its setting.
+"""Conversion of numbers with units, such as ``"9000 rpm"`` or ``"20 um"``, to the setting's unit.
 
-The unit of a setting is in brackets in its help text. Units are a table, not a library: pint would
-read "40 C" as coulombs, accept hertz for radians per second and is larger than the rest of `base`.
-In this module, C is a temperature. An angle is a dimension of its own, so that a frequency is no
-angular speed. Factors are exact until the last product: ``"20 um"`` is the same number as
-``20e-6``.
+The unit of a setting is in brackets in its help text. Units are in a table of this module. The
+library pint would read "40 C" as coulombs and accept hertz for radians per second. Here C is a
+temperature, and an angle is a dimension of its own, so that a frequency is not an angular speed.
+Factors are exact until the last product: ``"20 um"`` is the same number as ``20e-6``.
 """
 
 from __future__ import annotations
@@ -18,35 +17,35 @@ from math import pi
 
 from fenics_ehd.base.errors import SettingsError
 
-#: Pattern of a number in the digits 0 to 9 without grouping, unlike Python, which reads 1_0 as 10,
-#: and digits of other scripts.
+#: Pattern of a number in the digits 0 to 9 without grouping. Python would also read 1_0 as 10, and
+#: digits of other scripts.
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 
-#: Pattern of a number and its unit; exponents have at most three digits.
+#: Pattern of a number and its unit; an exponent has at most three digits.
 WRITTEN = re.compile(
     rf"\s*({NUMBER.replace('[0-9]+)?', '[0-9]{1,3})?')})\s*"
     r"((?:1\s*)?/.*?|[^\W\d].*?|[%\u00b0].*?)\s*"
 )
 
-#: Largest number of characters of a number; Python converts no integer of more than 4300 digits.
+#: Largest number of characters of a number; Python does not convert integers of over 4300 digits.
 LONGEST = 400
 
-#: Powers of ten of the prefixes; micro is u, the micro sign or the letter mu.
+#: Power of ten of each prefix; micro is u, the micro sign or the letter mu.
 PREFIXES = {"n": -9, "u": -6, "\u00b5": -6, "\u03bc": -6, "m": -3, "c": -2, "k": 3, "M": 6, "G": 9}
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit in kg, m, s, K and rad.
+    """A unit, expressed by kg, m, s, K and rad.
 
     Attributes
     ----------
     factor, turns
-        Size of the unit: the factor times pi to the power `turns`.
+        The unit is `factor`, times pi to the power `turns`, times the powers of the base units.
     powers
-        Powers of kg, m, s, K and rad.
+        Exponents of kg, m, s, K and rad.
     zero
-        Zero of a temperature scale [K].
+        Zero of a temperature scale [K]; 0 for other units.
     """
 
     factor: Fraction
@@ -55,14 +54,15 @@ class Unit:
     zero: Fraction = Fraction(0)
 
 
-#: Patterns of a word of a unit, and of its symbol and power.
+#: Pattern of one factor of a unit, such as ``m2``.
 _WORD = re.compile(r"[^\s*\u00b7]+")
 
+#: Pattern of the symbol and the exponent in a factor.
 _SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?[0-9])?")
 
 
 def _unit(factor: str, powers: str = "", turns: int = 0, zero: str = "0") -> Unit:
-    """A unit whose powers are written as ``kg m s-2``."""
+    """Make a unit; its exponents are written as ``kg m s-2``."""
     by_symbol = {m[1]: int(m[2] or 1) for m in map(_SYMBOL.fullmatch, powers.split()) if m}
     return Unit(Fraction(factor), Counter(by_symbol), turns, Fraction(zero))
 
@@ -85,7 +85,7 @@ _PLAIN = {
     "Hz": _unit("1", "s-1"),
 }
 
-#: Units without a prefix; several names of one unit share an entry.
+#: Units that cannot have a prefix, by all their names.
 _ALONE = {
     "t": _unit("1000", "kg"),
     **dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), _unit("1/180", "rad", 1)),
@@ -98,7 +98,7 @@ _ALONE = {
     "in": _unit("127/5000", "m"),
 }
 
-#: Temperature scales, which cannot be factors of other units.
+#: Units of temperature scales, which cannot be factors of other units.
 SCALES = {
     **dict.fromkeys(("C", "degC", "\u00b0C"), _unit("1", "K", zero="273.15")),
     **dict.fromkeys(("F", "degF", "\u00b0F"), _unit("5/9", "K", zero="45967/180")),
@@ -106,7 +106,10 @@ SCALES = {
 
 
 def _symbol(symbol: str) -> Unit | None:
-    """A unit with or without a prefix: ``min`` is a minute, not a milli-inch."""
+    """Unit of a symbol, with or without a prefix; None if unknown.
+
+    A unit without a prefix has precedence: ``min`` is a minute, not a milli-inch.
+    """
     known = _PLAIN.get(symbol) or _ALONE.get(symbol)
     if known is None and symbol[:1] in PREFIXES and symbol[1:] in _PLAIN:
         plain = _PLAIN[symbol[1:]]
@@ -116,9 +119,10 @@ def _symbol(symbol: str) -> Unit | None:
 
 @lru_cache(maxsize=256)
 def unit(text: str) -> Unit | None:
-    """Unit of a text, ``C``, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``; None for other texts.
+    """Unit of a text such as ``C``, ``kg m2``, ``N s/m``, ``J/(kg K)`` or ``1/Pa``.
 
-    All units behind the slash are in the denominator, with or without parentheses.
+    All units behind the slash are in the denominator, with or without parentheses. The result is
+    None if the text is not a known unit.
     """
     if text in SCALES:
         return SCALES[text]
@@ -146,12 +150,12 @@ def unit(text: str) -> Unit | None:
 
 
 def parse_number(text: str) -> float:
-    """Number of a text without a unit; infinite if it exceeds the largest float.
+    """Convert a text without a unit to a number; infinite if it exceeds the largest float.
 
     Raises
     ------
     ValueError
-        The text is no number in plain digits.
+        If the text does not match `NUMBER`.
     """
     if not re.fullmatch(NUMBER, text.strip()):
         raise ValueError(f"{text!r} is no number")
@@ -159,20 +163,21 @@ def parse_number(text: str) -> float:
 
 
 def in_unit(written: str, wanted: str) -> float:
-    """Number of a text, converted to the unit of a setting.
+    """Convert a text with a number and a unit to the number in the unit of a setting.
 
     Parameters
     ----------
     written
-        Number and unit, ``"20 um"``.
+        Number and unit, for instance ``"20 um"``.
     wanted
-        Unit of the setting, ``"m"``; empty: the setting has no unit, and per cent are accepted.
+        Unit of the setting, for instance ``"m"``; empty if it has no unit: per cent are then
+        accepted.
 
     Raises
     ------
     SettingsError
-        The text is no number with a unit of this kind; the message has no name and begins with
-        "must be".
+        If the text is not a number with a unit of this kind. The message begins with "must be",
+        so that the caller can put the name of the setting before it.
     """
     expected = f" in {wanted}" if wanted else ""
     match = WRITTEN.fullmatch(written)
@@ -182,7 +187,7 @@ def in_unit(written: str, wanted: str) -> float:
     have = unit(match[2])
     want = unit(wanted)
     if have is None:
-        raise SettingsError(f"must be a number{expected}: {symbol!r} is no unit that is known")
+        raise SettingsError(f"must be a number{expected}: {symbol!r} is not a known unit")
     if want is None or have.powers != want.powers or (have.zero and not want.zero):
         raise SettingsError(
             f"must be a number{expected} or a unit of the same kind: {symbol} is of another kind"
@@ -195,6 +200,6 @@ def in_unit(written: str, wanted: str) -> float:
 
 
 def unit_of(help_text: str) -> str:
-    """Unit in brackets of a help text, empty if there is none."""
+    """Unit in brackets in a help text; empty if there is none."""
     match = re.search(r"\[([^];-]+)\]", help_text)
     return match[1] if match else ""

@@ -1,6 +1,6 @@
 """Reader of Nastran bulk data: nodes, solid cells and their materials.
 
-Cards have fields of 8 or 16 columns, or free fields between commas (MSC Nastran, Quick Reference
+The fields of a card have 8 or 16 columns, or are separated by commas (MSC Nastran, Quick Reference
 Guide, "Format of Bulk Data entries"). A continuation line follows its card; its first field is
 empty or begins with ``+`` or ``*``.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
-#: Solid cells: names in meshio by numbers of nodes.
+#: Names in meshio of solid cells, by card name and number of nodes.
 _SOLID = {
     "CTETRA": {4: "tetra", 10: "tetra10"},
     "CHEXA": {8: "hexahedron", 20: "hexahedron20"},
@@ -26,16 +26,17 @@ _SOLID = {
     "CPYRA": {5: "pyramid", 13: "pyramid13"},
 }
 
-#: Order of Nastran's nodes in VTK: middles of upright edges precede those of the top edges.
+#: Order in VTK of a cell's nodes in Nastran, which lists midpoints of upright edges before those of
+#: the top edges.
 _ORDERS = {"hexahedron20": [*range(12), *range(16, 20), *range(12, 16)]}
 
-#: Beginnings of card names that look like an element but define none.
+#: Beginnings of card names with a C that do not define an element.
 _NO_ELEMENT = ("CORD", "CAERO", "CSET", "CLOAD", "CYAX", "CYJOIN", "CSUPER", "CREEP", "CFLUID")
 
-#: Cards, besides elements, that constrain or connect nodes or give them mass.
+#: Beginnings of the names of other cards that constrain or connect nodes.
 _JOINING = ("RBE", "RBAR", "RROD", "RJOINT", "MPC", "SPC", "PLOTEL", "SUPORT")
 
-#: Cards of solid properties with layered or anisotropic materials.
+#: Cards of solid properties whose material is layered or not linear.
 _LAYERED = ("PCOMPS", "PCOMPLS", "PLSOLID")
 
 #: Name and fields of a card.
@@ -43,12 +44,14 @@ Card = tuple[str, list[str]]
 
 
 def read_bulk_data(path: Path) -> ForeignMesh:
-    """Nodes by ascending number, solid cells and materials of a file; other elements are counted.
+    """Read nodes, solid cells and materials from a file of bulk data; count other elements.
+
+    Nodes are in ascending order of their numbers.
 
     Raises
     ------
     MeshError
-        The file cannot be read, or a node is in another coordinate system than the basic one.
+        If the file cannot be read, or if a node is not in the basic coordinate system.
     """
     cards: dict[str, list[list[str]]] = {}
     for name, fields in _cards(_bulk(_text(path, []), path)):
@@ -60,12 +63,12 @@ def read_bulk_data(path: Path) -> ForeignMesh:
 
 
 def _text(path: Path, opened: list[Path]) -> str:
-    """Text of a file and of the files that it includes, without comments."""
+    """Read a file and the files that it includes, without comments."""
     text = re.sub(r"\$.*", "", included_text(path, opened))
     pattern = re.compile(r"^\s*INCLUDE\s+(?:'([^']+)'|\"([^\"]+)\"|(\S+))", re.I | re.M)
 
     def included(line: re.Match[str]) -> str:
-        # A file name continues in the next line if it is long.
+        # A long file name may continue in the next line.
         name = re.sub(r"\s*\n\s*", "", line[1] or line[2] or line[3])
         return _text(path.parent / name.strip(), opened)
 
@@ -73,16 +76,24 @@ def _text(path: Path, opened: list[Path]) -> str:
 
 
 def _bulk(text: str, path: Path) -> list[str]:
-    """Lines of the bulk data section: of a complete deck the part behind its beginning."""
+    """Lines of the bulk data section of a deck, or of a file that has nothing else.
+
+    Raises
+    ------
+    MeshError
+        If the deck has several such sections.
+    """
     parts = re.split(r"^\s*BEGIN\b.*$", text, flags=re.I | re.M)
     if len(parts) > 2:
-        raise MeshError(f"{path} has {len(parts) - 1} sections of bulk data (superelements), not 1")
+        raise MeshError(
+            f"{path} has {len(parts) - 1} sections of bulk data (superelements), but must have one"
+        )
     bulk = re.split(r"^\s*ENDDATA\b", parts[-1], flags=re.I | re.M)[0]
     return [line.rstrip() for line in bulk.splitlines() if line.strip()]
 
 
 def _cards(lines: Sequence[str]) -> Iterator[Card]:
-    """Cards with the fields of their continuations."""
+    """Join lines to cards: the fields of continuation lines are appended."""
     card: Card | None = None
     for line in lines:
         first, fields = _fields(line)
@@ -97,7 +108,7 @@ def _cards(lines: Sequence[str]) -> Iterator[Card]:
 
 
 def _fields(line: str) -> tuple[str, list[str]]:
-    """First field of a line, and its data fields: eight, or four wide ones."""
+    """First field of a line, and its eight data fields, or four of double width."""
     if "," in line:
         first, *fields = (field.strip() for field in line.split(","))
         count = 4 if "*" in first else 8
@@ -109,12 +120,12 @@ def _fields(line: str) -> tuple[str, list[str]]:
 
 
 def _number(text: str) -> float:
-    """A real number, whose exponent may lack its letter; an empty field is zero.
+    """Convert a field to a real number; its exponent may lack the letter, empty means zero.
 
     Raises
     ------
     ValueError
-        The field is no number.
+        If the field is not a number.
     """
     if not re.fullmatch(r"[0-9.eEdD+\-]*", text):
         raise ValueError(f"{text!r} is no number")
@@ -125,12 +136,12 @@ def _number(text: str) -> float:
 
 
 def _whole(text: str) -> int:
-    """A whole number.
+    """Convert a field to a whole number.
 
     Raises
     ------
     ValueError
-        The field is no whole number.
+        If the field is not a whole number.
     """
     if not re.fullmatch(r"[0-9]{1,18}", text):
         raise ValueError(f"{text!r} is no whole number")
@@ -138,15 +149,21 @@ def _whole(text: str) -> int:
 
 
 def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of nodes, ascending, and their positions, shape (n, 3)."""
+    """Numbers of nodes, ascending, shape (n,), and their positions, shape (n, 3).
+
+    Raises
+    ------
+    MeshError
+        If a GRID is not in the basic coordinate system, or has a field that is not a number.
+    """
     standard = [fields[1] for fields in cards.get("GRDSET", [])]
     listed = {}
     for fields in cards.get("GRID", []):
         number, system, *coordinates = [*fields, *[""] * 5][:5]
         if (system or "".join(standard) or "0").strip("0"):
             raise MeshError(
-                f"{path}: GRID {number} lies in another coordinate system than the basic one: "
-                "write x, y, z of nodes"
+                f"{path}: GRID {number} is not in the basic coordinate system: write nodes with x, "
+                "y, z in the basic system"
             )
         try:
             listed[_whole(number)] = [_number(text) for text in coordinates]
@@ -160,7 +177,13 @@ def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray
 def _cells(
     cards: Mapping[str, list[list[str]]], numbers: np.ndarray, path: Path
 ) -> tuple[list[tuple[str, np.ndarray]], set[str]]:
-    """Blocks of solid cells, and the property number of each cell."""
+    """Blocks of solid cells, and the property numbers that occur.
+
+    Raises
+    ------
+    MeshError
+        If a cell has a wrong number of nodes, or a node that is not in the file.
+    """
     rows: dict[str, list[list[int]]] = {}
     properties = set()
     row = {number: index for index, number in enumerate(numbers.tolist())}
@@ -172,7 +195,7 @@ def _cells(
             if len(nodes) not in kinds:
                 wanted = " or ".join(map(str, kinds))
                 raise MeshError(
-                    f"{label} has {len(nodes)} nodes, it must have {wanted}: write all of them"
+                    f"{label} has {len(nodes)} nodes, but must have {wanted}: write all of them"
                 )
             try:
                 rows.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
@@ -185,7 +208,7 @@ def _cells(
 
 
 def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
-    """Numbers of elements that are not solid, and of cards that connect nodes, by card name."""
+    """Count elements that are not solid, and cards that connect nodes, by card name."""
     counts: Counter[str] = Counter()
     for name, rows in cards.items():
         element = name.startswith("C") and not name.startswith(_NO_ELEMENT)
@@ -197,7 +220,7 @@ def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
 def _materials(
     cards: Mapping[str, list[list[str]]], properties: set[str], factor: float
 ) -> list[FileMaterial]:
-    """Materials of the properties of solid cells, their densities multiplied by a factor."""
+    """Materials of the solid cells from their property numbers; densities times `factor`."""
     layered = {fields[0]: name for name in _LAYERED for fields in cards.get(name, [])}
     materials = {
         number: FileMaterial(f"of {layered[number]} {number}", {}, _problem(layered[number]))
@@ -212,17 +235,17 @@ def _materials(
 
 
 def _problem(text: str) -> dict[str, str]:
-    """A material without values; the text is the reason."""
+    """Use a text as the reason why a material has none of its values."""
     return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
 
 
 def _mass_factor(cards: Mapping[str, list[list[str]]], path: Path) -> float:
-    """Factor of all densities, from ``PARAM,WTMASS``.
+    """Factor by which all densities are multiplied, from ``PARAM,WTMASS``.
 
     Raises
     ------
     MeshError
-        The parameter is no number.
+        If the parameter is not a number.
     """
     values = [value for name, value, *_ in cards.get("PARAM", []) if name.upper() == "WTMASS"]
     try:
@@ -232,7 +255,7 @@ def _mass_factor(cards: Mapping[str, list[list[str]]], path: Path) -> float:
 
 
 def _material(number: str, fields: Sequence[str] | None, factor: float) -> FileMaterial:
-    """Material of a MAT1 card; for another card, a material without values."""
+    """Material from the fields of a MAT1 card; a material without values if there is no card."""
     name = f"MAT1 {number}"
     if fields is None:
         return FileMaterial(number, {}, _problem("no MAT1"))

@@ -1,8 +1,8 @@
 """Reader of Abaqus and CalculiX decks: nodes, elements of all types, materials of solids.
 
-The module replaces meshio's reader, which forgets all former nodes at a second ``*NODE`` (reference
-points of an assembly, for instance), knows only type names in capitals, and refuses a deck with an
-element type that it does not know. A deck may include any file, so messages quote no rows.
+The module replaces meshio's reader. That reader drops all nodes before a second ``*NODE``, for
+instance of reference points, knows type names only in capitals, and refuses unknown element types.
+Messages do not quote lines of a deck, as it may include any file.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ import numpy as np
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
-#: Names in meshio of C3D elements by their numbers of nodes, whose order is that of VTK.
+#: Names in meshio of C3D elements by number of nodes; the order of the nodes is that of VTK.
 _NAMES = {
     **{4: "tetra", 10: "tetra10", 8: "hexahedron", 20: "hexahedron20", 27: "hexahedron27"},
     **{5: "pyramid", 6: "wedge", 15: "wedge15"},
 }
-#: Element families that fill a volume, with their numbers of nodes: solids, continuum shells and
-#: cohesive elements.
+#: Pattern of the types of elements that fill a volume (solids, continuum shells, cohesive elements)
+#: with the number of nodes.
 _SOLID = re.compile(r"(?:C3D|SC|CSS|COH3D)(\d+)[A-Z]*")
 
-#: Keywords that begin a part or an instance, which has node numbers of its own.
+#: Keywords that begin or end a scope, a part or an instance with node numbers of its own.
 _SCOPES = {
     *("PART", "ENDPART", "INSTANCE", "ENDINSTANCE", "ASSEMBLY", "ENDASSEMBLY"),
 }
@@ -35,7 +35,7 @@ _SCOPES = {
 #: Keywords that create or move nodes and elements without listing them.
 _GENERATORS = {"NCOPY", "NFILL", "NGEN", "NMAP", "SYSTEM", "ELCOPY", "ELGEN"}
 
-#: Keywords that constrain, connect or load nodes, or give them mass; a part ignores them.
+#: Keywords that constrain or connect nodes or give them mass; a part ignores them.
 _JOINING = {
     *("BOUNDARY", "EQUATION", "MPC", "TIE", "COUPLING", "KINEMATICCOUPLING"),
     *("DISTRIBUTINGCOUPLING", "RIGIDBODY", "EMBEDDEDELEMENT", "NONSTRUCTURALMASS"),
@@ -45,7 +45,7 @@ _JOINING = {
 
 @dataclass(eq=False)
 class _Section:
-    """A keyword, its options in capitals, and its rows."""
+    """A keyword of a deck with its options, in capitals, and its data lines."""
 
     keyword: str
     options: Mapping[str, str]
@@ -54,12 +54,12 @@ class _Section:
 
 @dataclass(eq=False)
 class _Scope:
-    """Sections of one part or instance, or of a deck without parts.
+    """Sections of a part or an instance, or of a deck without parts.
 
     Attributes
     ----------
     kind, options
-        Keyword that begins the scope, and options of the keyword.
+        Keyword that begins the scope, and its options.
     sections
         Sections in the scope.
     """
@@ -69,7 +69,7 @@ class _Scope:
     sections: list[_Section] = field(default_factory=list)
 
     def of(self, keyword: str) -> list[_Section]:
-        """Sections of one keyword."""
+        """Sections with a keyword."""
         return [section for section in self.sections if section.keyword == keyword]
 
     @property
@@ -79,18 +79,21 @@ class _Scope:
 
 
 def read_deck(path: Path) -> ForeignMesh:
-    """Nodes by ascending number, solid cells and their materials; other entities are counted.
+    """Read nodes, solid cells and their materials from a deck; count other entities.
+
+    Nodes are in ascending order of their numbers.
 
     Parameters
     ----------
     path
-        Path of a deck. If it has parts and instances, exactly one of them has solid cells, and
-        instances keep the coordinates of their part. ``*INCLUDE`` and ``INPUT=`` are followed.
+        Path of a deck. If it has parts and instances, only one of them may have solid cells; the
+        position of an instance is ignored. Files of ``*INCLUDE`` and ``INPUT=`` are read.
 
     Raises
     ------
     MeshError
-        The deck has no solid cells, has those of several parts or instances, or cannot be read.
+        If the deck cannot be read, or has no solid cells, or has solid cells in several parts or
+        instances.
     """
     scopes = _scopes(path)
     solid = [scope for scope in scopes if scope.solids]
@@ -99,7 +102,7 @@ def read_deck(path: Path) -> ForeignMesh:
     count = max(len(solid), _instances(scopes, solid[0]))
     if count > 1:
         raise MeshError(
-            f"{path} has {count} parts of solid cells, it must have one: export the part alone"
+            f"{path} has {count} parts with solid cells, but must have one: export the part alone"
         )
     scope = solid[0]
     try:
@@ -109,8 +112,8 @@ def read_deck(path: Path) -> ForeignMesh:
     except (ValueError, OverflowError):
         types = dict.fromkeys(section.options["TYPE"] for section in scope.solids)
         raise MeshError(
-            f"{path}: its rows are not nodes with coordinates and {', '.join(types)} "
-            "with as many of these nodes as they have"
+            f"{path}: the lines of its nodes must have coordinates, and those of "
+            f"{', '.join(types)} the numbers of all nodes of an element"
         ) from None
     blocks = [(_cell(section), cells) for section, cells in zip(scope.solids, nodes, strict=True)]
     element_numbers = [table[:, 0] for table in elements]
@@ -119,7 +122,13 @@ def read_deck(path: Path) -> ForeignMesh:
 
 
 def _scopes(path: Path) -> list[_Scope]:
-    """Parts and instances of a deck with their sections."""
+    """Divide a deck into scopes with their sections.
+
+    Raises
+    ------
+    MeshError
+        If the deck generates nodes or elements, or has nodes in another coordinate system.
+    """
     scopes = [_Scope()]
     # A keyword begins with one star. Comments, with two stars, are already removed.
     for text in re.split(r"^\*", _text(path, []), flags=re.MULTILINE)[1:]:
@@ -128,7 +137,9 @@ def _scopes(path: Path) -> list[_Scope]:
         if keyword in _SCOPES:
             scopes.append(_Scope(keyword, options))
         elif keyword in _GENERATORS:
-            raise MeshError(f"{path} has *{keyword}: write a deck that lists nodes and elements")
+            raise MeshError(
+                f"{path} has *{keyword}: write a deck that lists all nodes and elements"
+            )
         elif keyword == "NODE" and options.get("SYSTEM", "R") != "R":
             raise MeshError(f"{path} has *NODE, SYSTEM={options['SYSTEM']}: write x, y, z of nodes")
         rows = [row for row in body.splitlines() if row.strip()]
@@ -145,11 +156,17 @@ def _instances(scopes: Sequence[_Scope], part: _Scope) -> int:
 
 
 def _nodes(scope: _Scope) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of nodes, ascending, and their positions, shape (n, 3)."""
+    """Numbers of the nodes of a scope, ascending, shape (n,), and their positions, (n, 3).
+
+    Raises
+    ------
+    ValueError
+        If a line has a field that is not a number.
+    """
     rows = [row for section in scope.of("NODE") for row in section.rows]
     _require_numbers(rows, "0-9eEdD+.")
     fields = [row.upper().replace("D", "E").split(",") for row in rows]
-    # A row may omit coordinates that are zero. Of two rows with one number, the last is valid.
+    # A line may omit coordinates that are zero. If a number is repeated, the last line is valid.
     listed = {int(row[0]): [*row[1:4], "", ""][:3] for row in fields}
     numbers = np.array(sorted(listed), dtype=np.int64)
     texts = [[text.strip() or "0" for text in listed[number]] for number in numbers.tolist()]
@@ -157,7 +174,7 @@ def _nodes(scope: _Scope) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _elements(section: _Section) -> np.ndarray:
-    """Number and nodes of each element, shape (c, 1 + k)."""
+    """Number and node numbers of each element in a section, shape (c, 1 + k)."""
     match = _SOLID.fullmatch(section.options["TYPE"])
     assert match is not None
     _require_numbers(section.rows, "0-9")
@@ -166,24 +183,24 @@ def _elements(section: _Section) -> np.ndarray:
 
 
 def _require_numbers(rows: Sequence[str], characters: str) -> None:
-    """Refuse rows with characters that Python accepts in a number and Abaqus does not.
+    """Refuse lines with characters that Python accepts in a number but Abaqus does not.
 
     Raises
     ------
     ValueError
-        A row has a character other than those listed.
+        If a line has a character other than `characters`, commas, blanks and minus signs.
     """
     if re.search(rf"[^{characters},\s-]", "\n".join(rows)):
         raise ValueError("rows are no numbers")
 
 
 def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Indices of nodes among ascending numbers.
+    """Indices of node numbers in an ascending array of numbers.
 
     Raises
     ------
     ValueError
-        A node is not among the numbers.
+        If a node is not among the numbers.
     """
     indices = np.minimum(np.searchsorted(numbers, nodes), len(numbers) - 1)
     if not len(numbers) or (numbers[indices] != nodes).any():
@@ -192,7 +209,10 @@ def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 
 
 def _cell(section: _Section) -> str:
-    """Meshio's name of a section's cells; the type is appended if no part can be made of them."""
+    """Meshio's name of the cells in a section, followed by the type if it is not C3D.
+
+    Parts cannot consist of such cells.
+    """
     type_name = section.options["TYPE"]
     family = _SOLID.fullmatch(type_name)
     assert family is not None
@@ -201,7 +221,7 @@ def _cell(section: _Section) -> str:
 
 
 def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
-    """Numbers of elements that are not solid, of sets, and of constraints and connections."""
+    """Count elements that are not solid, sets, and constraints and connections, by name."""
     counts: Counter[str] = Counter()
     for section in (section for scope in scopes for section in scope.sections):
         if section.keyword == "ELEMENT":
@@ -219,7 +239,10 @@ def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
 def _materials(
     scopes: Sequence[_Scope], solid: _Scope, elements: Sequence[np.ndarray]
 ) -> list[FileMaterial]:
-    """Materials of the solid elements, which sections assign to element sets."""
+    """Materials of the solid elements, which ``*SOLID SECTION`` assigns to element sets.
+
+    Without such a section, all materials of the deck.
+    """
     known = _all_materials(section for scope in scopes for section in scope.sections)
     names = [
         section.options.get("MATERIAL", "")
@@ -235,7 +258,7 @@ def _materials(
 
 
 def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
-    """True of a set that has one of the solid elements or that the deck does not define."""
+    """Whether an element set contains a solid element, or is not defined in the deck."""
     pending = [name]
     seen: set[str] = set()
     while pending:
@@ -253,13 +276,13 @@ def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
 
 
 def _words(section: _Section) -> set[str]:
-    """Entries that a set lists, in capitals without blanks."""
+    """Entries in the data lines of a set, in capitals without blanks."""
     rows = re.sub(r"[^\S\n]", "", "\n".join(section.rows)).upper()
     return {word for word in re.split(r"[,\n]", rows) if word}
 
 
 def _lists(section: _Section, elements: np.ndarray) -> bool:
-    """True of a set that lists one of some elements, by numbers or as a range."""
+    """Whether a section of a set contains one of some element numbers, listed or in a range."""
     if "GENERATE" in section.options:
         for row in section.rows:
             first, last, step = [*map(int, re.findall(r"\d+", row)[:3]), 1, 1, 1][:3]
@@ -283,11 +306,11 @@ def _all_materials(sections: Iterable[_Section]) -> dict[str, FileMaterial]:
     return {name: _material(name, parts) for name, parts in sections_of.items()}
 
 
-#: Keywords of a material, and names in `Material` of the first numbers in their rows.
+#: Names in `Material` of the first numbers in the data line of a keyword.
 _QUANTITIES = {"ELASTIC": ("youngs_modulus", "poissons_ratio"), "DENSITY": ("density",)}
 _EVERY = [name for names in _QUANTITIES.values() for name in names]
 
-#: Keywords of elasticity beyond Young's modulus and Poisson's ratio.
+#: Keywords of materials that are not linear and isotropic.
 _OTHER_ELASTICITY = {
     *("HYPERELASTIC", "ANISOTROPICHYPERELASTIC", "HYPERFOAM", "HYPOELASTIC", "LOWDENSITYFOAM"),
     "USERMATERIAL",
@@ -295,7 +318,7 @@ _OTHER_ELASTICITY = {
 
 
 def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
-    """Material of a name from the sections that follow its keyword."""
+    """Make a material from the sections of its keywords."""
     values: dict[str, float] = {}
     problems: dict[str, str] = {}
     for keyword, section in parts.items():
@@ -316,7 +339,7 @@ def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
 
 
 def _numbers(row: str) -> list[float]:
-    """Numbers at the beginning of a row, up to the first field that is no number."""
+    """Numbers at the beginning of a line, up to the first field that is not a number."""
     numbers = []
     for text in row.split(","):
         try:
@@ -327,7 +350,10 @@ def _numbers(row: str) -> list[float]:
 
 
 def _text(path: Path, opened: list[Path]) -> str:
-    """A deck with included files; each keyword and its options in one line, comments removed."""
+    """Read a deck with its included files.
+
+    Comments are removed, and continued lines of a keyword are joined.
+    """
     text = included_text(path, opened)
 
     def included(name: str) -> str:
@@ -339,10 +365,10 @@ def _text(path: Path, opened: list[Path]) -> str:
     return _ROWS_ELSEWHERE.sub(lambda line: f"{line[1]}{line[3]}\n{included(line[2])}", text)
 
 
-#: Keywords that include a file.
+#: Pattern of a line that includes a file.
 _INCLUDE = re.compile(r"^\*\s*INCLUDE\s*,.*INPUT\s*=\s*([^,\n]+).*$", re.IGNORECASE | re.MULTILINE)
 
-#: Keywords whose rows may be in a separate file.
+#: Pattern of keywords whose data lines are in a separate file.
 _ROWS_ELSEWHERE = re.compile(
     r"^(\*[ \t]*(?:NODE|ELEMENT|NSET|ELSET)[ \t]*(?:,.*?)?),[ \t]*INPUT[ \t]*=[ \t]*([^,\n]+)(.*)$",
     re.IGNORECASE | re.MULTILINE,

@@ -1,8 +1,8 @@
-"""Drawings: one solid of a STEP or IGES file, its exact faces, and meshes of the solid.
+"""Drawings: the solid of a STEP or IGES file, its exact faces, and meshes of it.
 
 OpenCASCADE converts every file to millimetres. The solid is kept as text in OpenCASCADE's format,
-so that listed and meshed faces have the same numbers. Faces are identified by exact points and
-normals of the surfaces, without a mesh.
+so that its faces have the same numbers when they are listed and when they are meshed. Whether a
+face is a plane or a cylinder follows from exact points and normals of its surface, without a mesh.
 """
 
 from __future__ import annotations
@@ -39,32 +39,33 @@ from fenics_ehd.fem.solid import Solid, inside_out, require_extent, used
 #: Length of OpenCASCADE's unit [m].
 MILLIMETRE = 1e-3
 
-#: Growth of the cell size with the distance from a cylinder.
+#: Growth of the cell size per distance from a cylinder.
 GROWTH = 0.35
 
-#: Relative cell sizes, tried in turn until no cell is turned inside out: the last mesh has about
-#: eight times as many cells as the first.
+#: Factors of the cell size that are tried in turn until no cell is inside out. The last mesh has
+#: about eight times as many cells as the first.
 TRIED_SIZES = (1.0, 0.8, 0.64, 0.512)
 
-#: Largest number of inverted cells for which Gmsh optimises the mesh: with 1 to 3 of them this
-#: takes 1 to 17 s, with 18 more than a minute, and a mesh of smaller cells is faster.
+#: Largest number of inverted cells for which Gmsh optimises the mesh. This takes 1 to 17 s for 1 to
+#: 3 cells, but more than a minute for 18, so that a mesh of smaller cells is faster.
 FEW = 5
 
-#: Gmsh's number of the triangulation of surfaces that is tried if the usual one fails.
+#: Gmsh's number of the algorithm for surface meshes that is tried if the default one fails.
 DELAUNAY = 5
 
-#: Tolerances of sewing, tried in turn [mm]: files with 7 digits need the second, files of programs
-#: that model to 1 um need the last.
+#: Tolerances for sewing surfaces that are tried in turn [mm]. Files with 7 digits need the second,
+#: files of programs that model to 1 um the last.
 SEWING = (1e-6, 1e-4, 1e-3)
 
-#: Largest relative change of the volume when surfaces are merged: OpenCASCADE integrates a solid of
-#: tori only to 1e-5.
+#: Largest relative change of the volume when surfaces are merged. OpenCASCADE integrates the volume
+#: of tori only to 1e-5.
 SAME_VOLUME = 1e-4
 
-#: Points of a surface sample in each direction: neighbours are less than half a turn apart.
+#: Number of sampled points of a surface in each direction; neighbours are less than half a turn
+#: apart.
 SAMPLES = 9
 
-#: Largest cosine of the angle between normals of a cylinder and its axis.
+#: Largest cosine of the angle between the normals of a cylinder and its axis.
 ACROSS = 1e-2
 
 
@@ -75,9 +76,9 @@ class DrawnFace(Face):
     Attributes
     ----------
     surfaces
-        Numbers of the surfaces that make up the face.
+        Numbers of the drawing's surfaces that make up the face.
     angle
-        Angle that a cylindrical face covers [rad].
+        Angle around its axis that a cylindrical face covers [rad]; 0 for other faces.
     """
 
     surfaces: Sequence[int] = ()
@@ -85,22 +86,24 @@ class DrawnFace(Face):
 
     @property
     def arc(self) -> float:
-        """Share of the circumference that the face covers, holes included."""
+        """Fraction of the circumference that the face covers, holes included."""
         return self.angle / (2 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
 class CellSizes:
-    """Size of the cells of a drawing at a point: set around each cylinder, growing with distance.
+    """Cell size of a drawing as a function of the position.
+
+    It is set on every cylinder and grows with the distance from the cylinder.
 
     Attributes
     ----------
     around
-        Cylinders, and number of cells around each of them.
+        Cylinders with the number of cells around each of them.
     largest
-        Largest size of a cell [m].
+        Largest cell size [m], before multiplication by `coarser`.
     coarser
-        Factor of all sizes.
+        Factor by which all sizes are multiplied.
     """
 
     around: Sequence[tuple[Cylinder, float]]
@@ -116,11 +119,11 @@ class CellSizes:
             "half_width": np.array([0.5 * c.width for c in cylinders]),
             "size": np.array([2 * np.pi * c.radius / count for c, count in self.around]),
         }
-        # Gmsh calls this function some hundred thousand times: all cylinders are evaluated at once.
+        # Arrays of all cylinders, as Gmsh calls `__call__` some hundred thousand times.
         object.__setattr__(self, "_columns", columns)
 
     def __call__(self, point: np.ndarray) -> float:
-        """Size at a point, shape (3,) [m]."""
+        """Cell size at a point [m]; the position has shape (3,) [m]."""
         columns: dict[str, np.ndarray] = self._columns  # type: ignore[attr-defined]
         from_centre = point - columns["centre"]
         height = np.einsum("ij,ij->i", from_centre, columns["axis"])
@@ -138,11 +141,12 @@ class MeshedDrawing:
     Attributes
     ----------
     solid
-        Second-order tetrahedra [m].
+        Second-order tetrahedra, with positions in [m].
     surfaces
-        Number of the drawing's surface for each of the solid's `facets`.
+        Number of the drawing's surface on which each of the solid's `facets` lies.
     size
-        Relative cell size: below 1 if larger cells were inside out.
+        Cell size over the requested one; below 1 if the part was meshed again more finely, because
+        cells were inside out.
     """
 
     solid: Solid
@@ -152,22 +156,22 @@ class MeshedDrawing:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """One solid of a STEP or IGES file.
+    """The solid of a STEP or IGES file.
 
     Attributes
     ----------
     path
         Path of the file.
     shape
-        The solid in OpenCASCADE's own format.
+        Solid as text in OpenCASCADE's format.
     scale
-        Length of the unit of `shape` [m].
+        Length unit of `shape` [m].
     extent
         Sides of the bounding box, shape (3,) [m].
     faces
-        Faces in the order of their numbers.
+        Faces of the solid in the order of their numbers.
     notices
-        Changes that were made to the file's geometry, a line each.
+        Notices about changes of the file's geometry, one line each.
     """
 
     path: Path
@@ -178,36 +182,39 @@ class Drawing:
     notices: Sequence[str] = ()
 
     def mesh(self, sizes: CellSizes) -> MeshedDrawing:
-        """Second-order tetrahedra; cells are made smaller than requested if some are inside out.
+        """Mesh the solid with second-order tetrahedra.
+
+        If cells are inside out, the solid is meshed again with smaller cells.
 
         Raises
         ------
         MeshError
-            Gmsh cannot mesh the solid, or cells are inside out at every size of `TRIED_SIZES`.
+            If Gmsh cannot mesh the solid, or if cells are inside out for every size of
+            `TRIED_SIZES`.
         """
         return called("mesh", _mesh, self.path, self.shape, self.scale, sizes)
 
 
 def read_drawing(path: Path, unit: str | None = None) -> Drawing:
-    """The only solid of a drawing, with coplanar and coaxial surfaces merged.
+    """Read the only solid of a drawing; surfaces of the same plane or cylinder are merged.
 
     Parameters
     ----------
     path
-        STEP or IGES file.
+        Path of a STEP or IGES file.
     unit
-        Unit of length; None: the unit that the file declares.
+        Unit of length; None for the unit that the file declares.
 
     Raises
     ------
     MeshError
-        Gmsh cannot read the file, it does not contain exactly one solid, or its size shows that the
-        unit is wrong.
+        If Gmsh cannot read the file, if it does not contain exactly one solid, or if its size
+        shows that the unit is wrong.
     """
     scale = MILLIMETRE * (1.0 if unit is None else unit_ratio(path, unit))
     try:
         drawing = called("read", _read, path, scale, True)
-    except MeshError:  # the file is wrong, or OpenCASCADE crashed when it merged faces
+    except MeshError:  # the file is wrong, or OpenCASCADE has crashed while it merged surfaces
         drawing = called("read", _read, path, scale, False)
     require_extent(drawing.extent, path)
     return drawing
@@ -217,7 +224,7 @@ def read_drawing(path: Path, unit: str | None = None) -> Drawing:
 
 
 def _opened(path: Path, shape: bytes) -> int:
-    """Load a solid from text in OpenCASCADE's format as the current model; its number."""
+    """Load a solid from text in OpenCASCADE's format as the current model; return its number."""
     gmsh.clear()
     with TemporaryDirectory() as folder:
         file = Path(folder, "shape.brep")
@@ -226,7 +233,9 @@ def _opened(path: Path, shape: bytes) -> int:
     gmsh.model.occ.synchronize()
     volumes = gmsh.model.getEntities(3)
     if len(volumes) != 1:
-        raise MeshError(f"{path}: Gmsh makes {len(volumes)} solids of one: export the part again")
+        raise MeshError(
+            f"{path}: Gmsh makes {len(volumes)} solids from one solid: export the part again"
+        )
     return volumes[0][1]
 
 
@@ -239,7 +248,13 @@ def _text() -> bytes:
 
 
 def _read(path: Path, scale: float, merge: bool) -> Drawing:
-    """Read a drawing; faces are merged if requested and possible."""
+    """Read a drawing; its surfaces are merged if `merge` is true and if it is possible.
+
+    Raises
+    ------
+    MeshError
+        If the file does not contain exactly one solid.
+    """
     notices = []
     with session(), by_itself(path) as alone:
         # Colours and names are not read: Gmsh 4.8 fails on those of some files.
@@ -249,27 +264,29 @@ def _read(path: Path, scale: float, merge: bool) -> Drawing:
         surfaces = len(gmsh.model.getEntities(2))
         if surfaces and not gmsh.model.getEntities(3):
             _sew(path)
-            notices.append(f"{path}: {surfaces} surfaces that enclose a solid are sewn into it")
+            notices.append(f"{path}: {surfaces} surfaces that enclose a volume are sewn to a solid")
         volumes = gmsh.model.getEntities(3)
         if len(volumes) != 1:
-            raise MeshError(f"{path} has {len(volumes)} solids, it must have one: export the part")
+            raise MeshError(
+                f"{path} has {len(volumes)} solids, but must have one: export the part alone"
+            )
         _keep(volumes[0][1])
         shape = _text()
         if merge:
             shape = _merged(path, shape) or shape
         extent, pieces = _listed(path, shape, scale)
-    # OpenCASCADE does not merge all pieces of a cylinder: the rest is joined here.
+    # OpenCASCADE does not merge all pieces of a cylinder: the others are joined here.
     faces = in_order(with_joined_cylinders(pieces, _both))
     return Drawing(path, shape, scale, extent, faces, notices)
 
 
 def _sew(path: Path) -> None:
-    """Sew the current model's surfaces into a solid.
+    """Sew the surfaces of the current model to a solid.
 
     Raises
     ------
     MeshError
-        The surfaces do not enclose a solid.
+        If the surfaces do not enclose a volume.
     """
     surfaces = gmsh.model.getEntities(2)
     area = sum(gmsh.model.occ.getMass(*surface) for surface in surfaces)
@@ -279,8 +296,8 @@ def _sew(path: Path) -> None:
         if _encloses(area):
             return
     raise MeshError(
-        f"{path} has surfaces without a solid ({len(surfaces)} of them, which do not enclose one): "
-        "export the part as a solid"
+        f"{path} has no solid, and its {len(surfaces)} surfaces do not enclose a volume: export "
+        "the part as a solid"
     )
 
 
@@ -296,7 +313,7 @@ def _encloses(area: float) -> bool:
 
 
 def _keep(volume: int) -> None:
-    """Remove all entities but one solid: construction lines, loose surfaces, other solids."""
+    """Remove all entities except one solid: construction lines, loose surfaces, other solids."""
     parts = [(3, volume)]
     belonging = set(parts)
     for _ in range(3):
@@ -309,7 +326,10 @@ def _keep(volume: int) -> None:
 
 
 def _merged(path: Path, shape: bytes) -> bytes | None:
-    """The solid with surfaces of one plane or cylinder merged; None if nothing can be merged."""
+    """Merge surfaces of a solid that are on the same plane or cylinder.
+
+    The result is the solid as text; None if no surfaces can be merged.
+    """
     volume = _opened(path, shape)
     before = gmsh.model.occ.getMass(3, volume)
     count = len(gmsh.model.getBoundary([(3, volume)]))
@@ -326,16 +346,16 @@ def _merged(path: Path, shape: bytes) -> bytes | None:
 
 
 def _fused(volume: int) -> int:
-    """Number of the solid after a union, by which OpenCASCADE merges its surfaces.
+    """Number of the solid after a boolean union, in which OpenCASCADE merges its surfaces.
 
-    The union is with a box far away, which is removed afterwards.
+    The union is with a distant box, which is removed afterwards.
     """
     box = np.array(gmsh.model.getBoundingBox(3, volume)).reshape(2, 3)
     side = np.ptp(box, axis=0).max()
     tool = gmsh.model.occ.addBox(*(box[1] + side), *np.full(3, 0.1 * side))
     solids, _ = gmsh.model.occ.fuse([(3, volume)], [(3, tool)])
     gmsh.model.occ.synchronize()
-    # Gmsh 4.8 also returns both solids from before the union, which have more surfaces.
+    # Gmsh 4.8 also returns the two solids before the union, which have more surfaces.
     return min(
         (len(gmsh.model.getBoundary([solid])), solid[1])
         for solid in solids
@@ -354,7 +374,7 @@ def _listed(path: Path, shape: bytes, scale: float) -> tuple[np.ndarray, list[Dr
 
 
 def _face(tag: int, outward: float, scale: float) -> DrawnFace:
-    """A surface as a plane, a cylinder or neither."""
+    """Make a face from a surface of the drawing: a plane, a cylinder or neither."""
     low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, tag))
     sides = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
     corners = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).ravel()
@@ -389,9 +409,10 @@ def _edge_points(tag: int, scale: float) -> np.ndarray:
 def _cylindrical(
     face: DrawnFace, points: np.ndarray, normals: np.ndarray, edges: np.ndarray, size: float
 ) -> DrawnFace:
-    """A face, as a cylinder if its points and normals are those of one.
+    """Convert a face to a cylinder if its points and normals fit one, or return it unchanged.
 
-    Points are ``x = c + r n + h a`` with an axis a perpendicular to all normals n, r < 0 for bores.
+    On a cylinder, points are ``x = c + r n + h a``, where the axis a is perpendicular to all
+    normals n, and r is negative for a bore.
     """
     axis, across = axis_across(normals)
     if np.abs(normals @ axis).max() > ACROSS:
@@ -426,14 +447,14 @@ def _cylindrical(
 
 
 def _turn(rays: np.ndarray) -> float:
-    """Angle covered by rays to a grid of `SAMPLES` points each way, at most a turn [rad]."""
+    """Angle that rays to a grid of `SAMPLES` x `SAMPLES` points cover, at most a turn [rad]."""
     grid = np.arctan2(rays[:, 1], rays[:, 0]).reshape(SAMPLES, SAMPLES)
     unwrapped = np.unwrap(np.unwrap(grid, axis=0), axis=1)
     return min(float(np.ptp(unwrapped)), 2 * np.pi)
 
 
 def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
-    """One face made of two pieces of a cylinder."""
+    """Join two pieces of a cylinder to one face."""
     a = one.cylinder
     b = other.cylinder
     assert a is not None
@@ -454,7 +475,13 @@ def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
 
 
 def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDrawing:
-    """The first mesh, of the sizes `TRIED_SIZES`, without inverted cells."""
+    """Mesh a solid with the sizes of `TRIED_SIZES` in turn until no cell is inside out.
+
+    Raises
+    ------
+    MeshError
+        If the mesh fails for every size.
+    """
     with session():
         _opened(path, shape)
         for name in ("FromPoints", "ExtendFromBoundary"):
@@ -467,7 +494,7 @@ def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDra
                 if 0 < wrong <= FEW:
                     gmsh.model.mesh.optimize("HighOrder")
                     solid, wrong = _judged(scale)
-            except Exception:  # Gmsh raises plain Exception: facets intersect
+            except Exception:  # Gmsh raises plain Exception if facets intersect
                 failure = "Gmsh cannot fill its surface with tetrahedra"
                 gmsh.option.setNumber("Mesh.Algorithm", DELAUNAY)
                 continue
@@ -475,7 +502,7 @@ def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDra
                 return MeshedDrawing(used(solid), _surfaces(solid), size)
             failure = f"{wrong} of {len(solid.cells)} cells are turned inside out"
         raise MeshError(
-            f"{path}: {failure}, even with cells {size:g} times as large as asked for: give more "
+            f"{path}: {failure}, even with cells of {size:g} times the requested size: give more "
             "--cells-around, or export the part without its smallest faces"
         )
 
@@ -490,12 +517,12 @@ def _generate(scale: float, sizes: CellSizes) -> None:
     gmsh.model.mesh.setSizeCallback(size_at)
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
-    # Straight cells next to curved cells become curved if a facet would bulge through them.
+    # Straight cells become curved if the curved facet of a neighbour would intersect them.
     gmsh.model.mesh.optimize("HighOrderFastCurving")
 
 
 def _judged(scale: float) -> tuple[Solid, int]:
-    """Tetrahedra of the current model [m], and the number of inverted cells."""
+    """Tetrahedra of the current model, with positions in [m], and the number of inverted cells."""
     points, row = numbered_nodes()
     solid = Solid(scale * points, row[nodes_of_cells(TETRAHEDRON_10)], "tet")
     if not len(solid.cells):
@@ -504,7 +531,7 @@ def _judged(scale: float) -> tuple[Solid, int]:
 
 
 def _surfaces(solid: Solid) -> np.ndarray:
-    """Number of the current model's surface on which each facet of its tetrahedra lies."""
+    """Number of the model's surface on which each facet of the solid lies, shape (facets,)."""
     _, row = numbered_nodes()
     owner: dict[tuple, int] = {}
     for _, entity in gmsh.model.getEntities(2):

@@ -1,7 +1,7 @@
 """Unit of length that a STEP or IGES file declares.
 
-OpenCASCADE converts every file to millimetres. A file with a wrong header (drawn in m, declared in
-mm) is scaled by the ratio of the requested unit to the declared one.
+OpenCASCADE converts every file to millimetres by its declared unit. If this unit is wrong, lengths
+are multiplied by the ratio of the unit that the user gives to the declared one.
 """
 
 from __future__ import annotations
@@ -12,39 +12,41 @@ from pathlib import Path
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.units import in_unit
 
-#: File name extensions of drawings.
+#: File name extensions of STEP drawings.
 STEP = (".step", ".stp")
+
+#: File name extensions of IGES drawings.
 IGES = (".iges", ".igs")
 
-#: Powers of ten of the prefixes of ISO 10303-41; none is written as ``$``.
+#: Power of ten of each prefix in ISO 10303-41; ``$`` means no prefix.
 _PREFIXES = {
     "KILO": 3, "HECTO": 2, "DECA": 1, "$": 0, "DECI": -1, "CENTI": -2, "MILLI": -3, "MICRO": -6,
     "NANO": -9,
 }  # fmt: skip
 
-#: Units of IGES by their flag in the global section [m]; 3 means the name that follows.
+#: Length units of IGES by their flag in the global section [m]. Flag 3, a unit by name, is missing.
 _FLAGS = {
     1: 0.0254, 2: 1e-3, 4: 0.3048, 5: 1609.344, 6: 1.0, 7: 1e3, 8: 2.54e-5, 9: 1e-6, 10: 1e-2,
     11: 2.54e-8,
 }  # fmt: skip
 
-#: Index of the flag among the parameters of the global section.
+#: Index of the unit flag among the parameters of the global section of IGES.
 _FLAG = 13
 
 
 def unit_ratio(path: Path, unit: str) -> float:
-    """Ratio of a unit of length, ``"m"``, to the one that a drawing declares.
+    """Ratio of a unit of length, such as ``"m"``, to the unit that a drawing declares.
 
     Raises
     ------
     MeshError
-        The drawing declares no unit, or several.
+        If the drawing declares no unit of length or several.
     """
     text = path.read_text(encoding="latin-1")
     declared = _iges_unit(text) if path.suffix.lower() in IGES else _step_unit(text)
     if declared is None:
         raise MeshError(
-            f"{path} declares no single unit of length: leave out --unit {unit}, or export the "
+            f"{path} declares no unit of length, or several: omit --unit {unit}, or export the "
             "part again"
         )
     return in_unit(f"1 {unit}", "m") / declared
@@ -59,7 +61,10 @@ def _step_unit(text: str) -> float | None:
 
 
 def _step_length(text: str, number: str, depth: int) -> float | None:
-    """Length of the unit that an entity defines [m]; None if it is a unit of another quantity."""
+    """Length of the unit that an entity of a STEP file defines [m]; None for other entities.
+
+    Units may be defined by other units, at most `depth` times.
+    """
     entity = re.search(rf"#\s*{number}\s*=([^;]*);", text)
     if entity is None or "LENGTH_UNIT" not in entity[1]:
         return None
@@ -77,7 +82,7 @@ def _step_length(text: str, number: str, depth: int) -> float | None:
 
 
 def _iges_unit(text: str) -> float | None:
-    """Length of the unit of an IGES file [m]."""
+    """Length of the unit of an IGES file [m]; None if the flag is missing or unknown."""
     rows = [line for line in text.splitlines() if line[72:73] == "G"]
     parameters = _hollerith("".join(line[:72] for line in rows))
     flag = parameters[_FLAG].strip() if len(parameters) > _FLAG else ""
@@ -85,7 +90,10 @@ def _iges_unit(text: str) -> float | None:
 
 
 def _hollerith(text: str) -> list[str]:
-    """Parameters of a section; strings, ``2HMM``, have their length and may contain delimiters."""
+    """Parameters of a section of an IGES file.
+
+    A string begins with its length, as in ``2HMM``, and may contain delimiters.
+    """
     delimiters = ",;"
     delimited = re.match(r"\s*1H(.)(.)\s*(?:1H(.))?", text)
     if delimited is not None and delimited[1] != ",":

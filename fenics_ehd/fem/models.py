@@ -1,7 +1,7 @@
-"""Gmsh models: paths of shipped models, checks of files, and sections stored in meshes.
+"""Gmsh models: paths of shipped models, checks of files, and data stored at the end of meshes.
 
-A model is a program: Gmsh executes a ``.geo`` file, system commands included. Gmsh itself is not
-imported here.
+A ``.geo`` model is a program that Gmsh executes, system commands included. This module does not
+import Gmsh.
 """
 
 from __future__ import annotations
@@ -21,35 +21,39 @@ from fenics_ehd.base.files import Kind
 from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.reduction.mesh_error import SMOOTH, point_columns
 
-#: First bytes of a mesh; Gmsh runs a file with any other content as a program.
+#: First bytes of a ``.msh`` file; Gmsh executes a file with other first bytes as a program.
 MESH_BEGINS = b"$MeshFormat"
 
 
-#: Section of a ``.msh`` file with its mesh error, and the end mark. Gmsh and other programs skip
-#: sections that they do not know ("MSH file format" of Gmsh's manual).
+#: Begin of the section of a ``.msh`` file with the mesh error of its bores. Gmsh and other programs
+#: skip sections that they do not know ("MSH file format" in Gmsh's manual).
 MESH_ERROR = b"\n$FlexibilityMeshError\n"
+
+#: End of this section.
 MESH_ERROR_ENDS = b"\n$EndFlexibilityMeshError\n"
 
-#: Section with the material of the part, before the mesh error, and the end mark.
+#: Begin of the section with the material of the part, before the mesh error.
 MATERIAL = b"\n$PartMaterial\n"
+
+#: End of this section.
 MATERIAL_ENDS = b"\n$EndPartMaterial\n"
 
-#: Largest size of such sections at a file's end [bytes].
+#: Largest total size of these sections at the end of a file [bytes].
 MOST_STORED = 2**24
 
 
-#: Comment in meshes that this program writes ("MSH file format" of Gmsh's manual).
+#: Comment that identifies meshes of this program ("MSH file format" in Gmsh's manual).
 MARK = b"\n$Comments\nfenics_ehd part\n$EndComments\n"
 
 
 def mark_model(path: Path) -> None:
-    """Write the comment that identifies a ``.msh`` file of this program."""
+    """Append the comment that identifies a ``.msh`` file of this program."""
     with open(path, "ab") as file:
         file.write(MARK)
 
 
 def _is_model(path: Path) -> bool:
-    """True of a mesh with the comment, or with the mesh error that version 0.3 stored."""
+    """Whether this program wrote a mesh: it has the comment or, from version 0.3, a mesh error."""
     with open(path, "rb") as file:
         if file.read(len(MESH_BEGINS)) != MESH_BEGINS:
             return False
@@ -57,17 +61,17 @@ def _is_model(path: Path) -> bool:
     return MARK in text or MESH_ERROR in text
 
 
-#: Kind of file that a command may overwrite.
+#: Kind of files that commands may replace by a model.
 MODEL_KIND = Kind("a model that this program wrote", _is_model)
 
 
 def model_path(name: str) -> Path:
-    """Path of a Gmsh model shipped with the package, ``"conrod"`` for instance."""
+    """Path of a Gmsh model that is shipped with the package, such as ``"conrod"``."""
     return Path(str(resources.files("fenics_ehd.meshes") / f"{name}.geo"))
 
 
 def is_shipped(path: Path) -> bool:
-    """True of a model of the package, which may run in this process."""
+    """Whether a model is shipped with the package, so that it may run in this process."""
     return path.absolute().parent == model_path("conrod").parent
 
 
@@ -77,29 +81,31 @@ def check_model(path: Path) -> None:
     Raises
     ------
     MeshError
-        The name has another extension, or a ``.msh`` file is no mesh.
+        If the name has another extension, or if a ``.msh`` file is not a mesh.
     """
     if path.suffix not in (".geo", ".msh"):
         raise MeshError(f"model {path}: must be a .geo model or a .msh file")
     if path.suffix == ".msh":
         with open(path, "rb") as file:
             if file.read(len(MESH_BEGINS)) != MESH_BEGINS:
-                raise MeshError(f"model {path} is no mesh: it must begin with $MeshFormat")
+                raise MeshError(f"model {path} is not a mesh: it must begin with $MeshFormat")
 
 
 def store_material(path: Path, material: Material) -> None:
-    """Write the material of a part at the end of its ``.msh`` file."""
+    """Append the material of a part to its ``.msh`` file."""
     with open(path, "ab") as file:
         file.write(MATERIAL + json.dumps(attrs.asdict(material)).encode() + MATERIAL_ENDS)
 
 
 def stored_material(path: Path) -> dict[str, float]:
-    """Material stored by `store_material`, by the names of `Material`; empty if there is none.
+    """Read the material that `store_material` wrote, by the names of `Material`.
+
+    The result is empty if the file has no material.
 
     Raises
     ------
     MeshError
-        The section is damaged.
+        If the section is damaged.
     """
     begin = re.escape(MATERIAL)
     end = re.escape(MATERIAL_ENDS)
@@ -113,7 +119,7 @@ def stored_material(path: Path) -> dict[str, float]:
 
 
 def _tail(path: Path) -> bytes:
-    """End of a file, with the sections that this program appends."""
+    """Read the end of a file, which contains the sections that this program appends."""
     with open(path, "rb") as file:
         file.seek(max(0, file.seek(0, 2) - MOST_STORED))
         return file.read()
@@ -131,10 +137,11 @@ def store_mesh_error(
     bores, points
         Names of the bores and of the boundary points.
     error
-        Relative error of the flexibility of each column.
+        Relative error of the flexibility of the bores.
     moved
-        Displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`) times Young's
-        modulus, which they then hardly depend on, shape (k, s + 2 a) [m], [m Pa/N].
+        Mesh error of the displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`)
+        times Young's modulus, shape (p, s + 2 a) [m], [m Pa/N]. The product hardly depends on
+        the material.
     """
     section = {"bores": list(bores), "points": list(points), "error": error}
     text = json.dumps(section | {"moved": b64encode(moved.astype("<f4").tobytes()).decode()})
@@ -145,12 +152,12 @@ def store_mesh_error(
 def stored_mesh_error(
     path: Path, bores: Sequence[str], points: Collection[str]
 ) -> tuple[float, np.ndarray]:
-    """Stored error and displacements (`store_mesh_error`) for the given bores and points.
+    """Read the error and the displacements that `store_mesh_error` wrote, for some points.
 
     Raises
     ------
     MeshError
-        The file has no mesh error, or that of other bores or points.
+        If the file has no mesh error, or one for other bores, or none for one of the points.
     """
     text = _tail(path).rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
     try:
@@ -163,4 +170,6 @@ def stored_mesh_error(
             return float(section["error"]), moved[:, columns]
     except (LookupError, ValueError, TypeError, RecursionError):
         pass
-    raise MeshError(f"model {path} has no mesh error of these bores and points")
+    raise MeshError(
+        f"model {path} has no mesh error for the bores {', '.join(bores)} and these points"
+    )

@@ -249,6 +249,6 @@ def _require_one_piece(path: Path, cells: np.ndarray) -> None:
     count = len(np.unique(pieces[cells[:, 0]]))
     if count > 1:
         raise MeshError(
-            f"{path} has {count} solids, it must have one: export the part alone, or merge the "
-            "nodes that lie in one place"
+            f"{path} has {count} solids, but must have one: export the part alone, or merge nodes "
+            "at the same position"
         )

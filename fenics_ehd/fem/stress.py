@@ -1,32 +1,30 @@
-"""Cauchy stresses of displacement fields of a part, at the superconvergent points of its cells.
+"""Stresses of displacement fields of a part: at points of its cells, at nodes, over a cycle.
 
-The stresses are those of the finite-element displacement, ``sigma = C : sym(grad u)``, at points
-inside the cells: at the 2x2x2 Gauss points of hexahedra, where they converge one order faster than
-elsewhere (Barlow, Int. J. Numer. Meth. Eng. 10, 1976), and at the 4 points of the rule of degree 2
-of tetrahedra.
+The stress is ``sigma = C : sym(grad u)`` for the finite-element displacement u. It is evaluated at
+the 2x2x2 Gauss points of hexahedra, where stresses converge one order faster than elsewhere
+(Barlow, Int. J. Numer. Meth. Eng. 10, 1976), and at the 4 points of the rule of degree 2 in
+tetrahedra.
 
-Nodal stresses follow in two steps. In every cell the stresses are extrapolated to the nodes by the
-polynomial through the sampling points, trilinear in hexahedra, linear in tetrahedra. The values of
-the cells around a node are then averaged (G. Dhondt, The Finite Element Method for
-Three-Dimensional Thermomechanical Applications, section 2.4). Both steps are linear: tensors are
-averaged, and invariants computed afterwards. The scatter of the cells around a node shows the error
-of the mesh.
+Nodal stresses are computed in two steps. In every cell, stresses are extrapolated to the nodes by
+the polynomial through these points, which is trilinear in hexahedra and linear in tetrahedra. The
+values of all cells around a node are then averaged (G. Dhondt, The Finite Element Method for
+Three-Dimensional Thermomechanical Applications, section 2.4). Tensors are averaged, and invariants
+are computed afterwards. The scatter of the cells around a node indicates the error of the mesh.
 
-Fatigue is assessed by three values: the largest half-range of a cycle, its mean, and the largest
-principal stress. The half-range of two instants i, j is the tensor ``(s_i - s_j) / 2``. The pair
-with the largest von Mises stress of the half-range is chosen. Code_Aster's R7.04.04 has the same
-maximum over pairs of instants (DEPSPE, of plastic strains,
+Fatigue is assessed by three values: the largest half-range of a cycle, the mean stress of the same
+pair of instants, and the largest principal stress. The half-range of two instants i, j is the
+tensor ``(s_i - s_j) / 2``; the pair with the largest von Mises stress of the half-range is used.
+Code_Aster's R7.04.04 has the same maximum over pairs of instants (DEPSPE, for plastic strains,
 docaster-en-codeaster-doc-4113bb35b8213385c636b94f1536856d7f617.gitlab.io,
-man_r/r7/r7.04.04/Crit_res_en_formule). Rotating principal directions are included; a difference of
-two von Mises stresses would ignore them.
-von Mises stresses does not do.
+man_r/r7/r7.04.04/Crit_res_en_formule). Thus rotations of the principal directions are taken into
+account, unlike in a difference of two von Mises stresses.
 
-The mean is ``(s_i + s_j) / 2`` of the same pair, so that both values belong to one cycle between
-two existing states, as in a Haigh diagram. A mean over time would depend on the durations of the
-states.
+The mean stress is ``(s_i + s_j) / 2`` for the same pair, so that half-range and mean belong to one
+cycle between two existing states, as in a Haigh diagram. A mean over time would depend on the
+durations of the states.
 
-In the five coordinates of `deviatoric`, a von Mises stress is a length, and the largest range is
-the diameter of a set of points.
+In the five coordinates of `deviatoric`, the von Mises stress is a length, so that the largest range
+is the diameter of a set of points.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ Cells = slice | np.ndarray
 
 
 def sampling_points(cell: str) -> np.ndarray:
-    """Reference coordinates of the sampling points of a cell, shape (8 or 4, 3)."""
+    """Reference coordinates of the points in a cell that have stresses, shape (8 or 4, 3)."""
     degree = 3 if cell == "hexahedron" else 2
     return basix.make_quadrature(getattr(basix.CellType, cell), degree)[0]
 
@@ -61,7 +59,8 @@ def sampling_points(cell: str) -> np.ndarray:
 def continuation(cell: str, size: int) -> np.ndarray:
     """Matrix that extrapolates values at the sampling points of a cell to its nodes.
 
-    The polynomial is trilinear in hexahedra, linear in tetrahedra; shape (size, 8 or 4).
+    The shape is (size, 8 or 4) for a cell with `size` nodes. The polynomial is trilinear in
+    hexahedra, linear in tetrahedra.
     """
     points = sampling_points(cell)
     linear = solid_element(cell, len(points))
@@ -70,7 +69,7 @@ def continuation(cell: str, size: int) -> np.ndarray:
 
 
 def hooke(displacement: Expr, material: Material) -> Expr:
-    """Stress tensor of a displacement, isotropic and linear [Pa]."""
+    """Stress tensor [Pa] of a displacement in a linear isotropic material, as a UFL expression."""
     modulus = material.youngs_modulus
     ratio = material.poissons_ratio
     mu = modulus / (2 * (1 + ratio))
@@ -80,31 +79,31 @@ def hooke(displacement: Expr, material: Material) -> Expr:
 
 
 class StressField:
-    """Stresses of displacement columns in the cells that this rank owns.
+    """Stresses of n displacement columns in the cells of this rank.
 
-    Blocks of cells are computed on request, without communication.
+    Blocks of cells are computed on request, without communication; the constructor is collective.
 
     Parameters
     ----------
     space
-        Quadratic displacements of the part on hexahedra or tetrahedra.
+        Function space of quadratic displacements on hexahedra or tetrahedra.
     material
-        Elastic constants.
+        Elastic constants of the part.
     columns
-        Displacements of the owned nodes, ``3 * node + component``, shape (owned dofs, n) [m].
-        Not copied; the ghosts' rows are fetched, which is collective.
+        Displacements of the nodes of this rank, ``3 * node + component``, shape (owned dofs, n)
+        [m]. The array is not copied.
 
     Attributes
     ----------
     cell
-        ``"hexahedron"`` or ``"tetrahedron"``.
+        Name of the cell, ``"hexahedron"`` or ``"tetrahedron"``.
     owned
-        Nodes that this rank owns.
+        Number of nodes that this rank owns.
     nodes
-        Node indices of every cell, shape (cells, nodes of a cell): owned nodes by local number,
-        then ghosts.
+        Local node indices of every cell, owned nodes before ghosts, shape (cells, nodes of a
+        cell).
     shape
-        Shape of all stresses: owned cells, points of a cell, 6, n.
+        Shape of all stresses: cells of this rank, points of a cell, 6 components, n columns.
     """
 
     def __init__(self, space: fem.FunctionSpace, material: Material, columns: np.ndarray):
@@ -129,11 +128,14 @@ class StressField:
             self._ghosts[:, number] = vector.array[size:]
 
     def positions(self, cells: Cells = slice(None)) -> np.ndarray:
-        """Sampling points of owned cells, shape (cells, points, 3) [m]."""
+        """Positions of the sampling points of some cells, shape (cells, points, 3) [m]."""
         return self._evaluated(self._positions, cells)
 
     def block(self, cells: Cells = slice(None), columns: slice = slice(None)) -> np.ndarray:
-        """Stresses xx, yy, zz, yz, xz, xy at sampling points, (cells, points, 6, columns) [Pa]."""
+        """Stresses xx, yy, zz, yz, xz, xy at the sampling points of some cells [Pa].
+
+        The shape is (cells, points, 6, columns).
+        """
         stresses = []
         for number in range(self.shape[3])[columns]:
             rows = self._columns[:, number], self._ghosts[:, number]
@@ -142,7 +144,7 @@ class StressField:
         return np.stack(stresses, axis=-1)
 
     def _evaluated(self, expression: fem.Expression, cells: Cells) -> np.ndarray:
-        """Values of an expression at the points of cells, shape (cells, points, components)."""
+        """Values of an expression at the points of some cells, (cells, points, components)."""
         numbers = np.arange(self.shape[0], dtype=np.int32)[cells]
         values = compat.evaluated(expression, self._moved.function_space.mesh, numbers)
         return values.reshape(len(numbers), self.shape[1], -1)
@@ -150,17 +152,17 @@ class StressField:
 
 # At nodes
 
-#: Memory limit of the stresses of a block of cells, intermediate arrays included [bytes].
+#: Memory limit for the stresses of a block of nodes, with intermediate arrays [bytes].
 _NODAL_BYTES = 1 << 27
 
 
 class NodalStress:
-    """Stresses at the nodes of a part that is on one rank completely.
+    """Stresses at the nodes of a part, all of which is on one rank.
 
     Parameters
     ----------
     field
-        Stresses of displacement columns in the cells.
+        Stresses in the cells of the part.
 
     Attributes
     ----------
@@ -179,11 +181,14 @@ class NodalStress:
         self._share.data /= np.repeat(counts, counts)
 
     def blocks(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Node indices, shape (b,), and their stresses, (b, 6, columns) [Pa], block by block."""
+        """Iterate over blocks of nodes: node indices, shape (b,), and stresses [Pa].
+
+        Stresses have the shape (b, 6, columns).
+        """
         cells, points, _, columns = self._field.shape
         first_cell = self._share.indices[self._share.indptr[:-1]] // self._size
         order = np.argsort(first_cell, kind="stable")
-        # Bytes of a cell: stresses at its points, twice, and at its nodes.
+        # Number of bytes for a cell: two copies of stresses at its points, one at its nodes.
         each = 8 * max(1, columns) * 6 * (2 * points + self._size)
         count = max(1, max(1, _NODAL_BYTES // each) * self.nodes // max(1, cells))
         for start in range(0, self.nodes, count):
@@ -195,13 +200,19 @@ class NodalStress:
             yield nodes, (share[:, columns_used] @ flat).reshape(len(nodes), *values.shape[2:])
 
     def around(self, node: int) -> np.ndarray:
-        """Stresses at a node by each cell around it, shape (cells around, 6, columns) [Pa]."""
+        """Stresses at a node from each cell around it, before averaging [Pa].
+
+        The shape is (cells around the node, 6, columns).
+        """
         cell, corner = np.divmod(self._share[node].indices, self._size)
         cells, values = self._in_cells(cell)
         return values[np.searchsorted(cells, cell), corner]
 
     def _in_cells(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Ascending indices of cells, and stresses at their nodes, (c, nodes, 6, columns) [Pa]."""
+        """Distinct indices of some cells, ascending, and the stresses extrapolated to their nodes.
+
+        Stresses have the shape (c, nodes, 6, columns) [Pa].
+        """
         cells = np.unique(cells)
         stresses = self._field.block(cells)
         return cells, np.einsum("np,cpik->cnik", self._continued, stresses, optimize=True)
@@ -209,22 +220,23 @@ class NodalStress:
 
 # Over a cycle
 
-#: Indices of the stresses xx, yy, zz, yz, xz, xy in the tensor.
+#: Index, among the components xx, yy, zz, yz, xz, xy, of each entry of the stress tensor.
 _TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
 @dataclass(frozen=True, eq=False)
 class HalfRange:
-    """Largest half-range of each point.
+    """Largest half-range of the stress over a cycle at each point.
 
     Attributes
     ----------
     instants
-        Indices of the two instants, ascending, shape (points, 2).
+        Indices of the two instants, the earlier one first, shape (points, 2).
     von_mises
         Von Mises stress of the half-range, shape (points,) [Pa].
     half_range, mean
-        Half the difference, later minus earlier stress, and half the sum, shape (points, 6) [Pa].
+        Half the difference of the two stresses, later minus earlier, and half their sum, shape
+        (points, 6) [Pa].
     """
 
     instants: np.ndarray
@@ -234,12 +246,12 @@ class HalfRange:
 
 
 def largest_half_range(stress: np.ndarray) -> HalfRange:
-    """Largest half-range over all pairs of instants, exact to round-off.
+    """Find the largest half-range over all pairs of instants, by comparing all pairs.
 
     Parameters
     ----------
     stress
-        Stress histories, shape (points, 6, instants) [Pa].
+        Stress at each point and instant, shape (points, 6, instants) [Pa].
     """
     points = deviatoric(np.moveaxis(stress, 1, 2))
     pair = np.sort(_farthest(points), axis=1)
@@ -249,7 +261,10 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
 
 
 def _farthest(points: np.ndarray) -> np.ndarray:
-    """Indices of the two most distant points of each set, shape (sets, instants, 5)."""
+    """Indices of the two most distant points of each set, shape (sets, 2).
+
+    `points` has the shape (sets, points, 5), with five deviatoric coordinates of each point.
+    """
     indices = [cdist(states, states).argmax() for states in points]
     return np.stack(np.unravel_index(indices, (points.shape[1],) * 2), axis=1)
 
@@ -260,16 +275,16 @@ def largest_principal(stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     stress
-        Stress histories, shape (points, 6, instants) [Pa].
+        Stress at each point and instant, shape (points, 6, instants) [Pa].
 
     Returns
     -------
     values, instants : numpy.ndarray
-        Largest stress [Pa] and index of its instant, shape (points,) each.
+        Largest principal stress [Pa] and index of its instant, each of shape (points,).
     """
     mean = stress[:, :3].mean(axis=1)
     equivalent = von_mises(np.moveaxis(stress, 1, 2))
-    # With von Mises stress q and mean stress m it is between m + q / 3 and m + 2 q / 3: only
+    # For von Mises stress q and mean normal stress m, it is between m + q / 3 and m + 2 q / 3. Only
     # instants whose upper bound reaches the largest lower bound are evaluated.
     values = mean + equivalent / 3
     possible = mean + 2 * equivalent / 3 >= values.max(axis=1)[:, None]

@@ -1,6 +1,7 @@
-"""Elastic parts with lubricated bores: from a Gmsh model to dolfinx matrices for the reduction.
+"""Elastic parts with lubricated bores: from a Gmsh model to the matrices for a reduction.
 
-The surface of a bore has a mesh of its own, made of nodes of a function space and their cells.
+A bore has a surface mesh of its own, for displacement and for pressure: the nodes of a function
+space on its surface, and the cells that they form.
 """
 
 from __future__ import annotations
@@ -57,16 +58,26 @@ from fenics_ehd.reduction.structure import Recovery, Structure
 with interrupt_kept():
     import gmsh
 
-#: Gmsh's cells by the short names in scenes.
+#: Gmsh's type of the cells, by their names in scenes.
 CELLS = {"hex": HEXAHEDRON_27, "tet": TETRAHEDRON_10}
 
-#: Gmsh's facets of the cells, and their numbers of corners.
+#: Gmsh's type of the facets of these cells, and number of corners of a facet.
 FACETS = {"hex": (QUADRILATERAL_9, 4), "tet": (TRIANGLE_6, 3)}
 
 
 @dataclass(frozen=True, eq=False)
 class PartMesh:
-    """Second-order mesh of hexahedra or tetrahedra with the numbers of its named groups."""
+    """Second-order mesh of hexahedra or tetrahedra, with its facet tags and named groups.
+
+    Attributes
+    ----------
+    mesh
+        Distributed dolfinx mesh.
+    facet_tags
+        Group number of every facet that belongs to a named surface.
+    groups
+        Numbers of the physical groups by name.
+    """
 
     mesh: Mesh
     facet_tags: compat.MeshTags
@@ -74,7 +85,7 @@ class PartMesh:
 
     @property
     def cell(self) -> str:
-        """``"hexahedron"`` or ``"tetrahedron"``."""
+        """Name of the cells, ``"hexahedron"`` or ``"tetrahedron"``."""
         return self.mesh.topology.cell_type.name
 
     def group(self, name: str) -> int:
@@ -83,7 +94,7 @@ class PartMesh:
         Raises
         ------
         MeshError
-            The model has no group of this name.
+            If the model has no group of this name.
         """
         if name not in self.groups:
             raise MeshError(
@@ -94,7 +105,14 @@ class PartMesh:
 
 
 def _found_cells(path: str | Path, asked: str) -> str:
-    """Kind of the current model's cells, ``"hex"`` or ``"tet"``; other solid cells are refused."""
+    """Kind of the current model's cells, ``"hex"`` or ``"tet"``.
+
+    Raises
+    ------
+    MeshError
+        If the model has no solid cells, cells of another kind or of several kinds, or no physical
+        volume, or if tetrahedra were requested and it has none.
+    """
     kinds = set(gmsh.model.mesh.getElementTypes(3))
     if not kinds:
         raise MeshError(f"model {path} gives no solid cells: check its numbers of cells")
@@ -104,8 +122,8 @@ def _found_cells(path: str | Path, asked: str) -> str:
         counts = zip(types, numbers, strict=True)
         cells = ", ".join(f"{len(tags)} {cell_name(cell)}" for cell, tags in counts)
         raise MeshError(
-            f"model {path} holds {cells}: it must have 27-node hexahedra or 10-node tetrahedra "
-            "alone; 'fenics-ehd part' makes a model of other meshes of one kind"
+            f"model {path} has {cells}: it must have only 27-node hexahedra or only 10-node "
+            "tetrahedra; 'fenics-ehd part' converts other meshes of one kind"
         )
     if asked == "tet" != kind:
         raise MeshError(
@@ -135,27 +153,28 @@ def build_mesh(
     parameters
         Values for the model's ``DefineConstant`` parameters, by name.
     comm
-        Communicator over which the mesh is distributed.
+        Communicator of the ranks over which the mesh is distributed.
     serendipity_geometry
-        Move face and cell centres of hexahedra to the positions interpolated from the 20 edge and
-        corner nodes, which a 20-node element needs to represent linear fields.
+        Whether face and cell centres of hexahedra are moved to the positions that are interpolated
+        from the 20 corner and edge nodes. A 20-node element can represent linear fields only then.
     cells
-        ``"hex"`` or ``"tet"``; effective for a model that has the parameter ``tetrahedra``.
+        ``"hex"`` or ``"tet"``, for a model that has the parameter ``tetrahedra``.
     bores
-        Names of surfaces on cylinders along z. Their mid-side nodes are put on the cylinder, half
-        way in angle and height; for a model only those of tetrahedra.
+        Names of surfaces on cylinders along z. Their mid-side nodes are moved to the cylinder,
+        half way in angle and height. For a ``.geo`` model this is done for tetrahedra only.
     size
-        Relative cell size of a model without parameters for numbers of cells.
+        Factor of the cell size, for a model without parameters for numbers of cells.
 
     Returns
     -------
     PartMesh
+        Distributed mesh with the numbers of its groups.
 
     Raises
     ------
     MeshError
-        Gmsh cannot read or mesh the model, its cells are of several kinds, or tetrahedra are
-        requested from a model without them.
+        If Gmsh cannot read or mesh the model, if its cells are of several kinds, or if tetrahedra
+        are requested and the model has none.
     """
     require_class("path", path, str, Path)
     require_class("comm", comm, MPI.Comm)
@@ -188,10 +207,10 @@ def build_mesh(
 
 
 def _round_bore(group: int, cells: str) -> None:
-    """Put mid-side nodes of a bore's facets on the cylinder, see `rounded_middles`.
+    """Move mid-side nodes of a bore's facets to the cylinder, see `rounded_middles`.
 
-    Nodes of hexahedra that lie on the cylinder stay unchanged, to the last bit. Only nodes of
-    straight edges, and the centres between them, are moved.
+    Nodes of hexahedra that are on the cylinder already are not changed at all. Only nodes of
+    straight edges, and facet centres between them, are moved.
     """
     x, row = numbered_nodes()
     entities = gmsh.model.getEntitiesForPhysicalGroup(2, group)
@@ -218,7 +237,7 @@ def _round_bore(group: int, cells: str) -> None:
 
 
 def _place_centre_nodes(mesh: Mesh) -> None:
-    """Move face and cell centres of 27-node hexahedra to the 20-node interpolation."""
+    """Move face and cell centres of hexahedra to positions interpolated from the other 20 nodes."""
     centres = solid_element("hexahedron", 27).nodes[20:]
     shapes = solid_element("hexahedron", 20).shapes(centres)
     nodes = compat.geometry_dofmap(mesh)
@@ -228,17 +247,16 @@ def _place_centre_nodes(mesh: Mesh) -> None:
 
 # Matrices
 
-#: Degrees of the quadrature rules for elastic energy, kinetic energy and surface loads.
-#: 3 Gauss points in each direction integrate the elastic energy of both families on
-#: straight hexahedra and the bore load on a cylinder exactly; the mass of a
-#: triquadratic field needs 4. On curved tetrahedra mass and load are of degree
-#: 4 + 3 and 4 + 2; the energy is rational there, and of degree 2 on straight ones.
+#: Degrees of the quadrature rules for stiffness, mass and surface loads. On straight hexahedra,
+#: 3 Gauss points in each direction integrate the stiffness of both families exactly, and on a
+#: cylinder the bore load; the mass of a triquadratic field needs 4. On curved tetrahedra, mass and
+#: load have degree 4 + 3 and 4 + 2; the stiffness is rational, and of degree 2 on straight ones.
 DEGREES = {
     "hexahedron": {"stiffness": 5, "mass": 6, "surface": 5},
     "tetrahedron": {"stiffness": 5, "mass": 7, "surface": 6},
 }
 
-#: Nodes of quadratic cells in dolfinx's order, sorted as in VTK: corners, then edges.
+#: Indices in dolfinx's order of the nodes of a quadratic cell, in VTK's order: corners, then edges.
 _VTK_ORDER = {
     "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 15, 14],
     "tetrahedron": [0, 1, 2, 3, 9, 6, 8, 7, 5, 4],
@@ -255,34 +273,34 @@ def assemble_structure(
     attachments: tuple[str, ...] = ("pin",),
     clamped: str | None = None,
 ) -> Structure:
-    """Assemble stiffness K, mass M, the load matrices of bores and the loads of attachments.
+    """Assemble K and M of a part, load matrices of its bores and load vectors of its points.
 
     Parameters
     ----------
     part
-        Mesh with named groups.
+        Mesh of the part with named groups.
     material
-        Elastic constants and density.
+        Elastic constants and density of the part.
     family
-        ``"serendipity"`` (20-node hexahedra) or ``"lagrange"`` (27-node hexahedra);
-        tetrahedra have 10 nodes.
+        Family of the displacement element: ``"serendipity"`` (20-node hexahedra) or
+        ``"lagrange"`` (27-node hexahedra). Tetrahedra always have 10 nodes.
     pressure_family
-        Family of the pressure shape functions in (15), equal to that of a matching film.
+        Family of the pressure shape functions in (15); a matching film has the same.
     bores, attachments
-        Names of the lubricated surfaces, the first about the z axis, and of the surfaces of the
-        boundary points.
+        Names of the lubricated surfaces, the first about the z axis; and names of the surfaces
+        whose mean displacements are those of the boundary points.
     clamped
-        Name of a fixed surface; None: the part is free.
+        Name of a surface that is held; None if the part is free.
 
     Returns
     -------
     Structure
-        Matrices whose rows are distributed over the ranks of the mesh.
+        Structure whose matrix rows are distributed over the ranks of the mesh.
 
     Raises
     ------
     MeshError
-        A named surface is missing or empty, or a bore is not a cylinder along z.
+        If a named surface is missing or empty, or if a bore is not a cylinder along z.
     """
     require_class("part", part, PartMesh)
     require_class("material", material, Material)
@@ -296,7 +314,9 @@ def assemble_structure(
     surfaces = {name: part.group(name) for name in names}
     for name, tag in surfaces.items():
         if not mesh.comm.allreduce(len(part.facet_tags.find(tag)), op=MPI.SUM):
-            raise MeshError(f"physical group {name!r} holds no facets of the mesh")
+            raise MeshError(
+                f"physical group {name!r} has no facets of the mesh: assign a surface to it"
+            )
     ds = ufl.Measure("ds", domain=mesh, subdomain_data=part.facet_tags)
     stiffness, mass = _elastic_matrices(space, material)
     if clamped is not None:
@@ -330,10 +350,11 @@ def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PET
 def _clamp(
     space: fem.FunctionSpace, facets: np.ndarray, stiffness: PETSc.Mat, mass: PETSc.Mat
 ) -> None:
-    """Fix the nodes of a surface: their couplings are removed, their diagonals replaced.
+    """Hold the nodes of a surface: remove their off-diagonal entries and replace the diagonal ones.
 
-    Rows of zeros would make both matrices singular. The diagonal stiffness is the mean one. The
-    diagonal mass is the mass removed with the couplings, so that the mass of the part is unchanged.
+    Rows of zeros would make both matrices singular. The diagonal entries of K are set to the mean
+    diagonal. Those of M are set to the mass that is removed, so that the mass of the part is
+    unchanged.
     """
     nodes = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
@@ -349,16 +370,19 @@ def _clamp(
 
 
 def _rule(space: fem.FunctionSpace, integral: str) -> dict[str, int]:
+    """Metadata of a measure with the quadrature degree of an integral, see `DEGREES`."""
     return {"quadrature_degree": DEGREES[space.mesh.topology.cell_type.name][integral]}
 
 
 def _matrix(form: ufl.Form) -> PETSc.Mat:
+    """Assemble a bilinear form."""
     matrix = compat.fem_petsc().assemble_matrix(fem.form(form))
     matrix.assemble()
     return matrix
 
 
 def _vector(form: ufl.Form) -> PETSc.Vec:
+    """Assemble a linear form."""
     vector = compat.fem_petsc().assemble_vector(fem.form(form))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     return vector
@@ -367,11 +391,14 @@ def _vector(form: ufl.Form) -> PETSc.Vec:
 def _mean_displacement(
     space: fem.FunctionSpace, surface: ufl.Measure
 ) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-    """Load vectors of the area-weighted mean displacement of a surface, one for each component."""
+    """Vectors whose products with nodal displacements are the mean displacement of a surface.
+
+    There is one vector for each component; the mean is weighted by area.
+    """
     v = ufl.TestFunction(space)
     mesh = space.mesh
     one = fem.Constant(mesh, PETSc.ScalarType(1.0))
-    # The area has the same quadrature rule: the mean of a constant is exactly this constant.
+    # With the same quadrature rule for the area, the mean of a constant is exactly the constant.
     surface = surface(metadata=_rule(space, "surface"))
     area = mesh.comm.allreduce(fem.assemble_scalar(fem.form(one * surface)), op=MPI.SUM)
     return tuple(_vector(v[i] / area * surface) for i in range(3))
@@ -386,10 +413,16 @@ def _bore(
     *,
     first: bool,
 ) -> Bore:
-    """Nodes of a bore, surface meshes of displacement and pressure, and the load matrix."""
+    """Make a bore: nodes, surface meshes of displacement and pressure, load matrix, mean motion.
+
+    Raises
+    ------
+    MeshError
+        If the surface is not a cylinder along z.
+    """
     tag = part.group(name)
     facets = part.facet_tags.find(tag)
-    # The first bore's centre is the origin of the part, to the last bit.
+    # The centre of the first bore is exactly the origin of the part.
     centre = np.zeros(3) if first else cylinder_centre(surface_nodes(space, facets)[1])
     nodes, x, cells = surface_mesh(space, facets, centre)
     loaded, pressure_x, pressure_cells = surface_mesh(pressures, facets, centre)
@@ -420,10 +453,9 @@ def _load_matrix(
     pressure_nodes: np.ndarray,
     surface: ufl.Measure,
 ) -> PETSc.Mat:
-    """Rectangular load matrix (15) with one column per pressure node.
+    """Assemble the load matrix (15), with one column per pressure node.
 
-    The outward normal of the solid points to the oil, so that a positive pressure acts along the
-    negative normal.
+    The outward normal of the solid points into the oil: a positive pressure acts against it.
     """
     p = ufl.TrialFunction(pressures)
     v = ufl.TestFunction(space)
@@ -433,7 +465,7 @@ def _load_matrix(
 
 
 def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
-    """Owned cells with their corner and edge nodes, and the stress field of the part."""
+    """Cells of this rank with their corner and edge nodes, and the function for stresses."""
     topology = space.mesh.topology
     cells = topology.index_map(topology.dim).size_local
     dofs = compat.space_dofmap(space)[:cells, _VTK_ORDER[topology.cell_type.name]]
@@ -450,23 +482,27 @@ _FAMILIES = {8: "serendipity", 9: "lagrange", 6: "triangle"}
 def surface_mesh(
     space: fem.FunctionSpace, facets: np.ndarray, centre: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes of a quadratic space on a bore's surface and their mesh, identical on every rank.
+    """Nodes of a quadratic function space on the surface of a bore, and the cells they form.
+
+    The result is the same on every rank.
 
     Parameters
     ----------
     space
         Function space of the part.
     facets
-        Local indices of the surface's facets, on the boundary of the part.
+        Local indices of the facets of the surface, on the boundary of the part.
     centre
         Centre of the bore, shape (3,) [m].
 
     Returns
     -------
-    nodes, coordinates, cells : numpy.ndarray
-        Global node numbers, sorted by z, then by angle about the bore's axis, shape (m,); positions
-        relative to the bore's centre, shape (m, 3) [m]; indices into `nodes` of each cell's nodes,
-        shape (c, 6, 8 or 9).
+    nodes : numpy.ndarray
+        Global node numbers, sorted by z, then by angle about the bore's axis, shape (m,).
+    coordinates : numpy.ndarray
+        Positions of the nodes relative to the bore's centre, shape (m, 3) [m].
+    cells : numpy.ndarray
+        Indices in `nodes` of the nodes of each cell, shape (c, 6, 8 or 9).
     """
     nodes, x = surface_nodes(space, facets)
     x = x - centre
@@ -476,7 +512,10 @@ def surface_mesh(
 
 
 def surface_nodes(space: fem.FunctionSpace, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Global numbers, shape (m,), and positions, (m, 3) [m], of a surface's nodes; on all ranks."""
+    """Global numbers, shape (m,), and positions, shape (m, 3) [m], of the nodes of a surface.
+
+    The result is the same on every rank.
+    """
     comm = space.mesh.comm
     dofs = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
     owned = dofs[dofs < space.dofmap.index_map.size_local]
@@ -486,7 +525,7 @@ def surface_nodes(space: fem.FunctionSpace, facets: np.ndarray) -> tuple[np.ndar
 
 
 def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
-    """Global node numbers of the facets, shape (c, k); the order of the facets is arbitrary."""
+    """Global node numbers of the facets of all ranks, shape (c, k), in no fixed order."""
     topology = space.mesh.topology
     dimension = topology.dim
     topology.create_connectivity(dimension - 1, dimension)
@@ -494,14 +533,14 @@ def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
     to_cell = topology.connectivity(dimension - 1, dimension)
     to_facet = topology.connectivity(dimension, dimension - 1)
     cells = np.array([to_cell.links(facet)[0] for facet in facets], dtype=np.int64)
-    # Each cell has one owner, so that each facet is listed once.
+    # Only facets of cells that this rank owns: each facet then occurs once over all ranks.
     owned = cells < topology.index_map(dimension).size_local
     cells = cells[owned]
     facets = facets[owned]
     sides = [
         list(to_facet.links(cell)).index(facet) for cell, facet in zip(cells, facets, strict=True)
     ]
-    # Corners, edge midpoints and centre of a side, ascending as in a surface cell.
+    # Local dofs of each side of a cell, in the order of a surface cell: corners, midpoints, centre.
     layout = space.dofmap.dof_layout
     count = to_facet.links(0).size
     rows = np.array([layout.entity_closure_dofs(dimension - 1, i) for i in range(count)])
@@ -519,12 +558,12 @@ def part_answers(
     parameters: Mapping[str, float] | None = None,
     points: tuple[str, ...] = (),
 ) -> tuple[Structure, SmoothResponses]:
-    """Assemble a model, and compute responses of its loaded bores; serial.
+    """Assemble a model on one rank, and compute the smooth responses of its bores.
 
     Raises
     ------
     MeshError, StructureError, VerificationError
-        The model is not a valid part.
+        If the model is not a valid part.
     """
     mesh = build_mesh(path, parameters, comm=MPI.COMM_SELF, bores=bores)
     structure = assemble_structure(mesh, material, bores=bores, attachments=points, clamped=clamped)

@@ -296,7 +296,7 @@ class Shape(Deviations):
 
 
 def is_shape(value: Any) -> TypeGuard[Shape]:
-    """True of a `Shape` and of a user's object with its `radial`."""
+    """Whether a value is a `Shape`, or another object with a method `radial`."""
     return hasattr(value, "radial")
 
 

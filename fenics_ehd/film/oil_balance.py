@@ -331,7 +331,10 @@ class OilBalance:
         return p.clearance * p.grid.radius**2
 
     def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
-        """Make the data of a step from its gap at the end, length, and `former`, see `OilStep`."""
+        """Make the data of a step from the gap at its end, its length and `former` contents.
+
+        The arguments are attributes of `OilStep`.
+        """
         equation = self.film.equation
         flow = equation.flow(gap)
         return OilStep(

@@ -167,9 +167,10 @@ class FeedTerm:
     def lumped_change(
         self, assembly: Assembly, slope: np.ndarray, nodal: np.ndarray
     ) -> sparse.csc_matrix:
-        """Derivative of `lumped` with respect to values at the Gauss points, shape (nodes, c * q).
+        """Derivative of `lumped` by a quantity at the Gauss points, shape (nodes, c * q).
 
-        `slope` is the derivative of the conductances with respect to these values.
+        `slope` is the derivative of the conductances with respect to this quantity, such as the
+        thickness.
         """
         at_nodes = slope.sum(axis=0)[:, :, None] * assembly.by_nodes(nodal)
         supplied = self._supplied(slope)

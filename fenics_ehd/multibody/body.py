@@ -341,7 +341,7 @@ class Body(ABC):
         return Surface(side)
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the undeformed surface that `point` names."""
+        """Name of the point at the centre of the surface `point` in its undeformed state."""
         return point
 
     @abstractmethod
@@ -709,7 +709,7 @@ class FlexibleBody(PlanarBody):
         return points | {self.at_rest(name): field for name, field in bores.items()}
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the undeformed bore that `point` names."""
+        """Name of the point at the centre of the bore `point` in its undeformed state."""
         moves = point in self.reduced.bores and point in self.reduced.points
         return f"{point}.at_rest" if moves else point
 

@@ -152,7 +152,9 @@ class BorderedSystem:
         self._column_scale = 1.0 / np.abs(matrix).max(axis=0)
         matrix *= self._column_scale
         if not np.isfinite(matrix).all():
-            raise SolverError("an equation of motion or a coordinate has no coefficients")
+            raise SolverError(
+                "an equation of motion or a coordinate has no coefficients: check masses and joints"
+            )
         factor, pivots, failure = linalg.lapack.dgetrf(matrix)
         if failure:
             raise SolverError(f"the matrix of films and motion is singular (row {failure})")

@@ -87,7 +87,7 @@ class FilmContent:
     def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray | None:
         """Void fractions of all nodes in a state, shape (nodes,); None if not stored.
 
-        `observed` is the gap at the points where gaps are observed [m], as in other methods.
+        `observed` is the gap in this state at the points where gaps are observed [m].
         """
         return None
 

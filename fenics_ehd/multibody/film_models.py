@@ -454,7 +454,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         verify_complementarity(point.pressures, point.void, 1.0, 10 * tolerance)
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:
-            raise CavitationError(f"fluid fraction below 0 by {excess:.2g}, at most {UNDERSHOOT}")
+            raise CavitationError(f"fluid fraction below 0 by {excess:.2g}, above {UNDERSHOOT}")
         outflow = balance.outflow(step, point.nodal, point.pressures, point.transport)
         content = balance.volume_scale * step.length * step.full - self.content.void_volumes(point)
         return replace(

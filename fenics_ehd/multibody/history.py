@@ -389,7 +389,7 @@ class History:
 
     @property
     def status(self) -> str:
-        """Status: ``"complete"``, why results are rejected, or that no summary exists."""
+        """Status of the run: ``"complete"``, or why its results are rejected or missing."""
         return str(
             self.entries.get(
                 "status", "no summary found: the run is in progress or was interrupted"

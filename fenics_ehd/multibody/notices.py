@@ -196,7 +196,7 @@ def resting_films(system: System, peaks: Mapping[str, float]) -> list[str]:
 
 
 def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
-    """Make a line for every largest pressure above `HIGHEST`, and for every one of round-off.
+    """Make a line for every largest pressure that is above `HIGHEST` or only round-off.
 
     Parameters
     ----------

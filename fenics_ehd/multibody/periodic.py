@@ -81,7 +81,7 @@ SUBHARMONIC = (2, 3)
 
 
 def repeating(mechanism: Mechanism) -> tuple[float, str]:
-    """Time from which all loads and drives recur [s], and the key of the one that is last."""
+    """Time from which all loads and drives recur [s], and key of the last one to do so."""
     over_time = ((key, each) for key, each in mechanism.variations() if not each.angle_of)
     return max([(0.0, ""), *((each.settled, key) for key, each in over_time)])
 

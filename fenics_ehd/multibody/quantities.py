@@ -330,13 +330,13 @@ def feed_flows(joint: JointStep) -> dict[str, float]:
 
 @quantity("max_pressure", "Pa")
 def max_pressure(joint: JointStep) -> float:
-    """Peak oil film pressure (POFP), between the nodes."""
+    """Peak oil film pressure (POFP), interpolated between the nodes."""
     return joint.rows.largest(joint.pressure[None])[0][0]
 
 
 @quantity("min_film_thickness", "m")
 def min_film_thickness(joint: JointStep) -> float:
-    """Minimum oil film thickness (MOFT), between the nodes; of rough surfaces the nominal one."""
+    """Minimum oil film thickness (MOFT), interpolated between the nodes; nominal if rough."""
     return -joint.rows.largest(-joint.gap[None, -len(joint.nodes) :])[0][0]
 
 
@@ -378,7 +378,7 @@ def force(joint: JointStep) -> float:
 
 @quantity("force_angle", "deg")
 def force_angle(joint: JointStep) -> float:
-    """Direction in which the journal presses on the bore."""
+    """Direction of the journal's load on the bore, in the bore's frame."""
     return in_degrees(joint.towards)
 
 
@@ -426,7 +426,7 @@ def min_film_height(joint: JointStep) -> float:
 
 @quantity("max_contact_pressure", "Pa", with_contact)
 def max_contact_pressure(joint: JointStep) -> float:
-    """Largest contact pressure, between the Gauss points."""
+    """Largest contact pressure, interpolated between the Gauss points."""
     return joint.film.points.rows.largest(joint.touch.pressure[None])[0][0]
 
 

@@ -124,7 +124,7 @@ def cycle_figures(
 
 
 def _mean_after(start: float, times: np.ndarray, values: np.ndarray, rows: slice) -> float:
-    """Mean of a column over time, from a time `start` [s] to the last of some rows."""
+    """Mean of a column over time, from a time `start` [s] to the last step in `rows`."""
     knots = np.append(start, times[rows])
     values = np.append(np.interp(start, times, values), values[rows])
     return float(integral(knots, values[:, None])[0] / (knots[-1] - knots[0]))

@@ -302,7 +302,7 @@ def rows_missed(
     when : numpy.ndarray
         Times of the rows, ascending [s].
     missed : bool
-        Whether the distance of a row exceeds `MISSED`.
+        Whether the distance of a row's value from the polynomial exceeds `MISSED`.
     """
     parts = zip(*(load.missed(times, states) for load in loads), strict=True)
     when, amount = (np.concatenate(part) for part in parts)

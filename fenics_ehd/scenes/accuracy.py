@@ -1,19 +1,18 @@
 """Required accuracy of a run: settings are refined, run by run, until the error budget meets it.
 
-The first run is a pilot on coarse films, with a tolerance that usually gives errors of this size.
-If its error budget (`fenics_ehd.analysis.error_budget`) exceeds the accuracy, the largest
-components of every figure's error are reduced to one level, by the convergence orders of their
-settings,
+The first run is a pilot on coarse films, with a tolerance that usually gives errors of the required
+size. If its error budget (`fenics_ehd.analysis.error_budget`) exceeds the accuracy, the settings of
+the largest error components are refined by their orders of convergence. The errors are of order
 
     step size   tolerance^(k / (k + 1)),
-    film mesh   cells^-3 either way, of 4-node cells cells^-2: between the orders of a film's
-                solution and of what its nodes miss of a peak between them,
+    film mesh   cells^-3 in each direction, of 4-node cells cells^-2: between the orders of a film's
+                solution and of the error between its nodes,
     basis       1 / modes,
     part mesh   cells^-2,
-    start       periodicity,
+    start       periodicity.
 
-at which all components together leave a margin to the accuracy. The next run is judged in the same
-way.
+The components are reduced to a common level, at which their sum leaves a margin to the accuracy.
+The next run is judged in the same way.
 
 These settings are chosen unless ``output.accuracy_keeps`` names them: the tolerances of steps and
 of the periodicity, the cells of every film, the reduction of meshed parts that are not rigid, and,
@@ -44,75 +43,75 @@ from fenics_ehd.reduction.mesh_error import ORDER as PART_ORDER
 from fenics_ehd.scenes.films import planned_cells
 from fenics_ehd.scenes.scene import Scene, changed, meshed, stored
 
-#: Limits of what a search chooses: least tolerance of a step, least periodicity, most film cells,
-#: most vibration modes of a basis, and most cells of a part's mesh around a bore.
+#: Limits of the search: least tolerance of a step, least periodicity, largest numbers of film
+#: cells, of vibration modes in a basis, and of cells around a bore in a part's mesh.
 TIGHTEST = 1e-8
 TIGHTEST_PERIODICITY = 1e-7
 MOST_CELLS = 6400
 MOST_MODES = 48
 MOST_CELLS_AROUND = 60
 
-#: Share of the accuracy that the sum of all components is reduced to.
+#: Sum of all components that a refinement aims at, over the accuracy.
 AIM = 0.7
 
-#: Factor on the errors of steps and films after a run that cannot be trusted.
+#: Factor to which step and film errors are reduced after a run that cannot be trusted.
 HALF = 0.5
 
-#: Components are not reduced below this share of the components that cannot be reduced.
+#: Components are not reduced below this fraction of the components that cannot be reduced.
 LITTLE = 0.2
 
-#: Relative round-off that does not add a cell.
+#: Relative round-off up to which a number of cells is not rounded up.
 ROUNDING = 1e-6
 
 
 def rounded(value: float) -> float:
-    """A number rounded down to two digits."""
+    """Round a number down to two digits."""
     digits = 10.0 ** (int(np.floor(log10(value))) - 1)
     return float(f"{np.floor(value / digits * (1 + ROUNDING)) * digits:.1e}")
 
 
-#: Cells around of a pilot's films at an accuracy of 1 %, and order of their errors, by element.
-#: Errors of films of 24 cells are 0.3 to 1.5 %, of 48 bilinear cells 1.2 %.
+#: Numbers of cells around a pilot's films for an accuracy of 1 %, and orders of film errors, by
+#: element. Errors of films with 24 cells are 0.3 to 1.5 %, of those with 48 bilinear cells 1.2 %.
 PILOT_AROUND = {"lagrange": 24, "serendipity": 24, "bilinear": 48}
 FILM_ORDER = {"lagrange": 3.0, "serendipity": 3.0, "bilinear": 2.0}
 
-#: Fewest and most cells around of a pilot's film.
+#: Least and largest number of cells around a pilot's film.
 FEWEST_AROUND = 16
 MOST_AROUND = 48
 
-#: Error of the steps at a tolerance of 1e-3 and order 2 or 3: 0.4 to 1.5 % in shipped scenes.
+#: Step error at a tolerance of 1e-3 and order 2 or 3; it is 0.4 to 1.5 % in shipped scenes.
 STEP_ERROR = 0.006
 
-#: Share of the accuracy for the steps of a pilot, and its least and largest tolerance.
+#: Step error that a pilot aims at, over the accuracy; and limits of its tolerance.
 PILOT_SHARE = 0.6
 PILOT_TIGHTEST = 3e-4
 PILOT_LOOSEST = 3e-3
 
-#: Least accuracy: smaller errors were never compared (`docs/error-budget.md`), and 1e-9 would take
-#: 37 hours.
+#: Least accuracy: estimates of smaller errors were never compared with true errors
+#: (`docs/error-budget.md`), and 1e-9 would take 37 hours.
 LEAST = 1e-4
 
-#: Periodicity over the accuracy; at least it is `CYCLE_NOISE` times the tolerance of a step.
+#: Periodicity over the accuracy; it is at least `CYCLE_NOISE` times the tolerance of a step.
 PERIODICITY = 0.1
 
 
 @dataclass
 class Search:
-    """Search for settings that meet an accuracy.
+    """Search for the settings with which a run meets a required accuracy.
 
     Attributes
     ----------
     asked
-        The required accuracy, relative.
+        Required relative accuracy.
     kept
-        Full keys that stay as written.
+        Full keys that the search must not change.
     chosen
-        Values by full key of the current run.
+        Values of the current run that the search chose, by full key.
     runs
         Entries of all runs, the pilot first: values ``chosen``, ``estimate`` of the error, largest
         error of every component as ``errors``, ``status``, ``processor_time_s``.
     wanted
-        Values by full key for the next run; empty: the search is over.
+        Values for the next run by full key; empty if the search has ended.
     """
 
     asked: float
@@ -128,7 +127,7 @@ class Search:
         return bool(last["estimate"] <= self.asked and last["status"] == "complete")
 
     def continue_search(self, scene: Scene) -> Scene:
-        """Choose the values that are wanted; the scene with them is that of the next run."""
+        """Choose the values for the next run; returns the scene with these values."""
         values = self.wanted
         self.chosen = {**self.chosen, **values}
         self.wanted = {}
@@ -146,7 +145,7 @@ class Search:
         write_whole(directory / ACCURACY, to_json(contents) + "\n")
 
     def figures(self) -> dict[str, Any]:
-        """Entries of ``summary.json``."""
+        """Entries of ``summary.json`` on the search."""
         seconds = [run["processor_time_s"] for run in self.runs]
         return {
             "asked": self.asked,
@@ -161,13 +160,13 @@ class Search:
 
 
 def start_search(scene: Scene) -> tuple[Scene, Search | None]:
-    """Scene of the pilot, and the search; the given scene and None if it requires no accuracy.
+    """Scene of the pilot run, and its search; the given scene and None without an accuracy.
 
     Raises
     ------
     SettingsError
-        The scene has no film or no error budget, the accuracy is too small, or a key that is to
-        be kept is none of those that are chosen.
+        The scene has no film or no error budget, the accuracy is too small, or
+        `accuracy_keeps` names a key that is not chosen.
     """
     output = scene.output
     asked = output.accuracy
@@ -179,8 +178,8 @@ def start_search(scene: Scene) -> tuple[Scene, Search | None]:
         raise SettingsError(f"output.accuracy = {asked:g} needs output.error_budget = true")
     if asked < LEAST:
         raise SettingsError(
-            f"output.accuracy = {asked:g} is below {LEAST:g}, where errors are not known to be "
-            "estimated well: ask for that, or write meshes and steps"
+            f"output.accuracy = {asked:g} is below {LEAST:g}, where error estimates are not "
+            f"validated: use at least {LEAST:g}, or choose meshes and steps yourself"
         )
     if output.part_mesh_error:
         from fenics_ehd.scenes.part import with_counts  # imports all reductions
@@ -202,7 +201,7 @@ def start_search(scene: Scene) -> tuple[Scene, Search | None]:
 
 
 def search_of(directory: Path) -> Search | None:
-    """Search of the run in a folder; None: it has none."""
+    """Read the search of the run in a folder; None if the run has none."""
     path = directory / ACCURACY
     if not path.exists():
         return None
@@ -218,7 +217,7 @@ def search_of(directory: Path) -> Search | None:
 
 
 def choosable(scene: Scene) -> tuple[str, ...]:
-    """Full keys of the settings that an accuracy chooses."""
+    """Full keys of the settings that a search can choose for a scene."""
     keys = ["time.tolerance", *(["time.periodicity"] if scene.time.periodic else [])]
     keys += [f"joints.{name}.cells" for name in scene.films]
     for name in meshed(scene):
@@ -230,7 +229,7 @@ def choosable(scene: Scene) -> tuple[str, ...]:
 
 
 def _kept(scene: Scene) -> tuple[str, ...]:
-    """Full keys that stay as written, by their ends or by keys of their sections."""
+    """Full keys that the search keeps; `accuracy_keeps` has ends of keys, or their sections."""
     known = choosable(scene)
     kept = []
     for name in scene.output.accuracy_keeps:
@@ -241,15 +240,15 @@ def _kept(scene: Scene) -> tuple[str, ...]:
         ]
         if not meant:
             raise SettingsError(
-                f"output.accuracy_keeps: {name!r} is not a setting that an accuracy chooses: "
-                f"{', '.join(known)}"
+                f"output.accuracy_keeps: {name!r} is not a setting that accuracy chooses: "
+                f"choose from {', '.join(known)}"
             )
         kept += meant
     return tuple(dict.fromkeys(kept))
 
 
 def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
-    """Values of a pilot by full key."""
+    """Values for the pilot run by full key."""
     order = scene.time.order
     tolerance = 1e-3 * (PILOT_SHARE * asked / STEP_ERROR) ** ((order + 1.0) / order)
     values: dict[str, Any] = {
@@ -270,9 +269,10 @@ def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
 
 
 def _pilot_cells(scene: Scene, name: str, asked: float) -> tuple[int, int]:
-    """Coarse cells with the proportions of the scene's; the scene's own if the film has supplies.
+    """Numbers of cells around and along a film of the pilot run.
 
-    Edges of grooves and supplies need the cells that were chosen for them.
+    They are smaller than the scene's, in the same proportion. A film with grooves or supplies keeps
+    the scene's cells, which were chosen for their edges.
     """
     joint = scene.joints[name]
     around, along = planned_cells(scene, name)
@@ -285,10 +285,10 @@ def _pilot_cells(scene: Scene, name: str, asked: float) -> tuple[int, int]:
     return most, max(3, round(along * most / around))
 
 
-#: Runs after the pilot, at most.
+#: Largest number of runs after the pilot.
 RUNS = 3
 
-#: Errors by component, for every joint and quantity.
+#: Type for errors by component, for every joint and quantity.
 Errors = Mapping[tuple[str, str], Mapping[str, float]]
 
 
@@ -299,33 +299,33 @@ def account(
     budgets: Mapping[str, Mapping[str, Any]],
     entries: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Add a judged run to its search, and choose the settings of the next run.
+    """Add a run with its errors to its search, and choose the settings of the next run.
 
     Parameters
     ----------
     search, scene
-        Search and scene of the run.
+        Search, and scene of the run.
     recorded
         The run.
     budgets
-        Error budget of every joint, by its name.
+        Error budgets by joint.
     entries
-        Entries of the summary on the budgets, and the verdict on them.
+        Entries of the summary on the error budgets, and the status of the run.
 
     Returns
     -------
     dict
-        Entries of ``summary.json`` about the accuracy.
+        Entries of ``summary.json`` on the accuracy.
 
     Raises
     ------
     AccuracyError
-        A component of the error is not estimated.
+        A component of the error is not estimated; the message names it.
     """
     notes = entries["error_budget_notes"]
     errors = _errors(search, budgets, notes)
     if search.runs and search.runs[-1]["chosen"] == search.chosen:
-        search.runs.pop()  # a complete run, resumed
+        search.runs.pop()  # a complete run was resumed
     search.runs.append(
         {
             "chosen": dict(search.chosen),
@@ -359,7 +359,7 @@ def account(
 def _errors(
     search: Search, budgets: Mapping[str, Mapping[str, Any]], notes: Mapping[str, str]
 ) -> Errors:
-    """Estimated components of the errors of a run."""
+    """Estimated error components of a run, for every joint and quantity."""
     errors: dict[tuple[str, str], dict[str, float]] = {}
     for joint, budget in budgets.items():
         for quantity in QUANTITIES:
@@ -369,7 +369,7 @@ def _errors(
                 if not isinstance(value, str):
                     parts[key] = value
                 elif key == "start" and value != NOT_APPLICABLE:
-                    parts[key] = search.asked  # films repeat by coincidence: run once again
+                    parts[key] = search.asked  # the films repeat by coincidence: run again
                 elif value != NOT_APPLICABLE and key != "part_mesh":
                     raise AccuracyError(
                         f"output.accuracy = {search.asked:g}: the error of joints.{joint} by "
@@ -379,7 +379,7 @@ def _errors(
 
 
 def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -> dict[str, Any]:
-    """Values by full key that reduce the error of every figure to the aim, within limits."""
+    """Values by full key that reduce all errors to the aim of the search, within its limits."""
     films = {film.name: film for film in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
     free = set(choosable(scene)) - set(search.kept)
@@ -404,14 +404,14 @@ def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -
         for key, refinement in refinements.items()
     }
     if {"time.periodicity", "time.tolerance"} <= set(values):
-        # Two cycles have different steps, and differ by the errors of these.
+        # Two cycles have different steps, and differ by the errors of these steps.
         most = values["time.periodicity"] / CYCLE_NOISE
         values["time.tolerance"] = min(values["time.tolerance"], most)
     return values
 
 
 def water_filling_level(errors: Collection[float], total: float) -> float:
-    """Limit of every error with which their sum is a total; infinite if the sum is smaller."""
+    """Limit for each error with which their sum is `total`; infinite if the sum is smaller."""
     for count, error in zip(range(len(errors), 0, -1), sorted(errors), strict=True):
         if count * error > total:
             return total / count
@@ -419,8 +419,8 @@ def water_filling_level(errors: Collection[float], total: float) -> float:
     return inf
 
 
-#: Keys of settings that reduce a component of a joint's errors, with the name of the joint or of a
-#: body whose surface deforms.
+#: Full keys of the settings that reduce each component of a joint's error; they contain the name of
+#: the joint, or of a body whose surface in the joint deforms.
 SETTINGS = {
     "step_size": "time.tolerance",
     "start": "time.periodicity",
@@ -431,7 +431,7 @@ SETTINGS = {
 
 
 def _settings(component: str, film: FilmBinding) -> set[str]:
-    """Keys of the settings that reduce a component of a joint's errors."""
+    """Full keys of the settings that reduce a component of a joint's error."""
     elastic = [bound.body for bound in film.surfaces if bound.surface.elastic]
     key = SETTINGS[component]
     return {key.format(joint=film.name, body=body) for body in elastic or [""]}
@@ -446,7 +446,7 @@ def _value(
     component: str,
     film: FilmBinding,
 ) -> Any:
-    """Value of a setting that reduces a component to a share of itself, within limits."""
+    """Value of a setting that reduces an error component by the factor `share`, within limits."""
     if component == "step_size":
         order = recorded.run.control.order
         tolerance = scene.time.tolerance
@@ -471,7 +471,7 @@ def _value(
 
 
 def _not_met(search: Search) -> str:
-    """Notice of an accuracy that is not met."""
+    """Warning that the accuracy is not met, with the largest component and the reason."""
     run = search.runs[-1]
     worst = max(run["errors"], key=run["errors"].__getitem__)
     keys = [key for key in search.kept if f".{key}".endswith(f".{KEYS[worst]}")]

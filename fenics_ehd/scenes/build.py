@@ -1,17 +1,17 @@
-"""From a scene to its mechanism, in one pass.
+"""The mechanism of a scene, built in one pass.
 
 1. Files and tables are read (`fenics_ehd.scenes.inputs`), and the period of the loads is checked.
 2. Elastic parts are meshed, unless their reduced bodies are kept (`fenics_ehd.scenes.kept_bodies`).
-3. Joints and films are made in their bores.
+3. Joints and films are made in the bores of the parts.
 4. The mechanism is assembled with rigid parts (`fenics_ehd.scenes.start`).
 5. Parts are reduced, which takes longest.
 6. Bodies and the mechanism are made.
 
-A scene that cannot be used is refused as early as possible: all but the errors of reductions come
-before the fifth step.
+A scene that cannot be used is refused as early as possible: only errors of reductions occur in or
+after the fifth step.
 
-Imports inside functions: `fenics_ehd.scenes.part` imports all reductions, and rigid scenes do
-without.
+Imports inside functions: `fenics_ehd.scenes.part` imports all reductions, which rigid scenes do
+not need.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """The mechanism of a scene, and how it is run.
+    """The mechanism of a scene, and how it is simulated.
 
     Attributes
     ----------
@@ -56,15 +56,15 @@ class Machine:
     bodies
         Reduced bodies by body name, from reductions, from the cache and from files.
     reduced
-        Parts that were meshed here, with their bases for displacement fields.
+        Parts that were meshed here, with their meshes and bases of displacement fields.
     seconds
         Time spent on meshes, reductions and the cache [s].
     end, period
-        End of the run or period of its cycle [s]; the other one is None.
+        End of the run, or period of its cycle [s]; the other one is None.
     steps
         Options of the time integration.
     options
-        Keyword arguments of `simulate`: end or period, and all options of the steps.
+        Keyword arguments of `simulate`: end or period, and the options of the time integration.
     warnings
         Notices on bodies from files, one line each.
     """
@@ -88,7 +88,7 @@ def build(
     announce: Announce | None = None,
     cache: bool = True,
 ) -> Machine:
-    """Make the mechanism of a scene, its parts meshed and reduced; collective.
+    """Make the mechanism of a scene, whose parts are meshed and reduced; collective.
 
     A part whose reduced body is in the user's cache is neither meshed nor reduced, unless the scene
     has ``output.paraview``, which needs the mesh.
@@ -98,23 +98,23 @@ def build(
     scene
         Scene as read.
     comm
-        Ranks that share the reductions, this process alone by default; each of them gets the
+        Ranks that share the reductions, by default this process alone; each rank gets the
         mechanism.
     bodies
-        Reduced bodies by body name that are used in place of models and files: those of a run that
-        is resumed.
+        Reduced bodies by body name that are used in place of models and files, for instance those
+        of a run that is resumed.
     announce
-        Called with the names of the bodies to mesh and reduce, and of those read from the cache,
-        after all checks that need none of them.
+        Function that is called with the names of the bodies to mesh and reduce, and of those read
+        from the cache, after all checks that need no mesh.
     cache
         Whether the cache is used; with the environment variable ``FENICS_EHD_CACHE=off`` it is not.
 
     Raises
     ------
     SettingsError
-        Naming the value that cannot be used, before anything is reduced.
+        A value cannot be used, which is found before any reduction; the message names it.
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
-        From meshes, files, bores and reductions.
+        A mesh, file, bore or reduction cannot be used or failed.
     """
     require_class("scene", scene, Scene)
     inputs = read_inputs(scene, bodies or {})
@@ -136,8 +136,8 @@ def build(
             elastic[name] = reduced[name].body
     seconds += perf_counter() - start
     if reduced:
-        # Points of a mesh and those of its reduced body differ in the last digit: the start is
-        # that of a run with the body's file.
+        # Points of a mesh and of its reduced body differ in the last digit. The start must be that
+        # of a run with the body's file.
         parts = {name: replace(part, source=elastic[name]) for name, part in parts.items()}
         assembled = _assembled(scene, inputs, parts, joints)
     moving = {
@@ -197,14 +197,14 @@ def unassembled(scene: Scene, film_meshes: Mapping[str, MeshMaker]) -> Mechanism
 
 
 def _require_period(scene: Scene, inputs: Inputs) -> None:
-    """Refuse a cycle after which a load, drive or supply is not as at its beginning."""
+    """Refuse a cycle if a load, drive or supply at its end differs from that at its start."""
     if scene.time.periodic:
         loaded = Mechanism(_stiff(scene), {}, inputs.drives, inputs.forces)
         check_period(loaded, scene.span, scene.time.periodicity, inputs.supply_curves)
 
 
 def _stiff(scene: Scene) -> dict[str, Body]:
-    """Bodies that are not reduced, by name."""
+    """Bodies of a scene that are not elastic parts, by name."""
     return {
         name: ground(settings.points) if isinstance(settings, schema.GroundSettings) else settings
         for name, settings in scene.bodies.items()
@@ -263,7 +263,7 @@ def _joints(
     parts: Mapping[str, ElasticPart],
     film_meshes: Mapping[str, MeshMaker],
 ) -> dict[str, Joint | LubricatedJoint]:
-    """Joints by name, lubricated ones with their films."""
+    """Joints of a scene by name; lubricated ones with their films."""
     joints = dict(scene.joints)
     rate = reference_rate(scene)
     for name, joint in scene.films.items():
@@ -314,7 +314,7 @@ def _assembled(
 def _flexible_body(
     settings: schema.FlexibleSettings, reduced: ReducedBody, start: Body
 ) -> FlexibleBody:
-    """Body of a reduced part at the start of its rigid stand-in."""
+    """Flexible body of a reduced part, with the state of its rigid replacement at the start."""
     assert isinstance(start, RigidBody)
     return FlexibleBody(
         reduced,
@@ -327,12 +327,12 @@ def _flexible_body(
 
 
 def _pose(body: Pose) -> dict[str, Any]:
-    """Origin and angle of a body at the start, and their rates, by keyword."""
+    """Keyword arguments for the origin and angle of a body at the start, and for their rates."""
     return {field.name: getattr(body, field.name) for field in attrs.fields(Pose)}
 
 
 def _duration(scene: Scene) -> dict[str, Any]:
-    """End or period of the run, as keyword arguments of `simulate`."""
+    """Keyword arguments of `simulate` for the end or the period of the run."""
     time = scene.time
     if not time.periodic:
         return {"end": scene.span}
@@ -340,7 +340,7 @@ def _duration(scene: Scene) -> dict[str, Any]:
 
 
 def _steps(scene: Scene) -> IntegratorOptions:
-    """Options of the time integration."""
+    """Options of the time integration from the settings of a scene."""
     time = scene.time
     largest = time.largest_step / (time.revolutions or 1.0)
     return IntegratorOptions(

@@ -1,4 +1,4 @@
-"""Films of a scene's joints: rough surfaces, shapes, supplies, meshes."""
+"""Films of a scene's lubricated joints: meshes, supplies, shapes and roughness of surfaces."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from fenics_ehd.scenes.scene import Scene, joint_lubricant, meshed
 from fenics_ehd.scenes.schema import NONE
 from fenics_ehd.scenes.shape_tables import require_covering
 
-#: Young's modulus [Pa] and Poisson's ratio of a bore without a material in the scene: steel.
+#: Young's modulus [Pa] and Poisson's ratio of steel, for a bore without a material in the scene.
 STEEL = (210e9, 0.3)
 
 
 def rough_surfaces(scene: Scene, joint: schema.LubricatedSettings) -> RoughSurfaces | None:
-    """Surfaces of a joint, None for smooth ones."""
+    """Rough surfaces of a joint; None if they are smooth."""
     contact = joint.contact
     if contact.asperity_radius:
         contact = attrs.evolve(
@@ -56,7 +56,7 @@ def rough_surfaces(scene: Scene, joint: schema.LubricatedSettings) -> RoughSurfa
 
 
 def _bore_material(scene: Scene, joint: schema.LubricatedSettings) -> tuple[float, float]:
-    """Young's modulus [Pa] and Poisson's ratio of a bore: its part's, or steel's."""
+    """Young's modulus [Pa] and Poisson's ratio of a bore's part; those of steel if it has none."""
     body = scene.bodies.get(joint.bore.partition(".")[0])
     if isinstance(body, schema.FlexibleSettings) and body.model != NONE:
         return body.material.youngs_modulus, body.material.poissons_ratio
@@ -70,30 +70,31 @@ def surface_shape(
     clearance: float,
     measured: ShapeTable | None = None,
 ) -> Shape | None:
-    """Shape of one surface, None for a circular cylinder.
+    """Shape of a surface with deviations; None for a circular cylinder.
 
     Parameters
     ----------
     settings
         Deviations of the surface; a `Shape` made in Python is returned.
     path
-        Section of the settings in messages, with a dot behind.
+        Section of the settings followed by a dot, for messages.
     width, clearance
         Width and radial clearance of the bearing [m].
     measured
-        Shape of the table that the settings name.
+        Measured shape from the table of the settings; None without a table.
 
     Raises
     ------
     SettingsError
-        The shape closes the gap wherever the journal is, or its table does not cover the bearing.
+        The shape closes the gap for any position of the journal, or its table does not cover the
+        bearing; the message names the key.
     """
     if is_shape(settings):
         return settings
     # Two lobes or more close the gap at every position of the journal.
     if settings.lobes > 1 and abs(settings.ovality) >= clearance:
         raise SettingsError(
-            f"{path}ovality = {settings.ovality:g} m closes the gap: its size must be below "
+            f"{path}ovality = {settings.ovality:g} m closes the gap: its magnitude must be below "
             f"the clearance of {clearance:g} m"
         )
     if measured is not None:
@@ -104,7 +105,7 @@ def surface_shape(
 
 
 def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[HoleSupply, ...]:
-    """Holes in the mesh of a bore without a supply: they are closed."""
+    """Holes in the mesh of a bore that no supply feeds, and that are therefore closed."""
     in_bore = [s for s in supplies if isinstance(s, HoleSupply) and not s.on_journal]
     return tuple(
         _in_mesh(HoleSupply(), hole)
@@ -114,7 +115,7 @@ def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[Hol
 
 
 def _in_mesh(supply: HoleSupply, hole: BoreHole) -> HoleSupply:
-    """A supply with angle, height and diameter of a hole in the mesh."""
+    """A supply with the angle, height and diameter of a hole in the mesh of the bore."""
     return attrs.evolve(
         supply,
         angle=float(np.degrees(hole.angle)),
@@ -124,19 +125,19 @@ def _in_mesh(supply: HoleSupply, hole: BoreHole) -> HoleSupply:
 
 
 def _in_hole(supply: Supply, key: str, holes: Sequence[BoreHole]) -> Supply:
-    """A supply; if it has no diameter, that of the hole in the mesh nearest to its position.
+    """Give a hole supply without a diameter the geometry of the nearest hole in the bore's mesh.
 
     Raises
     ------
     SettingsError
-        The supply has no diameter and the mesh no hole.
+        The supply has no diameter, and the mesh has no hole.
     """
     if not isinstance(supply, HoleSupply) or supply.diameter:
         return supply
     if not holes or supply.on_journal:
         raise SettingsError(
-            f"{key}.diameter is missing [m]: only a flexible bore may have a hole in its mesh, and "
-            f"this {supply.on} has none"
+            f"{key}.diameter is missing [m]: give it, since this {supply.on} has no hole in a mesh "
+            "from which it could be taken"
         )
 
     def distance(hole: BoreHole) -> float:
@@ -146,15 +147,15 @@ def _in_hole(supply: Supply, key: str, holes: Sequence[BoreHole]) -> Supply:
     return _in_mesh(supply, min(holes, key=distance))
 
 
-#: Film cells around and along a bore that has no mesh of its own.
+#: Numbers of film cells around and along for a bore without a mesh.
 DEFAULT_CELLS = (20, 5)
 
-#: Largest difference of the radii of journal and bore over the radius: the film has one radius.
+#: Largest relative difference of the radii of journal and bore, which the film takes as equal.
 FIT = 0.01
 
 
 def reference_rate(scene: Scene) -> float:
-    """Largest angular speed of a scene as written [rad/s]; results do not depend on it."""
+    """Largest angular speed in a scene [rad/s]; it scales equations and does not change results."""
     speeds = [2 * np.pi / scene.span]
     for table in (scene.bodies, scene.drives, scene.forces):
         speeds += [abs(getattr(settings, "speed", 0.0)) for settings in table.values()]
@@ -162,19 +163,19 @@ def reference_rate(scene: Scene) -> float:
 
 
 def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
-    """Refuse a film that is not thin, and a journal that does not fit its bore.
+    """Refuse a film that is not thin, and a journal or a size that does not fit the bore.
 
     Parameters
     ----------
     scene, name
-        The scene and the name of the joint.
+        The scene, and the name of the joint.
     bore
-        Bore of a flexible body; None: it is rigid.
+        Bore of a flexible body; None for a rigid bore.
 
     Raises
     ------
     SettingsError
-        Naming both sizes.
+        Two sizes do not fit each other; the message has both.
     """
     joint = scene.joints[name]
     key = f"joints.{name}"
@@ -187,7 +188,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
             if written and not abs(written - value) <= FIT * value:
                 raise SettingsError(
                     f"{key}.{size} = {written:g} m must be that of the bore {joint.bore}, "
-                    f"{value:g} m, within {100 * FIT:g} %: drop it or change the part, "
+                    f"{value:g} m, within {100 * FIT:g} %: drop it or change the part's "
                     f"bodies.{joint.bore.partition('.')[0]}.geometry"
                 )
     require_thin_film(joint.clearance, radius, f"{key}.clearance")
@@ -201,7 +202,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
 
 
 def planned_cells(scene: Scene, joint: str) -> tuple[int, int]:
-    """Cells around and along that a film will have, if its settings or its model determine them."""
+    """Numbers of film cells around and along, as far as they are known without a mesh."""
     settings = scene.joints[joint]
     if settings.cells:
         around, along = settings.cells
@@ -228,14 +229,14 @@ def build_film(
     supplies: Sequence[Supply],
     mesh: MeshMaker | None = None,
 ) -> Film:
-    """Film of a joint.
+    """Make the film of a joint.
 
     Parameters
     ----------
     scene, name
-        The scene and the name of the joint.
+        The scene, and the name of the joint.
     bore
-        Bore of a flexible body; None: it is rigid.
+        Bore of a flexible body; None for a rigid bore.
     rate
         Reference angular speed, see `FilmParameters` [rad/s].
     supplies
@@ -246,9 +247,9 @@ def build_film(
     Raises
     ------
     SettingsError
-        Grooves, supplies or holes in the mesh that the film cannot hold.
+        The mesh of the film is too coarse for a groove, supply or hole.
     InterfaceMismatchError
-        The film is to have the cells of a flexible bore, whose mesh is no structured quadratic one.
+        The film needs the cells of a flexible bore, whose mesh is not structured and quadratic.
     """
     joint = scene.joints[name]
     key = f"joints.{name}"
@@ -258,8 +259,8 @@ def build_film(
         holes = bore_holes(bore.coordinates, bore.cells, bore.family)
     if bore is not None and not joint.cells and (joint.grooves or joint.supply or holes):
         raise SettingsError(
-            f"{key}.cells: grooves, supplies and holes of the bore need film cells of their own, "
-            "[40, 10] say"
+            f"{key}.cells is missing: grooves, supplies and holes of the bore need film cells of "
+            "their own, for instance [40, 10]"
         )
     try:
         grooves = tuple(
@@ -300,12 +301,12 @@ def _aligned_mesh(
 
 
 def film_mesh(joint: schema.LubricatedSettings, bore: BoreSurface | None) -> FilmGrid:
-    """The cells that a joint asks for, or those of its flexible bore.
+    """Mesh with the cells that a joint specifies, or else with those of its flexible bore.
 
     Raises
     ------
     InterfaceMismatchError
-        See `build_film`.
+        The mesh of the bore cannot be used, see `build_film`.
     """
     if bore is None or joint.cells or bore.pressure_family == "triangle":
         size = bore or joint
@@ -323,7 +324,7 @@ def lubricated_joint(
     inputs: Inputs,
     mesh: MeshMaker | None = None,
 ) -> LubricatedJoint:
-    """A joint with its film, and the shapes of bore and journal.
+    """Make a lubricated joint: its film, and the shapes of bore and journal.
 
     Parameters
     ----------
@@ -335,7 +336,7 @@ def lubricated_joint(
     Raises
     ------
     SettingsError
-        A journal that does not fit its bore, a film that is not thin, or see `build_film`.
+        The journal does not fit its bore, the film is not thin, or see `build_film`.
     """
     check_fit(scene, name, bore)
     joint = scene.joints[name]

@@ -1,12 +1,12 @@
-"""Scenes: read from a file, checked, written as text again.
+"""Scenes: settings of mechanisms, read from files, checked, and written as text again.
 
 A `Scene` holds the settings of one mechanism: bodies, joints, drives and forces by name. Checks
 that need no mesh are made here: keys, kinds and values, names of bodies and points, times, and
 settings without effect. Each value is checked by its class; a scene adds the key to the message.
 `fenics_ehd.scenes.build` makes the mechanism. The text of a scene lists every setting with its
-value and its meaning, and files by absolute paths.
+value and its meaning, and files with absolute paths.
 
-Imports inside functions: `--help` and rigid scenes do without films, meshes and models.
+Imports inside functions: `--help` and rigid scenes must not import films, meshes and models.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import shipped_scene
 from fenics_ehd.scenes.part_settings import ELEMENTS, OutputSettings
 
-#: The frame at rest.
+#: Name of the frame at rest.
 GROUND = "ground"
 
 
@@ -72,7 +72,7 @@ class ElasticSurface(NamedTuple):
     side
         ``"bore"`` or ``"journal"``, a key of the joint.
     body, point
-        Flexible body, and its point.
+        Names of the flexible body, and of its point.
     """
 
     side: str
@@ -82,31 +82,32 @@ class ElasticSurface(NamedTuple):
 
 @attrs.frozen(eq=False, kw_only=True)
 class Scene:
-    """Settings of a scene, checked.
+    """Checked settings of a scene.
 
     Attributes
     ----------
     bodies, joints, drives, forces, lubricants
-        Settings by name, classes of `fenics_ehd.scenes.schema`; drives by the body that they turn.
+        Settings by name, of the classes in `fenics_ehd.scenes.schema`; a drive has the name of the
+        body that it turns.
     time, output
-        Settings of the run and of its files.
+        Settings of the run, and of its files and accuracy.
     name
-        File or shipped scene that the settings were read from.
+        Scene file or shipped scene from which the settings were read.
     tables
-        Tables as they were written.
+        Tables of the scene as they were written.
     renamed
-        Former keys that were read, one line each.
+        Notices of keys with former names, one line each.
     warnings
-        Notices on values that are accepted and probably not meant, one line each.
+        Notices of values that are accepted but probably not intended, one line each.
     """
 
     bodies: dict = entries(
-        "parts that move", schema.KINDS["bodies"], {GROUND: schema.GroundSettings}
+        "moving bodies by name", schema.KINDS["bodies"], {GROUND: schema.GroundSettings}
     )
-    joints: dict = entries("what connects points of two bodies", schema.KINDS["joints"])
-    drives: dict = entries("what turns a body, by its name", schema.KINDS["drives"])
-    forces: dict = entries("what acts on points of bodies", schema.KINDS["forces"])
-    lubricants: dict = entries("oils of lubricated joints", schema.KINDS["lubricants"])
+    joints: dict = entries("connections of points of two bodies", schema.KINDS["joints"])
+    drives: dict = entries("drives by the name of the driven body", schema.KINDS["drives"])
+    forces: dict = entries("forces on points of bodies", schema.KINDS["forces"])
+    lubricants: dict = entries("oils of lubricated joints by name", schema.KINDS["lubricants"])
     time: schema.TimeSettings = section(schema.TimeSettings)
     output: OutputSettings = section(OutputSettings)
     name: str = ""
@@ -116,12 +117,12 @@ class Scene:
 
     @property
     def films(self) -> dict[str, schema.LubricatedSettings]:
-        """Lubricated joints by name."""
+        """Settings of the lubricated joints, by name."""
         lubricated = schema.LubricatedSettings
         return {name: joint for name, joint in self.joints.items() if isinstance(joint, lubricated)}
 
     def elastic_surfaces(self, joint: schema.LubricatedSettings) -> list[ElasticSurface]:
-        """Surfaces of a joint that deform; none between rigid surfaces."""
+        """Surfaces of a joint that deform; an empty list if both are rigid."""
         surfaces = []
         for side in ELASTIC_SIDES:
             name, _, point = getattr(joint, side).partition(".")
@@ -131,9 +132,10 @@ class Scene:
         return surfaces
 
     def film_element(self, body: str) -> str:
-        """Element of the pressures on a flexible body: that of the film in its first bore with one.
+        """Element of the pressures on a flexible body, from the films in its bores.
 
-        It is 9-node if that film has bilinear elements. Pressures of other films are transferred.
+        It is the element of the film in the first bore that has a film; for a film with bilinear
+        elements it is 9-node. The pressures of the other films are transferred to it.
         """
         by_point = {
             (surface.body, surface.point): joint.element
@@ -163,13 +165,13 @@ class Scene:
 
     @property
     def span(self) -> float:
-        """End or period [s]."""
+        """End of the run, or period of a periodic run [s]."""
         time = self.time
         duration = time.period if time.periodic else time.end
         return duration or time.revolutions * 2 * np.pi / abs(self.speed_of(time.of))
 
     def speed_of(self, body: str) -> float:
-        """Angular speed of a body at the start as written [rad/s]."""
+        """Angular speed of a body at the start [rad/s], from its drive or settings; else 0."""
         drive = self.drives.get(body)
         if isinstance(drive, Speed):
             return drive.speed
@@ -177,18 +179,18 @@ class Scene:
 
 
 def flexible(scene: Scene) -> tuple[str, ...]:
-    """Names of the flexible bodies."""
+    """Names of the flexible bodies of a scene."""
     bodies = scene.bodies.items()
     return tuple(name for name, body in bodies if isinstance(body, schema.FlexibleSettings))
 
 
 def meshed(scene: Scene) -> tuple[str, ...]:
-    """Names of the flexible bodies that are meshed and reduced, not read from a file."""
+    """Names of the flexible bodies that must be meshed and reduced, not read from files."""
     return tuple(name for name in flexible(scene) if scene.bodies[name].model != NONE)
 
 
 def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
-    """Oil of a joint; at the supply's temperature if the heat of the film is balanced."""
+    """Oil of a joint; with a heat balance, at its supply temperature."""
     if joint.lubricant == NONE:
         return Lubricant(joint.viscosity)
     settings = scene.lubricants[joint.lubricant]
@@ -198,12 +200,12 @@ def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant
 
 
 def check_lubricants(scene: Scene) -> None:
-    """Refuse oils that cannot be made; oils of heat-balanced films only need no temperature.
+    """Refuse oils whose settings are incomplete; with heat balances they need no temperature.
 
     Raises
     ------
     SettingsError
-        Naming the oil.
+        An oil cannot be made; the message names it.
     """
     for name, settings in scene.lubricants.items():
         users = [joint for joint in scene.films.values() if joint.lubricant == name]
@@ -217,12 +219,12 @@ def check_lubricants(scene: Scene) -> None:
 
 
 def check_heat(scene: Scene, name: str) -> None:
-    """Refuse a heat balance without a cycle, or of an oil whose viscosity is constant.
+    """Refuse a heat balance without a periodic cycle, or for an oil with constant viscosity.
 
     Raises
     ------
     SettingsError
-        Naming the key to change.
+        The heat balance is refused; the message names the key to change.
     """
     joint = scene.joints[name]
     key = f"joints.{name}.heat"
@@ -236,19 +238,25 @@ def check_heat(scene: Scene, name: str) -> None:
         require_graded(graded, key=key, lubricant=f"lubricants.{joint.lubricant}")
 
 
-#: Bodies that have a mass with any settings.
+#: Classes of bodies that have a mass with any settings.
 ELASTIC = (schema.FlexibleSettings, ShaftBody)
 
-#: Reynolds number up to which films of bearings are laminar: turbulence begins at about 1000 and is
+#: Largest Reynolds number of laminar flow in a bearing: turbulence starts at about 1000 and is
 #: complete near 1600 (chapter 5.5 of Bearing Design in Machinery, opened at 1library.net).
 LAMINAR = 1000.0
 
-#: Combined roughness over the clearance above which there is no film between rough surfaces.
+#: Combined roughness over the clearance, above which no film separates the surfaces.
 ROUGHEST = 0.3
 
 
 def check_names(scene: Scene) -> None:
-    """Refuse names of bodies, points and oils that do not exist, and a bore used twice."""
+    """Refuse unknown names of bodies, points and oils, and a bore that two joints use.
+
+    Raises
+    ------
+    SettingsError
+        A name is unknown or used twice; the message names the key.
+    """
     for name, body in scene.bodies.items():
         if isinstance(body, schema.FlexibleSettings):
             _check_source(scene, name, body)
@@ -277,16 +285,16 @@ def check_names(scene: Scene) -> None:
 
 
 def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> None:
-    """Refuse a part with both a model and a file or with neither, and a bore listed twice."""
+    """Refuse a part without a model or a file, or with both, and a bore that is listed twice."""
     key = f"bodies.{name}"
     if not body.bores or len(set(body.bores)) < len(body.bores):
-        raise SettingsError(f"{key}.bores = {list(body.bores)} must be names, each of them once")
+        raise SettingsError(f"{key}.bores = {list(body.bores)} must be one or more different names")
     if (body.model == NONE) == (body.body == NONE):
-        raise SettingsError(f"{key}: give a model or a body, one of them")
+        raise SettingsError(f"{key}: give either a model or a body")
 
 
 def points_of(body: Any) -> tuple[str, ...] | None:
-    """Names of a body's points; None if they are known from its file only."""
+    """Names of a body's points; None if only the file of the reduced body has them."""
     if isinstance(body, schema.FlexibleSettings):
         return None if body.body != NONE else (*body.bores, *body.points)
     return tuple(body.points)
@@ -300,15 +308,15 @@ def _check_turning(scene: Scene, key: str, marker: str) -> None:
 
 
 def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
-    """Refuse an oil that does not exist, and a rigid bore without a size."""
+    """Refuse a film whose oil, size, surfaces or bore are missing or do not fit each other."""
     key = f"joints.{name}"
     if (joint.lubricant == NONE) == (joint.viscosity == 0.0):
-        raise SettingsError(f"{key}: give a lubricant or a viscosity, one of them")
+        raise SettingsError(f"{key}: give either a lubricant or a viscosity")
     if joint.lubricant not in (NONE, *scene.lubricants):
         known = ", ".join(scene.lubricants) or "none"
         raise SettingsError(
-            f"{key}.lubricant = {joint.lubricant!r}: there is no [lubricants.{joint.lubricant}], "
-            f"there are: {known}"
+            f"{key}.lubricant = {joint.lubricant!r}: there is no [lubricants.{joint.lubricant}]: "
+            f"choose from {known}"
         )
     _check_oil(scene, name, joint)
     require_inside(
@@ -321,22 +329,22 @@ def _check_film(scene: Scene, name: str, joint: schema.LubricatedSettings) -> No
     body, _, point = joint.bore.partition(".")
     bored = scene.bodies.get(body)
     if isinstance(bored, ShaftBody):
-        raise SettingsError(f"{key}.bore = {joint.bore!r}: a shaft has no bore, only journals")
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: a shaft has journals, but no bore")
     if isinstance(bored, schema.FlexibleSettings) and not point:
         bores = ", ".join(f"{body}.{bore}" for bore in bored.bores)
-        raise SettingsError(f"{key}.bore = {joint.bore!r}: the bores of {body} are {bores}")
+        raise SettingsError(f"{key}.bore = {joint.bore!r}: name one of the bores {bores}")
     for size in ("radius", "width"):
         if not elastic and not getattr(joint, size):
-            raise SettingsError(f"{key}.{size} is missing: that of a rigid bore must be given [m]")
+            raise SettingsError(f"{key}.{size} is missing [m]: a rigid bore needs it")
 
 
 def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
-    """Refuse surfaces that are too rough for their clearance.
+    """Refuse surfaces that are too rough for the clearance.
 
     Raises
     ------
     SettingsError
-        Naming roughness, limit and clearance.
+        The roughness exceeds its limit; the message has both, and the clearance.
     """
     contact = joint.contact
     if not contact.roughness < ROUGHEST * joint.clearance:
@@ -347,7 +355,7 @@ def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
 
 
 def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
-    """Refuse elements that cannot conserve mass, and a part-filled gap around a massless body."""
+    """Refuse elements that cannot conserve mass, and a massless journal in a part-filled gap."""
     if joint.cavitation != "mass-conserving":
         return
     from fenics_ehd.film.oil_balance import require_monotone  # slow to import
@@ -358,31 +366,31 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
     massless = type(scene.bodies.get(body)) is MasslessBody
     if massless and joint.initial_filling < 1.0:
         raise SettingsError(
-            f"{key}.initial_filling = {joint.initial_filling:g}: before the gap is full "
-            f"nothing holds the massless body {body}: it must be 1, or the body have a mass"
+            f"{key}.initial_filling = {joint.initial_filling:g}: no force holds the massless body "
+            f"{body} until the gap is full: set it to 1, or give the body a mass"
         )
 
 
 def notices(scene: Scene) -> list[str]:
-    """Notices of values that are accepted and probably not meant, one line each."""
+    """Notices of values that are accepted but probably not intended, one line each."""
     weights = [n for n, f in scene.forces.items() if isinstance(f, schema.GravitySettings)]
     lines = []
     if len(weights) > 1:
         x, y = np.sum([scene.forces[name].acceleration for name in weights], axis=0)
-        lines.append(f"forces.{', forces.'.join(weights)}: all of them are gravity, and act with "
+        lines.append(f"forces.{', forces.'.join(weights)}: several entries of gravity act with "
                      f"their sum, [{x:g}, {y:g}] m/s2")  # fmt: skip
     stiff = [b for b in scene.bodies.values() if isinstance(b, MasslessBody)]
     all_stiff = not any(isinstance(b, ELASTIC) for b in scene.bodies.values())
     massive = weights or any(isinstance(body, RigidBody) for body in stiff)
     if all_stiff and massive and not any(getattr(body, "mass", 0.0) for body in stiff):
-        lines.append("bodies: none has a mass, so that gravity and inertia do nothing")
+        lines.append("bodies: no body has a mass, so gravity and inertia have no effect")
     for name, joint in scene.films.items():
         lines += _turbulent(scene, name, joint)
     return lines
 
 
 def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> list[str]:
-    """A line if the Reynolds number of a film, at the speeds of the start, exceeds laminar flow."""
+    """A line if the Reynolds number of a film at the start is above that of laminar flow."""
     lubricant = joint_lubricant(scene, joint)
     radius = joint.radius
     if not radius and (elastic := scene.elastic_surfaces(joint)):
@@ -393,24 +401,33 @@ def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> lis
     if number <= LAMINAR:
         return []
     return [
-        f"joints.{name}: its film has a Reynolds number of {number:.4g}; the equations hold for "
-        f"laminar flow, up to {LAMINAR:g}: check speed, clearance and viscosity"
+        f"joints.{name}: its film has a Reynolds number of {number:.4g}, but the equations hold "
+        f"for laminar flow, up to {LAMINAR:g}: check speed, clearance and viscosity"
     ]
 
 
 def check_time(scene: Scene) -> None:
-    """Refuse a time that is given twice or not at all."""
+    """Refuse a duration that is missing or given twice, and limits of steps that contradict it.
+
+    The duration is given either by time.end (time.period for a periodic run) or by
+    time.revolutions.
+
+    Raises
+    ------
+    SettingsError
+        The duration or a limit of the steps is refused; the message names the key.
+    """
     time = scene.time
     key = "time.period" if time.periodic else "time.end"
     duration = time.period if time.periodic else time.end
     if bool(duration) == bool(time.revolutions):
-        raise SettingsError(f"give {key} or time.revolutions, one of them")
+        raise SettingsError(f"give either {key} or time.revolutions")
     if time.revolutions:
         require_body("time.of", time.of, {GROUND: (), **scene.bodies})
         if not scene.speed_of(time.of):
             raise SettingsError(
-                f"time.of = {time.of!r}: its speed at the start is 0, so that revolutions give no "
-                f"time: give {key}"
+                f"time.of = {time.of!r} has the speed 0 at the start, so that revolutions give no "
+                f"duration: give {key} instead"
             )
     largest_step = time.largest_step * scene.span / (time.revolutions or 1.0)
     for name, value in (("time.first_step", time.first_step), ("time.largest_step", largest_step)):
@@ -420,13 +437,14 @@ def check_time(scene: Scene) -> None:
             )
 
 
-#: Tables of a scene file.
+#: Names of the tables of a scene file.
 TABLES = (*schema.KINDS, "time", "output")
 
-#: Suffixes of files that a scene names.
+#: Endings of texts in a scene that are paths of files.
 FILES = (".csv", ".h5", ".geo", ".msh")
 
-#: Present names of keys of versions 0.2 and 0.3, by table, sections between, and former key.
+#: Present names of keys from versions 0.2 and 0.3, by the path of the former key without names of
+#: entries.
 RENAMED = {
     ("bodies", "held_by"): "clamped",
     ("bodies", "reduction", "residual_truncation"): "flexibility_tolerance",
@@ -434,18 +452,18 @@ RENAMED = {
     ("joints", "heat", "mixing"): "outlet_weight",
 }
 
-#: Present names by former key: no other key has a former name.
+#: Present name by the last word of the former key; no other key has such a word.
 NOW = {path[-1]: new for path, new in RENAMED.items()}
 
 
 def today(key: str) -> str:
-    """A key, or its end, with the present name of its last word."""
+    """Replace a former name at the end of a key by its present name."""
     before, dot, last = key.rpartition(".")
     return before + dot + NOW.get(last, last)
 
 
 def renamed(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Tables with the present names of renamed keys, and one line for each renamed key."""
+    """Tables with present names in place of former ones, and a notice for each former name."""
     current = deepcopy(dict(tables))
     lines = []
     for (table, *between, old), new in RENAMED.items():
@@ -455,16 +473,16 @@ def renamed(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
                 entry = entry.get(key) if isinstance(entry, Mapping) else None
             if isinstance(entry, dict) and old in entry and new not in entry:
                 entry[new] = entry.pop(old)
-                lines.append(f"{'.'.join((table, name, *between, old))} is now called {new}")
+                lines.append(f"{'.'.join((table, name, *between, old))} is now named {new}")
     oils = current.get("lubricants")
     for oil in oils.values() if isinstance(oils, Mapping) else ():
         if isinstance(oil, dict) and oil.get("kind", "constant") == "constant":
-            oil["kind"] = "oil"  # the only kind, whose former name is "constant"
+            oil["kind"] = "oil"  # the only kind; "constant" is its former name
     return current, lines
 
 
 def with_absolute_paths(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Tables with absolute paths of all files, which are relative to the scene's folder."""
+    """Tables with absolute paths of files; relative paths refer to the scene's folder."""
     resolved: dict[str, Any] = {}
     for key, value in tables.items():
         if isinstance(value, Mapping):
@@ -477,20 +495,21 @@ def with_absolute_paths(tables: Mapping[str, Any], folder: Path) -> dict[str, An
 
 
 def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
-    """Scene of a TOML file, of the package, or of tables as a TOML file has them.
+    """Read a scene from a TOML file, from the package, or from tables as in a TOML file.
 
     Parameters
     ----------
     source
-        Path that ends in ``.toml``, whose files are relative to its folder; name of a shipped
+        Path that ends with ``.toml``, whose files are relative to its folder; name of a shipped
         scene; or tables, whose files are relative to the working directory.
     changes
-        Values that replace those of the source, by full key: ``**{"time.tolerance": 1e-4}``.
+        New values by full key, which replace values of the source:
+        ``**{"time.tolerance": 1e-4}``.
 
     Raises
     ------
     SettingsError
-        The file cannot be read, or a key or value cannot be used: the message names it.
+        The file cannot be read, or a key or value is refused; the message names it.
     """
     require_class("source", source, str, Path, Mapping)
     if isinstance(source, Mapping):
@@ -506,47 +525,47 @@ def read_scene(source: str | Path | Mapping[str, Any], **changes: Any) -> Scene:
 
 
 def _of_run(path: Path) -> bool:
-    """True of the scene in a run's folder: version 0.3 wrote keys without effect there."""
+    """True if the scene file is in a run's folder, where version 0.3 wrote keys without effect."""
     return path.name == SCENE_NAME and (path.parent / MANIFEST).is_file()
 
 
 def changed(scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()) -> Scene:
-    """A scene with values replaced, by their full keys, ``time.end`` or ``bodies.rod.mass``.
+    """Replace values of a scene by full keys such as ``time.end`` or ``bodies.rod.mass``.
 
     Parameters
     ----------
     scene
-        The scene, which is not modified.
+        Scene, which is not modified.
     values
-        By key; files are relative to the working directory.
+        New values by full key; files are relative to the working directory.
     optional
-        Keys among these that are dropped instead of refused if the others leave them without
+        Those of the keys that are dropped instead of refused if other new values leave them without
         effect.
 
     Raises
     ------
     SettingsError
-        Naming the key that cannot be used.
+        A key or value is refused; the message names the key.
     """
     tables = deepcopy(dict(scene.tables))
     renamed_lines = list(scene.renamed)
     for key, value in values.items():
         *path, last = today(key).split(".")
         if last != key.rpartition(".")[2]:
-            renamed_lines.append(f"{key} is now called {last}")
+            renamed_lines.append(f"{key} is now named {last}")
         table = tables
         for name in path:
             table = table.setdefault(name, {})
             if not isinstance(table, dict):
-                raise SettingsError(f"unknown key {key}: {name} is no table")
-        table[last] = deepcopy(value)  # the caller's tables stay as they are
+                raise SettingsError(f"unknown key {key}: {name} is not a table")
+        table[last] = deepcopy(value)  # the caller's tables must not change
     changes = {today(key) for key in values if key not in optional}
     absolute = with_absolute_paths(tables, Path())
     return scene_of(_without_idle(absolute, changes), scene.name, renamed_lines)
 
 
 def _without_idle(tables: Mapping[str, Any], changes: Collection[str]) -> dict[str, Any]:
-    """Tables without the keys that changes of other keys leave without effect.
+    """Drop keys that have no effect because of changes of other keys.
 
     If ``method = "m4"`` replaces "m3", ``residual_modes`` is dropped. A sweep over methods keeps it
     in the cases with M3.
@@ -555,7 +574,7 @@ def _without_idle(tables: Mapping[str, Any], changes: Collection[str]) -> dict[s
     try:
         scene = build(Scene, remaining)
     except SettingsError:
-        return remaining  # refused by `scene_of`, which has hints
+        return remaining  # `scene_of` refuses the tables, with a hint
     for name, *_ in idle_settings(scene):
         if not any(name == key or name.startswith(f"{key}.") for key in changes):
             *path, last = name.split(".")
@@ -567,7 +586,7 @@ def _without_idle(tables: Mapping[str, Any], changes: Collection[str]) -> dict[s
 
 
 def scene_of(tables: Mapping[str, Any], name: str, renamed_before: Iterable[str] = ()) -> Scene:
-    """Scene of tables as a TOML file has them.
+    """Make a checked scene from tables as in a TOML file.
 
     Parameters
     ----------
@@ -576,19 +595,19 @@ def scene_of(tables: Mapping[str, Any], name: str, renamed_before: Iterable[str]
     name
         Name of the scene, for messages and results.
     renamed_before
-        Lines of former keys that were replaced in the tables before.
+        Notices of former keys that were already replaced in the tables.
 
     Raises
     ------
     SettingsError
-        Naming the key that cannot be used.
+        A key or value is refused; the message names the key.
     """
     tables, lines = renamed(tables)
     lines = [*dict.fromkeys((*renamed_before, *lines))]
     if "bodies" not in tables:
         raise SettingsError(
-            f"{name}: no [bodies.NAME] tables; write bodies, joints, drives and forces: "
-            "'fenics-ehd init slider-crank-paper' prints them with every setting explained"
+            f"{name}: no [bodies.NAME] tables: write bodies, joints, drives and forces; "
+            "'fenics-ehd init slider-crank-paper' prints a scene with every setting explained"
         )
     for key in tables:
         if key not in TABLES:
@@ -606,9 +625,9 @@ def scene_of(tables: Mapping[str, Any], name: str, renamed_before: Iterable[str]
 
 
 def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
-    """The scene with materials from its models, and a line for each value that differs.
+    """Add the materials stored in models to a scene; returns notices of values that differ.
 
-    Values of the scene's tables have priority over those that
+    Values in the scene's tables have priority over those that
     `fenics_ehd.fem.models.store_material` wrote into a model.
 
     Raises
@@ -630,14 +649,14 @@ def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
         for key, value in stored_values.items():
             if key in written and (used := getattr(body.material, key)) != value:
                 full = f"bodies.{name}.material.{key}"
-                lines.append(f"{full} = {used:g} is used, the model {path.name} has {value:g}")
+                lines.append(f"{full} = {used:g} is used, but model {path.name} has {value:g}")
         values = {key: value for key, value in stored_values.items() if key not in written}
         bodies[name] = attrs.evolve(body, material=attrs.evolve(body.material, **values))
     return attrs.evolve(scene, bodies=bodies), lines
 
 
 def _hint(tables: Mapping[str, Any], key: str) -> str:
-    """Hint at the known key that an unknown one may mean, perhaps of another kind or table."""
+    """Hint for an unknown key: a similar key, or another kind or table that has this key."""
     table, *entry = key.split(".")
     name = entry[-1]
     kinds = schema.KINDS.get(table)
@@ -660,23 +679,23 @@ def _hint(tables: Mapping[str, Any], key: str) -> str:
 
 
 def as_stored(source: str | Path) -> Scene:
-    """A scene with the digits that its text keeps: those that a resumed run reads.
+    """Read a scene and round its values to the digits in its text, which a resumed run reads.
 
     Parameters
     ----------
     source
-        As of `read_scene`.
+        Source of the scene, as for `read_scene`.
     """
     return attrs.evolve(stored(read_scene(source)), name=Path(source).stem)
 
 
 def stored(scene: Scene) -> Scene:
-    """A scene with the digits that its text keeps."""
+    """Round the values of a scene to the digits in its text."""
     return scene_of(tomllib.loads(scene_text(scene)), scene.name, scene.renamed)
 
 
 def by_key(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Values of nested tables by their dotted keys."""
+    """Values of nested tables, each with its dotted key."""
     for name, value in tables.items():
         if isinstance(value, Mapping):
             yield from by_key(value, f"{path}{name}.")
@@ -685,28 +704,30 @@ def by_key(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any
 
 
 def csv_files(tables: Mapping[str, Any]) -> list[Path]:
-    """Existing CSV files that a scene names."""
+    """Paths of the existing CSV files to which a scene refers."""
     names = [value for _, value in by_key(tables) if str(value).endswith(".csv")]
     return [Path(name) for name in names if Path(name).is_file()]
 
 
 def input_files(source: str | Path, scene: Scene) -> list[Path]:
-    """Files that a scene is read from: its own file, files that it names, and all of its folders.
+    """Files from which a scene is read: its own file, and files and folders to which it refers.
 
     Parameters
     ----------
-    source, scene
-        As of `read_scene`, and the scene read from it, whose tables have absolute paths.
+    source
+        Source of the scene, as for `read_scene`.
+    scene
+        Scene that was read, whose tables have absolute paths.
     """
     texts = [str(value) for _, value in by_key(scene.tables) if isinstance(value, str)]
     paths = [Path(text) for text in texts if "\0" not in text and Path(text).is_absolute()]
     files = [Path(source)] if Path(source).suffix == ".toml" else []
     for path in paths:
-        with suppress(OSError):  # a name that is too long, no permission
+        with suppress(OSError):  # the path is too long, or not readable
             files += sorted(path.iterdir()) if path.is_dir() else [path]
     return files
 
 
 def scene_text(scene: Scene) -> str:
-    """TOML text, which `read_scene` reads back as the same scene."""
+    """TOML text of a scene, from which `read_scene` reads the same scene."""
     return to_toml(scene).lstrip("\n")
