@@ -194,9 +194,10 @@ def folder() -> Path | None:
     path = Path(named) if Path(named).is_absolute() else user_cache() / "fenics_ehd"
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        fault = _fault(path.stat())
-        if not fault:
-            path.chmod(0o700)
+        state = path.stat()
+        fault = _fault(state)
+        if not fault and state.st_mode & 0o077:
+            path.chmod(state.st_mode & 0o700)
     except OSError as error:
         fault = error.strerror or str(error)
     if fault:
