@@ -90,7 +90,9 @@ def main() -> None:
         clock = process_time()
         names = [f"{objective.joint}.{objective.name}" for objective in every.objectives]
         above, below = (
-            scene_sensitivity(along.change(scene, share), names, [], bodies=bodies, cache=False).values
+            scene_sensitivity(
+                along.change(scene, share), names, [], bodies=bodies, cache=False
+            ).values
             for share in (SHARE, -SHARE)
         )
         spent += process_time() - clock

@@ -500,7 +500,8 @@ class ElasticPart:
             here = smooth_responses(reductor.static)
             reductor.forget()  # the factors of the second mesh need the memory
             other = self._other_mesh(part, with_counts(settings, "body"))
-            there = smooth_responses(StaticSolver(other, solver=settings.reduction.solver))
+            solver = StaticSolver(other, solver=settings.reduction.solver, once=True)
+            there = smooth_responses(solver)
             errors, moved = missed(part, here, other, there)
             error = max(errors.values())
         accuracy = {**body.accuracy, "flexibility_mesh_error": error}
