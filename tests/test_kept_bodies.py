@@ -86,15 +86,15 @@ def test_a_body_is_read_bit_for_bit_and_its_part_is_not_meshed(
     cache, tmp_path, reductions, monkeypatch
 ):
     scene = short_scene(tmp_path)
-    said = []
-    first = ehd.build(scene, announce=lambda *names: said.append(names))
+    announced = []
+    first = ehd.build(scene, announce=lambda *names: announced.append(names))
     assert first.reduced.keys() == {"rod"}
     assert cache.stat().st_mode & 0o777 == 0o700
     assert [path.stat().st_mode & 0o777 for path in cache.iterdir()] == [0o600] * 2
     with monkeypatch.context() as patched:
         patched.setattr(part, "_assembled", None)  # nothing can be meshed
-        second = ehd.build(scene, announce=lambda *names: said.append(names))
-    assert said == [(["rod"], []), ([], ["rod"])]
+        second = ehd.build(scene, announce=lambda *names: announced.append(names))
+    assert announced == [(["rod"], []), ([], ["rod"])]
     assert reductions == ["m3"]
     assert not second.reduced
     assert body_digest(first.bodies["rod"]) == body_digest(second.bodies["rod"])

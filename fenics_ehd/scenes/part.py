@@ -480,7 +480,8 @@ class ElasticPart:
         made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
         made |= reduction_provenance(settings.reduction)
         seconds = clock() - start
-        took = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, seconds + self.spent), strict=True))
+        total = structure.comm.bcast(seconds + self.spent)  # a body is the same on all ranks
+        took = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, total), strict=True))
         body = replace(body, columns=None, provenance={**body.provenance, **made, **took})
         self.entry.keep(body, structure, columns)
         return ReducedPart(body, structure, columns, seconds[0])
