@@ -243,5 +243,5 @@ def test_complementarity_is_verified_to_a_hundred_millionth(pressure, flux, name
     ("pressure", "flux"), [([np.nan, 1.0], [0.0, 0.0]), ([1.0, 1.0], [np.inf, 0.0])]
 )
 def test_a_solution_that_is_no_finite_number_says_so(pressure, flux):
-    with pytest.raises(ehd.errors.SolverError, match="no finite number"):
+    with pytest.raises(ehd.errors.SolverError, match="not a finite number"):
         verify_complementarity(np.array(pressure), np.array(flux), 1.0)

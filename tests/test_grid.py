@@ -94,7 +94,7 @@ def test_edges_in_one_cell_are_refused_with_their_angles():
 @pytest.mark.parametrize(
     ("make", "named"),
     [
-        (lambda: ehd.uniform_grid(R, R, (2, 5)), "2 x 5 cells: at least 3"),
+        (lambda: ehd.uniform_grid(R, R, (2, 5)), "2 x 5 cells: use at least 3"),
         (lambda: ehd.uniform_grid(R, R, (20, 0)), "20 x 0 cells"),
         (lambda: ehd.uniform_grid(R, R, (-4, -4)), "= -4 must be a whole number"),
         (lambda: ehd.uniform_grid(R, -R, (20, 5)), "width = .* must be above 0"),

@@ -96,11 +96,11 @@ def test_compressible_film_conserves_mass(family, rise, stiffening):
         (lambda: ehd.Cross(np.nan), "rate = nan"),
         (
             lambda: make_film(oil=ehd.Lubricant(ETA, viscosity_field=lambda a, z: np.cos(a))),
-            "viscosity_field of the lubricant must be above 0",
+            "lubricant's viscosity_field must be finite and above 0",
         ),
         (
             lambda: make_film(oil=ehd.Lubricant(ETA, density_field=lambda a, z: a * np.nan)),
-            "density_field of the lubricant must be above 0",
+            "lubricant's density_field must be finite and above 0",
         ),
         (
             lambda: make_film(oil=ehd.Lubricant(ETA, viscosity_field=lambda a, z: a + np.inf)),

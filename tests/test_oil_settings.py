@@ -50,10 +50,10 @@ def test_laws_are_multiplied_into_one_oil():
 @pytest.mark.parametrize(
     ("oil", "named"),
     [
-        ({}, "lubricants.oil: give a viscosity, a grade, or viscosity_40 and viscosity_100"),
-        ({"viscosity": 0.01, "grade": "SAE 30", "temperature": 90}, "one of them"),
-        ({"viscosity": 0.01, "viscosity_40": 90, "viscosity_100": 11}, "one of them"),
-        ({"grade": "SAE 30", "viscosity_40": 90, "temperature": 9}, "one of them"),
+        ({}, "lubricants.oil: give exactly one of: viscosity, grade, viscosity_40"),
+        ({"viscosity": 0.01, "grade": "SAE 30", "temperature": 90}, "give exactly one of"),
+        ({"viscosity": 0.01, "viscosity_40": 90, "viscosity_100": 11}, "give exactly one of"),
+        ({"grade": "SAE 30", "viscosity_40": 90, "temperature": 9}, "give exactly one of"),
         ({"grade": "SAE 30"}, "lubricants.oil: temperature is missing"),
         ({"viscosity_40": 90.0, "temperature": 90}, "lubricants.oil: viscosity_100 is missing"),
         ({"viscosity_100": 9.0, "temperature": 90}, "lubricants.oil: viscosity_40 is missing"),

@@ -115,7 +115,7 @@ def test_later_regions_win():
         ),
         (
             lambda: solve(make_film((20, 5), sides=ehd.Sides(None, None)), 0.5),
-            "no pressure of the film is given",
+            "the film has no node of given pressure",
         ),
         (lambda: ehd.AxialGroove(0.0, 7.0), "401.07 degrees wide"),
         (lambda: ehd.AxialGroove(0.0, -0.1), "degrees wide"),

@@ -290,7 +290,7 @@ class SnesVi:
         if reason <= 0:
             raise CavitationError(
                 f"SNES-VI stopped with reason {reason} after {iterations} iterations, residual "
-                f"{self._snes.getFunctionNorm():.2e} (of the source): "
+                f"{self._snes.getFunctionNorm():.2e} (relative to the source): "
                 f"see -{self._prefix}snes_monitor",
                 state={"x": x, "function": function},
             )

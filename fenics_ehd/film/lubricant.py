@@ -267,7 +267,7 @@ SMALLEST_RELATIVE_RATE = 1e-30
 
 
 class Law:
-    """Formula of the ratio of a property to its value at rest, or at ambient pressure.
+    """Law of viscosity or density: its ratio to the value at rest, or at ambient pressure.
 
     Laws are attrs classes or dataclasses, whose fields are the coefficients of the formula.
     """

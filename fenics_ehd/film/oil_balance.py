@@ -158,7 +158,7 @@ class Strips:
         self._number_entries()
 
     def _number_entries(self) -> None:
-        """Set `pattern` and `places`."""
+        """Number the entries of all flows' derivatives: set `pattern` and `places`."""
         n = len(self.unknown)
         number = np.full(self.assembly.size, -1)
         number[self.unknown] = np.arange(n)
