@@ -42,7 +42,7 @@ def structure():
 
 @pytest.fixture(scope="module")
 def part(structure):
-    return ehd.Reductor(structure)
+    return ehd.Reductor(structure, every_pressure=True)
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,9 @@ def test_what_a_basis_misses_and_what_it_has_are_the_whole(bodies, dense_flexibi
 
 
 def test_what_one_bore_does_to_the_other_is_reciprocal(part):
-    energy, k = part.flexibility[1], len(part.structure.bores["bore"].pressure_coordinates)
+    responses = part.measured_responses()
+    energy = responses.work @ responses.pressures.T
+    k = len(part.structure.bores["bore"].pressure_coordinates)
     there, back = energy[:k, k:], energy[k:, :k].T
     assert np.abs(there).max() > 1e-4 * np.abs(energy).max()
     assert np.abs(there - back).max() < 1e-9 * np.abs(there).max()
@@ -203,7 +205,8 @@ def test_any_number_of_ranks_gives_the_same_body(method):
     for found in ("missing_flexibility", "basis_flexibility"):
         one, other = (getattr(b, found) for b in (ours, alone))
         one, other = (x() if callable(x) else x for x in (one, other))
-        assert np.abs(one - other).max() < 1e-8 * np.abs(alone.basis_flexibility()).max()
+        largest = np.abs(one - other).max(initial=0.0)
+        assert largest < 1e-8 * np.abs(alone.basis_flexibility()).max()
 
 
 def test_outward_is_away_from_each_bores_own_axis(bodies):

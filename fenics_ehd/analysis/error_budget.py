@@ -276,7 +276,7 @@ def missing_gaps(
     trajectory: Trajectory,
     component: str,
     periodic: bool,
-    scales: Mapping[str, float],
+    scales: Mapping[str, float] | None = None,
 ) -> list[np.ndarray]:
     """Changes of the gaps of all films along a trajectory by flexibility that surfaces lack.
 
@@ -318,7 +318,7 @@ def missing_gaps(
                 reason = UNKNOWN[component].format(joint=binding.name, body=bound.body)
                 raise SettingsError(reason)
             if component == "basis":
-                missing = missing.scaled(scales.get(bound.body, 1.0))
+                missing = missing.scaled((scales or {}).get(bound.body, 1.0))
             of_body = [load[bound.body] for load in loads]
             amplitudes = equations.responses.of_body(bound.body)
             accelerations = trajectory.state("accelerations")[:, amplitudes]
