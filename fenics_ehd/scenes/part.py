@@ -464,7 +464,7 @@ class ElasticPart:
         with self.entry.locked():
             kept = self.entry.fields(source)
             if kept is not None:
-                return ReducedPart(kept[0], source, kept[1], (clock() - start)[0])
+                return ReducedPart(kept[0], source, kept[1], float((clock() - start)[0]))
             return self._reduced(self.reductor(), start, mesh_error=mesh_error)
 
     def _reduced(self, reductor: Reductor, start: np.ndarray, *, mesh_error: bool) -> ReducedPart:
@@ -481,10 +481,10 @@ class ElasticPart:
         made |= reduction_provenance(settings.reduction)
         seconds = clock() - start
         total = structure.comm.bcast(seconds + self.spent)  # a body is the same on all ranks
-        took = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, total), strict=True))
+        took = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, total.tolist()), strict=True))
         body = replace(body, columns=None, provenance={**body.provenance, **made, **took})
         self.entry.keep(body, structure, columns)
-        return ReducedPart(body, structure, columns, seconds[0])
+        return ReducedPart(body, structure, columns, float(seconds[0]))
 
     def _with_mesh_error(self, body: ReducedBody, reductor: Reductor) -> ReducedBody:
         settings = self.settings
