@@ -15,6 +15,7 @@ import pytest
 from calculix_ring import ring_solid, write_deck
 from command_line import COMMAND, OF_THE_MACHINE, call, exit_of, start
 from mpi4py import MPI
+from petsc4py import PETSc
 from scene_cases import write_scene
 from sweep_cases import Inline
 
@@ -245,6 +246,17 @@ def test_every_source_counts(monkeypatch, tmp_path):
         after = sources()
         assert after != before
         before = after
+
+
+def test_options_of_petsc_count(cache, tmp_path):
+    scene = short_scene(tmp_path)
+    before = name_of(scene)
+    PETSc.Options()["static_mat_mumps_icntl_7"] = 5
+    try:
+        assert name_of(scene) != before
+    finally:
+        PETSc.Options().delValue("static_mat_mumps_icntl_7")
+    assert name_of(scene) == before
 
 
 def test_the_kernel_of_the_process_is_named():

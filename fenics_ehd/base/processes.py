@@ -160,7 +160,7 @@ def _loaded(*words: str) -> list[str]:
 
 
 #: Parts of the names of libraries of linear algebra that this program always loads.
-LINEAR_ALGEBRA = ("blas", "lapack", "mkl_", "dmumps")
+LINEAR_ALGEBRA = ("blas", "lapack", "mkl_", "dmumps", "petsc", "slepc")
 
 
 def blas_kernels() -> list[str]:

@@ -94,9 +94,6 @@ SOURCE_SUFFIXES = (".py", ".npy", ".geo")
 #: Libraries whose versions are part of an address. Gmsh is imported only to mesh a part.
 LIBRARIES = ("numpy", "scipy", "petsc4py", "slepc4py", "dolfinx")
 
-#: Options that `fenics_ehd.base.petsc_start` sets.
-OWN_OPTIONS = ("no_signal_handler", "skip_petscrc")
-
 
 # Addresses
 
@@ -128,16 +125,12 @@ def environment() -> dict[str, str]:
     These are the sources of the package, versions of libraries, the kernels and threads of the
     BLAS, and options of PETSc that the user has set.
     """
-    from petsc4py import PETSc
-    from slepc4py import SLEPc
+    from fenics_ehd.base.petsc_options import options_of_user
 
-    options = PETSc.Options().getAll()
     return {
         **_versions(),
         "sources": _sources(),
-        "PETSc": str(PETSc.Sys.getVersion()),
-        "SLEPc": str(SLEPc.Sys.getVersion()),
-        "petsc_options": repr(sorted((k, v) for k, v in options.items() if k not in OWN_OPTIONS)),
+        "petsc_options": repr(sorted(options_of_user().items())),
         "blas": " ".join(blas_kernels()),
     }
 
