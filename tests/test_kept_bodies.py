@@ -587,10 +587,10 @@ def test_the_cache_is_listed_and_cleared(cache, tmp_path, capfd, reductions):
     assert {body["method"] for body in listed["bodies"]} == {"damaged", "rigid"}
     assert listed["size_bytes"] == sum(path.stat().st_size for path in cache.iterdir())
     text = exit_of(capfd, "info", "--cache")[1]
-    assert f"{cache}: 2 bodies" in text
+    assert f"reduced bodies in {cache}: 2, with" in text
     assert re.search(r"rigid, 0 modes +conrod\.geo +reduced in", text)
     assert exit_of(capfd, "info", "--cache", "--clear")[:2] == (
-        0, f"2 reduced bodies removed from {cache}, {listed['size_bytes'] / 2**20:.1f} MB\n",
+        0, f"reduced bodies removed from {cache}: 2, with {listed['size_bytes'] / 2**20:.1f} MB\n",
     )  # fmt: skip
     assert files(cache) == []
     assert call("info", "--clear") == 2
@@ -606,8 +606,8 @@ def test_sweeps_in_different_folders_share_bodies(cache, tmp_path, capfd, reduct
         tables.append((tmp_path / name / "sweep.csv").read_text())
     assert reductions == ["m3", "m3"]
     err = capfd.readouterr().err
-    assert "2 bodies reduced, 0 read from the cache" in err
-    assert "0 bodies reduced, 2 read from the cache" in err
+    assert "reduced bodies: 2 made, 0 read from the cache" in err
+    assert "reduced bodies: 0 made, 2 read from the cache" in err
     one, two = ({path.name: ehd.load_body(path) for path in (tmp_path / name / "bodies").iterdir()}
                 for name in ("one", "two"))  # fmt: skip
     assert {name: body_digest(body) for name, body in one.items()} == {

@@ -71,13 +71,12 @@ def _cache(clear: bool, as_json: bool) -> None:
     if clear:
         for entry in entries:
             entry.remove()
-        text = f"{len(entries)} reduced bodies removed from {path}, {_megabytes(size)}"
+        text = f"reduced bodies removed from {path}: {len(entries)}, with {_megabytes(size)}"
         answer(facts | {"bodies": []}, text, as_json)
         return
     bodies = [kept_bodies.described(entry) for entry in entries]
-    head = (
-        f"{path}: {len(bodies)} bodies, {_megabytes(size)} of {kept_bodies.LARGEST_SIZE >> 20} MB"
-    )
+    most = _megabytes(kept_bodies.LARGEST_SIZE)
+    head = f"reduced bodies in {path}: {len(bodies)}, with {_megabytes(size)} of at most {most}"
     rows = [
         [
             str(body["used"]),

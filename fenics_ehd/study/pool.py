@@ -221,7 +221,7 @@ def reduce_missing(
             reduced += answer.reduced
             read += answer.read
     if parts:
-        words = f"{reduced} bodies reduced, {read} read from the cache"
+        words = f"reduced bodies: {reduced} made, {read} read from the cache"
         with suppress(OSError):  # the standard error output is closed
             tqdm.write(f"fenics-ehd: {words}", file=sys.stderr)
     return failures
