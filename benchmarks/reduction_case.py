@@ -19,7 +19,7 @@ import fenics_ehd as ehd
 from fenics_ehd.reduction import two_step_craig_bampton
 from fenics_ehd.scenes.part import elastic_part
 
-#: No error estimate: that is a Pc1 reduction more for every method but M4.
+#: No error estimate: that is one more block of solves for every method but M4.
 METHODS = {
     "m1-37": lambda part: ehd.craig_bampton(part, 37, estimate_error=False),
     "m1-127": lambda part: ehd.craig_bampton(part, 127, estimate_error=False),

@@ -338,7 +338,7 @@ def test_barus_film_is_that_of_reduced_pressure_or_refused(figure):
     name = "peak of 100 MPa under Barus' law, 4e-8 1/Pa, against the reduced pressure"
     figure("rigid bearing", name, error, most=1e-3, unit="%")
     # 500 MPa would need q to 2e-9: the mesh has 183 MPa.
-    with pytest.raises(ehd.errors.ViscosityError, match="within a film cell, above 10: use more"):
+    with pytest.raises(ehd.errors.ViscosityError, match="within a film cell, above the limit"):
         peaking(500e6)
 
 

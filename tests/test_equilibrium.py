@@ -199,7 +199,7 @@ def test_what_is_the_same_at_all_times_has_one(what):
 
 def test_a_film_that_runs_dry_is_refused_with_words_about_the_equilibrium():
     on = film("bilinear", sides=ehd.Sides(0.0, 0.0))
-    with pytest.raises(ehd.errors.SolverError, match=r"^no equilibrium found .*'reynolds', or run"):
+    with pytest.raises(ehd.errors.SolverError, match=r"^no equilibrium found .*'reynolds', or sim"):
         ehd.equilibrium(journal(on, cavitation="mass-conserving"))
 
 

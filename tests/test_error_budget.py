@@ -178,7 +178,7 @@ def test_notes_are_printed_once():
     assert "  step size and film mesh not estimated: no step" in lines
     assert "  part mesh not estimated: no mesh" in lines
     assert sum("not estimated: " in line for line in lines) == 2
-    assert lines[-1].startswith("  film mesh: without 0.4 % of the time")
+    assert lines[-1].startswith("  film mesh: excludes 0.4 % of the time")
     assert any("over the cycle" in line for line in lines)
     without_cycle = Cycle(0.0, 1.0, TOO_SHORT, complete=False, periodic=False)
     whole = budget_table({"pin": joint}, summary | without_cycle.entries())
@@ -230,7 +230,7 @@ def test_a_given_gap_acts_as_a_clearance_does(course):
 def test_a_course_of_one_step_has_no_rates(course):
     one = course.each(lambda values: values[:1])
     with pytest.raises(
-        ehd.errors.SettingsError, match="one step is too short for an estimate: raise time"
+        ehd.errors.SettingsError, match="one step is too few to estimate errors: raise time"
     ):
         missing_gaps(course.base.equations, one, "basis", periodic=False)
 

@@ -287,7 +287,7 @@ WRITTEN = ("rod.step", "--bore", "1", "-o", "x.msh")
         ([*WRITTEN, "--density", "-5"], "density = -5.0 must be at least 100"),
         ([*WRITTEN, "--youngs-modulus", "nan"], "youngs_modulus = nan must be a finite number"),
         ([*WRITTEN, "--poissons-ratio", "0.5"], "poissons_ratio = 0.5 must be below 0.49"),
-        (["nan.vtu"], "no finite numbers"),
+        (["nan.vtu"], "not a finite number"),
         (["two.msh", "--unit", "mm"], "has 2 solids, but must have one"),
         (["rod.inp", "--unit", "mm", "--angle", "nan"], "'nan' is no number"),
         (["rod.inp"], "above 5: give its --unit"),

@@ -50,7 +50,7 @@ from fenics_ehd.film.forces import FlowBalance
 from fenics_ehd.film.heat import TemperatureSearch, require_graded
 from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.multibody.lubricated_joint import QUARTER
-from fenics_ehd.multibody.quantities import film_power, min_film_thickness
+from fenics_ehd.multibody.quantities import film_power, max_contact_pressure, min_film_thickness
 
 #: Largest number of meshes in one search for an equilibrium.
 MOST_MESHES = 60
@@ -106,7 +106,7 @@ def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
 
 
 def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
-    """Equilibrium under a load, approached by other loads if it is not found at once.
+    """Equilibrium under a load [N], approached through other loads if it is not found directly.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
     if not point.carries:
         raise SettingsError(
             f"load = {load:g} N: the film has no pressure at speed = {settings.speed:g} rad/s, "
-            f"squeeze = {settings.squeeze[0]:g}, {settings.squeeze[1]:g} m/s"
+            f"squeeze = {settings.squeeze[0]:g}, {settings.squeeze[1]:g} m/s: give one of them"
         )
     reached = float(np.hypot(*point.force_on_bore))
     aim = load
@@ -146,7 +146,7 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
 
 
 def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
-    """Journal held at an eccentricity ratio, at the expected attitude or the next with a film.
+    """Journal held at an eccentricity ratio, at the first of six attitudes with an open gap.
 
     Raises
     ------
@@ -293,7 +293,7 @@ class ContactFigures:
         Resultant over the load. Contact and film act in different directions, so their shares
         do not add up to 1.
     max_pressure
-        Largest contact pressure [Pa].
+        Largest contact pressure, between the Gauss points [Pa].
     power
         Power lost by boundary friction [W].
     """
@@ -568,7 +568,7 @@ def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
         return None
     force = float(np.hypot(*joint.contact.forces(joint.touch, joint.state.gap)[:2]))
     share = force / load if load else 0.0
-    return ContactFigures(force, share, joint.touch.pressure.max(), joint.rubbed)
+    return ContactFigures(force, share, max_contact_pressure(joint), joint.rubbed)
 
 
 def _peak(point: OperatingPoint) -> tuple[float, float | None]:

@@ -262,7 +262,7 @@ class OperatingPoint:
 
     @property
     def carries(self) -> bool:
-        """True if the film's force exceeds the round-off of the pressures that it is the sum of."""
+        """True if the film's force exceeds the round-off of its pressures."""
         s = self.meshed.settings
         scale = self.meshed.film.parameters.pressure_scale
         least = ROUND_OFF * self.state.pressure.max() + NO_PRESSURE * scale

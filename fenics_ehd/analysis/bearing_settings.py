@@ -28,7 +28,6 @@ from fenics_ehd.base.fields import (
 )
 from fenics_ehd.base.fields import speed as angular_speed
 from fenics_ehd.base.needs import NO_TEMPERATURE, only_with
-from fenics_ehd.base.plane import rotation
 from fenics_ehd.base.settings import require_effects
 from fenics_ehd.base.shared_settings import (
     ROUGH,
@@ -121,15 +120,18 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def oil(self) -> OilSettings:
-        """The oil alone; with a grade or kinematic viscosities, without the default viscosity."""
+        """Settings of the oil; a grade or kinematic viscosities replace the default viscosity."""
         values = {field.name: getattr(self, field.name) for field in attrs.fields(OilSettings)}
-        return OilSettings(**(values | {"viscosity": 0.0 if self.graded else self.viscosity}))
+        if self.graded and self.viscosity == VISCOSITY:
+            values["viscosity"] = 0.0
+        return OilSettings(**values)
 
     def relative_shape(self, angle: float = 0.0) -> Shape:
         """Shape of the bore relative to the shaft, in a frame at an angle from the load line [rad].
 
         A tilted shaft is a misaligned bore. The angle is zero for a bore that is not round.
         """
+        from fenics_ehd.base.plane import rotation
         from fenics_ehd.film.kinematics import Shape
 
         shape = self.bore_shape or Shape()
@@ -155,11 +157,6 @@ class BearingSettings(OilSettings, Roughness):
             raise SettingsError(
                 f"tilt = {math.hypot(*self.tilt):g} rad closes the gap: it must be below "
                 f"2 clearance / width = {limit:.4g} rad"
-            )
-        if self.graded and self.viscosity != VISCOSITY:
-            raise SettingsError(
-                f"viscosity = {self.viscosity:g} Pa s: give only one of a viscosity, a grade, or "
-                "viscosity_40 with viscosity_100"
             )
         require_effects(self)
         self._check_classes()

@@ -1,30 +1,31 @@
 """Mechanisms at rest: equilibrium under constant loads, and small motions about it.
 
-A mechanism is in equilibrium when its step equations hold with velocities that do not change and
-coordinates that do not follow them: an implicit step of infinite length, shift zero. Shafts turn,
-journals rest in their bores or move at the rates of the start, every film's pressure balances
-its load. Where a bore turns, the eccentricity in its frame turns back.
+A mechanism is in equilibrium if its step equations hold with constant velocities that the
+coordinates do not follow: an implicit step of infinite length, with the shift zero. Shafts rotate,
+journals rest in their bores or move at their initial rates, and the pressure of every film balances
+its load. If a bore rotates, the eccentricity rotates backwards in the frame of the bore.
 
-A mechanism that varies with time has no equilibrium. Rotating forces are left out, with a notice:
-they excite motions about the equilibrium. Tables over time, parts that are carried around, shapes
-and supplies that turn, and shafts without a drive are refused.
+A mechanism that varies with time has no equilibrium. Rotating forces are left out with a notice,
+because they excite motions about the equilibrium. The following are refused: tables over time,
+parts that are carried around, shapes and supplies that rotate, and shafts without a drive.
 
-The same equations with shift s, linearised there, answer a generalised force f on the motions that
-the joints allow, spanned by the columns of Z, by ``Z^T dz = C(s) f``:
+The same equations with a shift s, linearised at the equilibrium, give the response to a generalised
+force f. On the motions that the joints allow, spanned by the columns of Z, it is
+``Z^T dz = C(s) f`` with
 
-    C(s)^-1 = s^2 M + s D + K,
+    C(s)^-1 = s^2 M + s D + K.
 
-mass, damping and stiffness with all films condensed: exact derivatives of the discrete equations,
-active sets held.
+Mass M, damping D and stiffness K contain all films. They are exact derivatives of the discrete
+equations with fixed active sets.
 
-A rigid rotor of mass M on ``M x'' + b x' + k x = 0``, stiffness and damping those of its bearing,
-is about to whirl when a solution ``exp(i nu t)`` exists,
+A rigid rotor of mass M with ``M x'' + b x' + k x = 0``, the stiffness and damping of its bearing,
+is at the threshold of whirl if a solution ``exp(i nu t)`` exists:
 
     M nu^2 = kappa = (k_xx b_yy + k_yy b_xx - k_xy b_yx - k_yx b_xy) / (b_xx + b_yy),
     kappa = tr k - tr (k b) / tr b,
     nu^2 = det (k - kappa) / det b.
 
-It is stable for masses below ``kappa / nu^2``, and at every mass when there is no such nu
+It is stable for masses below ``kappa / nu^2``, and for every mass if there is no such nu
 (``nu^2 <= 0``).
 """
 
@@ -58,41 +59,42 @@ from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.surface import BORE
 
-#: Tolerance of Newton's last update: of gaps relative, of coordinates in the norm of the step
-#: control.
+#: Tolerance of Newton's last update: relative to the gaps, and for coordinates in the norm of the
+#: step control.
 TOLERANCE = 1e-10
 
-#: Weight of coordinates whose velocities are given; eccentricities follow and have weight 1.
+#: Weight of coordinates with given velocities; eccentricities, which follow the velocities, have
+#: weight 1.
 GIVEN = 1e-12
 
 #: Shift over the largest rate of a film with mass-conserving cavitation, which keeps the oil
 #: content of its start without a shift.
 STEADY = 1e-10
 
-#: Shift over the largest rate of a film at which damping is computed.
+#: Shift over the largest rate of a film, with which damping is computed.
 SLOW = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """A mechanism at rest.
+    """A mechanism in equilibrium.
 
     Attributes
     ----------
     system
         Equations of the mechanism, with the indices of its coordinates.
     x, rate
-        State of the integration, coordinates z first, and the rate of the state.
+        State x of the integration, which starts with the coordinates z, and its rate.
     state
         State of films and forces.
     iterations
-        Iterations of Newton's method.
+        Number of iterations of Newton's method.
     solver
         Newton solver at the solution.
     notices
         Descriptions of the forces that were left out.
     unknowns
-        Solution of the step equations, from which a later search may continue.
+        Solution of the step equations, from which a later search can start.
     """
 
     system: System
@@ -106,11 +108,11 @@ class Equilibrium:
 
     @property
     def z(self) -> np.ndarray:
-        """Coordinates, shape (n,)."""
+        """Coordinates of the mechanism, shape (n,)."""
         return self.x[: self.system.n]
 
     def joints(self) -> dict[str, JointStep]:
-        """Lubricated joints by name, as the quantities of a history read them."""
+        """Lubricated joints in equilibrium, by name."""
         return {joint.binding.name: joint for joint in self.state.joints}
 
 
@@ -121,9 +123,9 @@ class Linearisation:
     Attributes
     ----------
     basis
-        Z, shape (n, k): motions that the joints allow.
+        Motions Z that the joints allow, shape (n, k).
     mass, damping, stiffness
-        Shape (k, k).
+        Matrices M, D and K, shape (k, k).
     """
 
     basis: np.ndarray
@@ -132,14 +134,14 @@ class Linearisation:
     stiffness: np.ndarray
 
     def along(self, places: np.ndarray) -> Linearisation:
-        """The same motions in k of the coordinates z, which must determine all motions."""
+        """The same motions with k of the coordinates z as q; these must determine all motions."""
         turn = np.linalg.inv(self.basis[places])
         parts = (turn.T @ part @ turn for part in (self.mass, self.damping, self.stiffness))
         return Linearisation(self.basis @ turn, *parts)
 
     @property
     def roots(self) -> np.ndarray:
-        """Eigenvalues [1/s]: stable where no real part is positive. M must not be singular."""
+        """Eigenvalues [1/s]; stable if no real part is positive. M must not be singular."""
         unit = np.eye(len(self.mass))
         zero = np.zeros_like(self.mass)
         motion = np.block([[zero, unit], [-self.stiffness, -self.damping]])
@@ -155,19 +157,19 @@ def equilibrium(
     Parameters
     ----------
     mechanism
-        Its rough pose and rates at the start are assembled; the search begins there, and the rates
-        stay. Rotating forces are left out, with a warning and in `Equilibrium.notices`.
+        Mechanism, whose approximate pose and rates are assembled for the start of the search; the
+        rates are kept. Rotating forces are left out, with a warning and in `Equilibrium.notices`.
     start
-        Former equilibrium of the same mechanism at another speed or load, where the search begins
-        (continuation); None: it begins at the rough pose.
+        Equilibrium of the same mechanism at another speed or load, from which the search starts
+        (continuation); by default it starts from the approximate pose.
     tolerance
-        On the last update, relative to the gaps.
+        Tolerance of the last update, relative to the gaps.
 
     Raises
     ------
     SettingsError
-        The mechanism cannot be assembled, something of it varies with time, or the former
-        equilibrium is of another mechanism.
+        The mechanism cannot be assembled or varies with time, or `start` belongs to another
+        mechanism.
     SolverError
         No equilibrium was found from the start.
     """
@@ -189,7 +191,7 @@ def equilibrium(
         return replace(balanced(system, tolerance, start), notices=notices)
     except SolverError as error:
         conserving = any(binding.joint.cavitation != "reynolds" for binding in system.films)
-        hint = "; take cavitation = 'reynolds', or run it" if conserving else ""
+        hint = "; use cavitation = 'reynolds', or simulate" if conserving else ""
         error.args = (f"no equilibrium found from the pose at the start: {error}{hint}",)
         raise
 
@@ -197,22 +199,22 @@ def equilibrium(
 def balanced(
     system: System, tolerance: float = TOLERANCE, former: Equilibrium | None = None
 ) -> Equilibrium:
-    """State of a mechanism in balance with its loads at time zero; later times are not considered.
+    """State of a mechanism in balance with its loads at time zero; later times are ignored.
 
     Parameters
     ----------
     system
-        Its rough pose and rates are assembled.
+        Mechanism, whose approximate pose and rates are assembled.
     tolerance, former
         As `tolerance` and `start` of `equilibrium`.
 
     Raises
     ------
     SettingsError, SolverError
-        As `equilibrium`.
+        As for `equilibrium`.
     """
     z, rates = assemble(system, rough=None if former is None else former.z)
-    # Rates are given; only an eccentricity's follows, in the frame of a bore that turns.
+    # Rates are given, except those of eccentricities, which follow in the frame of a rotating bore.
     weights = np.full(system.n, GIVEN)
     for binding in system.films:
         weights[binding.xi[: binding.film.journal_coordinates]] = 1.0
@@ -247,12 +249,12 @@ def balanced(
 
 
 def _require_same(system: System, former: Equilibrium) -> None:
-    """Refuse to continue from an equilibrium of another mechanism.
+    """Refuse to continue from the equilibrium of another mechanism.
 
     Raises
     ------
     SettingsError
-        Its bodies, joints or films have other coordinates or nodes.
+        Bodies, joints or films of the two have different coordinates or nodes.
     """
     nodes, former_nodes = (
         {film.name: film.film.film.assembly.size for film in each.films}
@@ -269,7 +271,7 @@ def _require_same(system: System, former: Equilibrium) -> None:
 
 
 def _without_rotating_forces(mechanism: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
-    """The mechanism under its other forces, and a notice of each one that is left out."""
+    """The mechanism without rotating forces, and a notice for each force that is left out."""
     rotating = {
         name: force.left_out_of_equilibrium
         for name, force in mechanism.forces.items()
@@ -286,7 +288,7 @@ def _without_rotating_forces(mechanism: Mechanism) -> tuple[Mechanism, tuple[str
 
 
 def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
-    """Reasons why a mechanism has no equilibrium."""
+    """Reasons why a mechanism has no equilibrium, one text each."""
     yield from _varying_loads(system, z, rates)
     instant = Instant(system, 0.0, z)
     yield from _moving_parts(system, instant, rates)
@@ -304,15 +306,15 @@ def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[st
 #: Times at which a function of time without a table is compared with its value at time zero [s].
 SAMPLES = (1e-4, 0.0137, 0.711, 29.3)
 
-#: Most rows of a table that are compared.
+#: Largest number of rows of a table that are compared.
 MOST_ROWS = 200
 
-#: Relative change of a load that counts as rounding.
+#: Relative change of a load that counts as round-off.
 UNCHANGED = 1e-9
 
 
 def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
-    """Drives, forces and supplies that are not the same at all times, while the rates last."""
+    """Reasons by drives, forces and supplies that vary while the bodies keep their rates."""
     times = np.array([0.0, *SAMPLES])
     for table in system.tables:
         rows = table.curve.curve.x
@@ -345,17 +347,17 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
 
 
 def _differs(values: list[float] | list[np.ndarray]) -> bool:
-    """Whether values at several times are not all the first one."""
+    """True if values at several times differ from the first one."""
     array = np.stack([np.asarray(value, dtype=float) for value in values])
     return bool(np.abs(array - array[0]).max() > UNCHANGED * np.abs(array).max())
 
 
-#: Distance of a centre of mass, or of a point, from its body's axis that counts as zero [m].
+#: Distance of a centre of mass or point from the axis of its body that counts as zero [m].
 CENTRED = 1e-9
 
 
 def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterator[str]:
-    """Bodies that turn about an axis other than their own, and elastic bodies that turn."""
+    """Reasons by bodies that rotate about another axis than their own, or are elastic."""
     carried = instant.rate_derivative(rates)[0] @ rates
     for name, marker in system.markers.items():
         turning = system.angles.get(name.partition(".")[0])
@@ -380,7 +382,7 @@ def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterat
 
 
 def _turning_surfaces(binding: FilmBinding, rates: np.ndarray) -> Iterator[str]:
-    """Shapes and supplies of a film that turn against the load."""
+    """Reasons by shapes and supplies of a film that rotate relative to the load."""
     parameters = binding.film.film.parameters
     for bound in reversed(binding.surfaces):
         side = bound.surface.side
@@ -392,7 +394,7 @@ def _turning_surfaces(binding: FilmBinding, rates: np.ndarray) -> Iterator[str]:
 
 
 def _all_around(feed: Supply) -> bool:
-    """True of a supply that is the same at all angles."""
+    """True if a supply is the same at all angles."""
     return isinstance(feed, CircumferentialGrooveSupply) and feed.extent >= 360.0
 
 
@@ -402,7 +404,7 @@ def _rate(system: System) -> float:
 
 
 def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
-    """Pressures under Reynolds' condition of films between rigid surfaces, as a first guess."""
+    """First guess: pressures by Reynolds' condition; None if a film cannot be solved."""
     values = np.zeros(len(equations.lower))
     for film, dofs in zip(equations.films, equations.film_indices, strict=True):
         gap = film.binding.gap(z, rates, 0.0)
@@ -415,7 +417,7 @@ def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> Solver
 
 @renamed_arguments(found="rest")
 def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
-    """Small motions of a mechanism about an equilibrium.
+    """Linearise the motions of a mechanism about an equilibrium.
 
     Parameters
     ----------
@@ -425,8 +427,8 @@ def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
     Raises
     ------
     SettingsError
-        The cavitation is mass-conserving: the response of the film depends on the frequency. Or a
-        motion meets no stiffness: a shaft that turns freely.
+        The cavitation is mass-conserving, so that the response of the film depends on the
+        frequency; or a motion has no stiffness, such as a shaft that turns freely.
     """
     if isinstance(rest, Mechanism):
         rest = equilibrium(rest)
@@ -450,22 +452,21 @@ def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
 
 @dataclass(frozen=True, eq=False)
 class DynamicCoefficients:
-    """Linear dynamics of a shaft in its bearing.
+    """Linear dynamics of a shaft in its bearing, x along the load.
 
     Attributes
     ----------
     stiffness
-        k, shape (2, 2) [N/m].
+        Stiffness k, shape (2, 2) [N/m].
     damping
-        b, shape (2, 2) [N s/m].
+        Damping b, shape (2, 2) [N s/m].
     critical_mass
-        M at the threshold [kg], None when every mass is stable; 0 when none is.
+        Mass M of a rigid rotor at the threshold [kg]; None if every mass is stable, 0 if none is.
     whirl_ratio
-        nu over the speed of the shaft there [-]; None without threshold.
+        Whirl frequency nu at the threshold over the speed of the shaft [-]; None without one.
     threshold
-        ``omega sqrt(c M / W)``: the speed ``omega_th sqrt(c / g)`` at which a rotor whose
-        weight is the load becomes unstable [-], read at this Sommerfeld number;
-        None when it never does.
+        ``omega sqrt(c M / W)`` [-]: the speed ``omega_th sqrt(c / g)``, at this Sommerfeld number,
+        at which a rotor whose weight is the load becomes unstable; None if it is always stable.
     """
 
     stiffness: np.ndarray
@@ -476,8 +477,8 @@ class DynamicCoefficients:
 
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:
-    """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor; None when always stable."""
-    # Scaled, or the products of small ones vanish.
+    """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor; None if always stable."""
+    # The matrices are scaled, because products of small entries would underflow.
     sizes = float(np.abs(stiffness).max()), float(np.abs(damping).max())
     k = stiffness / sizes[0]
     b = damping / sizes[1]

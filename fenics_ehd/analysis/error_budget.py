@@ -71,23 +71,23 @@ from fenics_ehd.multibody.trust import (
     surface_loads,
 )
 
-#: Tolerance of Newton's last update over the tolerance of a step.
+#: Tolerance of Newton's last update in a replay, over the tolerance of a step.
 SETTLED = 5.0
 
-#: Largest tolerance of Newton's last update, small against the differences of trajectories.
+#: Largest tolerance of Newton's last update; it must be small against differences of trajectories.
 LITTLE = 5e-4
 
-#: Parts of a step at whose ends curves are evaluated.
+#: Number of parts of a step at whose ends curves are evaluated.
 PARTS = 5
 
-#: A difference is followed beyond the end of a cycle until this share of its start remains, at most
-#: for a second cycle.
+#: A difference is followed into a second cycle until this share of its initial size remains, at
+#: most to the end of that cycle.
 FAST = 0.3
 
-#: Largest share remaining from cycle to cycle with which later cycles are extrapolated.
+#: Largest share that remains from cycle to cycle, with which later cycles are extrapolated.
 SLOWEST = 0.9
 
-#: Relative distance of the quantity from its extreme, within which a time counts as near it.
+#: Relative distance of a quantity from its extreme, within which a time counts as near the extreme.
 NEAR = 0.1
 
 
@@ -95,7 +95,7 @@ NEAR = 0.1
 class ErrorCurves:
     """Curves over time of a run, or its last cycle, and of its errors: exact minus computed values.
 
-    All are of `QUANTITIES` of every joint, shape (2, k, joints) [Pa], [m].
+    All curves are peak pressure and thinnest film of every joint, shape (2, k, joints) [Pa], [m].
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class ErrorCurves:
         return np.unique(between)
 
     def _at_steps(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values of the run; a cycle has its end at its start, too."""
+        """Times and values at the steps of the run; a cycle also has its end as its start."""
         times = self.trajectory.times
         period = self.trajectory.period
         if period is None:
@@ -128,7 +128,7 @@ class ErrorCurves:
 
     @cached_property
     def between_nodes(self) -> np.ndarray:
-        """Excess of the values between nodes over those at the nodes."""
+        """Peak pressure and thinnest film, taken between nodes, minus those at the nodes alone."""
         films = [joint.film for joint in self.trajectory.joints.values()]
         peaks = [np.max(film.pressure, axis=1) for film in films]
         thinnest = [np.min(film.gap, axis=1) for film in films]
@@ -136,7 +136,7 @@ class ErrorCurves:
         return self.reported - self._linear_at_steps(nodal)
 
     def _linear_at_steps(self, values: np.ndarray) -> np.ndarray:
-        """Broken lines through values at the steps of the run, shape (2, steps, joints)."""
+        """Interpolate values at the steps of the run linearly, shape (2, steps, joints)."""
         return np.array([_linear(self.times, *self._at_steps(each)) for each in values])
 
     def change(
@@ -146,15 +146,15 @@ class ErrorCurves:
         factor: float | np.ndarray,
         remaining: float = 0.0,
     ) -> np.ndarray:
-        """Change from a trajectory to another one, times a factor.
+        """Change from one trajectory to another, times a factor, in the limit of many cycles.
 
         Parameters
         ----------
         before, after, factor
             The two trajectories, and the factor.
         remaining
-            Share of the change over a cycle that the next cycle adds, of either sign; 0: cycles
-            after the second are unknown.
+            Fraction of the change over one cycle that the next cycle adds, of either sign; 0 if
+            cycles after the second are unknown.
         """
         changes = []
         for values, changed in zip(before.extremes, after.extremes, strict=True):
@@ -163,7 +163,7 @@ class ErrorCurves:
         return np.array(changes)
 
     def _between(self, before: Callable, after: Callable, remaining: float) -> np.ndarray:
-        """Change from a curve to another one, in the limit of many cycles."""
+        """Change from one curve to another, in the limit of many cycles."""
         first = after(self.times) - before(self.times)
         if self.trajectory.period is None:
             return np.nan_to_num(first)
@@ -174,17 +174,17 @@ class ErrorCurves:
         return np.nan_to_num(np.where(np.isfinite(second), limit, first))
 
     def interpolated(self, times: np.ndarray, changes: Sequence[np.ndarray]) -> np.ndarray:
-        """Changes of both quantities from their values at some times, shape (k, joints)."""
+        """Interpolate changes of both quantities at given times, each of shape (k, joints)."""
         return np.array([_linear(self.times, times, values) for values in changes])
 
 
 def _linear(wanted: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Broken lines through values, shape (k, joints)."""
+    """Interpolate values (k, joints) linearly at the wanted times."""
     return np.column_stack([np.interp(wanted, times, column) for column in values.T])
 
 
 def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Smooth curves through values, shape (k, joints); nan outside of their times."""
+    """Smooth curves through values (k, joints); nan outside of the given times."""
     if len(times) < 2:
         return lambda wanted: np.full((len(wanted), values.shape[1]), np.nan)
     from scipy.interpolate import Akima1DInterpolator
@@ -204,7 +204,7 @@ class Extreme:
     joint
         Index of the joint.
     value
-        [Pa], [m].
+        Value of the extreme [Pa] or [m].
     reported
         Curves of the run, see `ErrorCurves`.
     """
@@ -215,47 +215,47 @@ class Extreme:
     reported: np.ndarray
 
     def _outward(self, curves: np.ndarray) -> np.ndarray:
-        """Curve of the quantity and joint, with the sign that makes the extreme a maximum."""
+        """Curve of this quantity and joint, with the sign for which the extreme is a maximum."""
         curve = curves[QUANTITIES.index(self.quantity), :, self.joint]
         return curve if self.quantity == "max_pressure" else -curve
 
     def bias(self, changes: Sequence[np.ndarray]) -> float:
-        """Relative error of the extreme by all changes together, + if the value is too large."""
+        """Relative error of the extreme from all errors together, positive if it is too large."""
         values = self._outward(self.reported)
         total = sum(self._outward(change) for change in changes)
         growth = float((values + total).max() - values.max()) / abs(self.value)
         return 0.0 - growth if self.quantity == "max_pressure" else growth
 
     def near(self, change: np.ndarray) -> float:
-        """Relative root mean square of a change near the extreme."""
+        """Root mean square of an error at times near the extreme, relative to the extreme."""
         values = self._outward(self.reported)
         near = values >= values.max() - NEAR * abs(values.max())
         return float(np.sqrt(np.mean(self._outward(change)[near] ** 2)) / abs(self.value))
 
     def share(self, change: np.ndarray) -> float:
-        """Error of the extreme by one component: mean of its own change and the change near it.
+        """Error of the extreme by one component: mean of `bias` and `near`, without signs.
 
         An unchanged extreme between changed neighbours is a coincidence.
         """
         return 0.5 * (abs(self.bias([change])) + self.near(change))
 
     def over(self, change: np.ndarray) -> float:
-        """Largest relative change: of pressures over their peak, of films over the film then."""
+        """Largest error over time: of pressures over the peak, of films over the film."""
         values = self._outward(self.reported)
         scale = np.abs(values) if self.quantity == "min_film_thickness" else abs(self.value)
         return float((np.abs(self._outward(change)) / scale).max())
 
 
 def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
-    """Errors by component with their plain sum.
+    """Add the sums of the errors of all components to the errors.
 
-    Errors of one sign add up; errors of two signs that cancel are a coincidence.
+    Errors of one sign add up. If errors of opposite signs cancel, this is a coincidence.
 
     Returns
     -------
     dict
-        Also ``known``, the sum of all estimated errors, and ``total``, which is the same, or
-        ``"not estimated"`` if one of the errors is not.
+        The errors, ``known``, the sum of all estimated errors, and ``total``, which is the same, or
+        ``"not estimated"`` if an error is not estimated.
     """
     each = [errors[component] for component in COMPONENTS]
     estimated = [error for error in each if not isinstance(error, str)]
@@ -263,8 +263,8 @@ def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
     return {**errors, "known": known, "total": NOT_ESTIMATED if NOT_ESTIMATED in each else known}
 
 
-#: Components of surfaces that deform, and the reason if such an error is not known, with fields for
-#: the names of a joint and of a body.
+#: Components of surfaces that deform, with the reason why such an error is not estimated. The texts
+#: have fields for the names of a joint and of a body.
 UNKNOWN = {
     "basis": "{joint}: reduction.estimate_error is off",
     "part_mesh": "{body}: no other mesh of the part is known, see output.part_mesh_error",
@@ -278,7 +278,7 @@ def missing_gaps(
     periodic: bool,
     scales: Mapping[str, float] | None = None,
 ) -> list[np.ndarray]:
-    """Changes of the gaps of all films along a trajectory by flexibility that surfaces lack.
+    """Changes of the gaps of all films along a trajectory by the flexibility that surfaces lack.
 
     Parameters
     ----------
@@ -294,17 +294,16 @@ def missing_gaps(
     Returns
     -------
     list
-        Changes at the points of every film where its gap is observed, shape (k, w) [m]; 0 between
-        rigid surfaces.
+        Change at the observed points of every film, shape (k, w) [m]; 0 between rigid surfaces.
 
     Raises
     ------
     SettingsError
-        The flexibility is not known, or the trajectory has a single step and thus no rates.
+        The flexibility is unknown, or the trajectory has a single step and therefore no rates.
     """
     times = trajectory.times
     if len(times) < 2:
-        raise SettingsError("a run of one step is too short for an estimate: raise time.end")
+        raise SettingsError("one step is too few to estimate errors: raise time.end")
     loads = _loads(equations.system, trajectory)
     changes = []
     for binding in equations.system.films:
@@ -337,11 +336,11 @@ def _missing_fields(
 ) -> np.ndarray:
     """Displacements that a surface lacks along a trajectory, shape (k, m) [m].
 
-    Loads and accelerations are those at every step, of the body and of its residual amplitudes.
+    `loads` are those on the body at every step, `accelerations` those of its residual amplitudes.
     """
     estimate = BasisErrorEstimate.of(missing)
     fields: list[np.ndarray] = []
-    # Twice, so that the structure starts with its memory of the cycle before.
+    # The second pass starts with the state of the structure at the end of the cycle.
     for _ in range(2 if periodic else 1):
         fields = []
         before = trajectory.began
@@ -354,7 +353,7 @@ def _missing_fields(
 
 
 def _loads(system: System, trajectory: Trajectory) -> list[dict[str, np.ndarray]]:
-    """Pressures on surfaces of a body, then forces on its points, by body, at every step."""
+    """Loads at every step by body: pressures on its surfaces, followed by forces on its points."""
     rates = np.gradient(trajectory.x[:, : system.n], trajectory.times, axis=0)
     accelerations = trajectory.state("accelerations")
     multipliers = trajectory.state("multipliers")
@@ -374,29 +373,29 @@ def _loads(system: System, trajectory: Trajectory) -> list[dict[str, np.ndarray]
     return each
 
 
-#: Local error that long steps may have.
+#: Largest local error of the long steps of a replay.
 LONG_ERROR = 0.03
 
-#: Least and most steps of the run in a long step.
+#: Least and largest number of steps of the run in a long step.
 STRIDES = (2, 4)
 
-#: Tolerance of a step from which on shorter steps are taken in place of longer ones. By steps twice
-#: as long the error of a crank that a torque drives is estimated as 0.7 %, where 3.4 % is true
-#: (3e-3, order 3), that of a journal as 26 % in place of 0.7 %; by steps half as long as 4.2 and
-#: 8.8 %.
+#: Tolerance of a step from which shorter steps are taken instead of longer ones. At a tolerance of
+#: 3e-3 and order 3, steps twice as long give an error of 0.7 % for a crank driven by a torque,
+#: where 3.4 % is true, and of 26 % for a journal, where 0.7 % is true; steps half as long give 4.2
+#: and 8.8 %.
 COARSE = 2e-3
 
-#: Share of the run's steps in the trajectory below which the error of the steps is estimated with a
+#: Share of the trajectory in the run's steps, below which the step error is estimated with a
 #: formula of another blend: long steps may be too long for a mode that they must resolve.
 SMALL_SHARE = 0.2
 
-#: Blend of this formula.
+#: Blend of the other formula.
 OTHER_BLEND = 0.5
 
-#: Assumed orders of errors of the film's mesh, of 4-node cells and of others.
+#: Assumed orders of film mesh errors: for 4-node cells, and for other cells.
 FILM_ORDERS = (2.0, 4.0)
 
-#: Relative gap errors below this are the errors of the film, and in the same ratio of the pressure.
+#: Relative gap error below which it is taken as the film error, and as the pressure error.
 SMALL = 1e-3
 
 #: Curves of a component in ``error_budget.json``.
@@ -408,13 +407,13 @@ OVER_TIME = (
     "more_min_film_thickness_m",
 )
 
-#: Errors that end an estimate, and not the run.
+#: Exceptions that end an estimate, but not the run.
 FAILURES = (EhdError, ArithmeticError, ValueError)
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
-    """Errors of a run by component.
+    """Estimated errors of a run by component.
 
     Attributes
     ----------
@@ -424,14 +423,13 @@ class ErrorBudget:
     curves
         Curves of the run.
     changes
-        Errors over time (exact minus computed) by component, of those that are known over time.
+        Errors over time (exact minus computed) by component, as far as they are known over time.
     notes
-        Reason by component that is not estimated.
+        Reasons by component why it is not estimated.
     left_out
-        Share of the time without an error, by component, because no solution for the comparison was
-        found.
+        Share of the time by component for which no solution to compare with was found.
     iterations
-        Newton iterations of the estimate.
+        Number of Newton iterations of the estimate.
     seconds
         Processor time of the estimate [s].
     flexibility_errors
@@ -449,7 +447,7 @@ class ErrorBudget:
     flexibility_errors: dict[str, float] = field(default_factory=dict)
 
     def over_time(self, start: float) -> dict[str, Any]:
-        """Errors over time by joint and component, times counted from a start [s]."""
+        """Errors over time by joint and component, with times since `start` [s]."""
         joints: dict[str, Any] = {name: {} for name in self.joints}
         for component, change in self.changes.items():
             for i, components in enumerate(joints.values()):
@@ -460,12 +458,12 @@ class ErrorBudget:
 
 
 class Estimator:
-    """Estimates the errors of a run that has ended.
+    """Estimator of the errors of a run that has ended.
 
     Parameters
     ----------
     solved
-        The run.
+        Recorder of the run.
     parts
         Static responses of the parts that are at hand, see `checked_errors`.
     """
@@ -494,7 +492,7 @@ class Estimator:
             self._long = self._trajectory.with_next(share)
 
     def budget(self) -> ErrorBudget:
-        """All components."""
+        """Estimate all error components."""
         began = process_time()
         changes: dict[str, np.ndarray] = {}
         notes: dict[str, str] = {}
@@ -555,7 +553,7 @@ class Estimator:
             return {}
 
     def _follow(self, trajectory: Trajectory, run: Run | None = None, **how: Any) -> Trajectory:
-        """Replay of a trajectory of the run, by the run itself or another one; see `Replay`."""
+        """Replay a trajectory by the run itself or by another one, with options of `Replay`."""
         tolerance = min(SETTLED * self._run.control.tolerance, LITTLE)
         replay = Replay(run or self._run, trajectory, tolerance, forgiving=True, **how)
         end = float(trajectory.times[-1])
@@ -566,7 +564,7 @@ class Estimator:
             self._left_out = max(self._left_out, replay.left_out / (end - trajectory.began))
 
     def _change_by_steps(self, again: Trajectory) -> np.ndarray:
-        """Error of the steps."""
+        """Error over time by the size of the steps."""
         control = self._run.control
         if self._stride == 1:
             halved = self._follow(self._long.halved())
@@ -584,14 +582,14 @@ class Estimator:
     def _change(
         self, before: Trajectory, after: Trajectory, factor: float | np.ndarray
     ) -> np.ndarray:
-        """Change between two trajectories times a factor, in the limit of many cycles."""
+        """Change between two trajectories, times a factor, in the limit of many cycles."""
         return self._curves.change(before, after, factor, self._remaining(before, after))
 
     def _remaining(self, before: Trajectory, after: Trajectory) -> float:
-        """Share of the difference after one cycle that the next cycle adds, of either sign.
+        """Fraction of the difference after one cycle that the next cycle adds, of either sign.
 
-        The contraction of a cycle does not contain this sign: a whirl at half the speed returns
-        with the other sign, and most of the error is then the change of one cycle.
+        The contraction of a cycle does not contain this sign. A whirl at half the speed returns
+        with the other sign; most of the error is then the change over one cycle.
         """
         cycles = self._cycles
         norm = self._run.norm
@@ -609,17 +607,17 @@ class Estimator:
         return float((difference[-1] - once) @ once / (once @ once)) if once.any() else 0.0
 
     def _change_by_films(self, again: Trajectory) -> np.ndarray:
-        """Error of the meshes of the films."""
+        """Error over time by the film meshes."""
         finer = self._run.with_mechanism(with_finer_films(self._system.mechanism))
         start = transferred_state(again.start, self._run, finer)
         refined = self._follow(again, finer, start=start)
         grids = [binding.film.film.parameters.grid for binding in self._system.films]
         orders = np.array([FILM_ORDERS[grid.family != "bilinear"] for grid in grids])
-        # Errors of the films' meshes over the change by finer meshes.
+        # The factors are errors of the film meshes over their changes by finer meshes.
         return self._change(again, refined, 1.0 / (1.0 - FINER**-orders))
 
     def _change_by_gaps(self, component: str, again: Trajectory) -> np.ndarray:
-        """Error by missing flexibility of the surfaces, see `missing_gaps`."""
+        """Error over time by the flexibility that surfaces lack, see `missing_gaps`."""
         periodic = self._cycles is not None
         equations = self._run.equations
         changes = missing_gaps(equations, again, component, periodic, self._checked_shares)
@@ -633,7 +631,7 @@ class Estimator:
     def _joint(
         self, i: int, binding: FilmBinding, changes: Mapping[str, np.ndarray]
     ) -> dict[str, Any]:
-        """Errors of a joint by quantity, from its index and the changes by component."""
+        """Errors of joint `i` by quantity, from the changes by component."""
         errors: dict[str, Any] = {}
         largest: dict[str, Any] = {}
         known: dict[str, Any] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
@@ -655,7 +653,7 @@ class Estimator:
         return errors | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
-        """Errors of an extreme and of the curve by the distance from the periodic state."""
+        """Errors of an extreme and of the curve, as far as the cycle is not yet periodic."""
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
@@ -664,7 +662,7 @@ class Estimator:
             noise = max(cycles.periodicity, CYCLE_NOISE * self._run.control.tolerance)
             if not max(cycles.moved, cycles.left) <= noise:
                 return NOT_ESTIMATED, NOT_ESTIMATED
-            # The changes are noise: their ratio is not the contraction of a cycle.
+            # The changes are noise, so that their ratio is not the contraction of a cycle.
             contraction = SLOWEST
         remaining = cycles.left / (1.0 - contraction)
         now = self._summary.extremes[joint][quantity][0]
@@ -680,7 +678,7 @@ def _one_line(error: Exception) -> str:
 
 
 def error_budget(history: History) -> ErrorBudget:
-    """Estimate the errors of a run from `simulate`.
+    """Estimate the errors of a run whose history `simulate` returned.
 
     Raises
     ------

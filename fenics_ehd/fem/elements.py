@@ -1,13 +1,11 @@
-"""Quadratic families of finite elements.
+"""Families of quadratic finite elements.
 
-Quadrilaterals and hexahedra have two families, triangles and tetrahedra one.
+Quadrilaterals and hexahedra have two families. ``serendipity`` has 8 nodes on the quadrilateral and
+20 on the hexahedron, at vertices and edge midpoints. It contains all monomials of superlinear
+degree at most 2 (Arnold and Awanou, Found. Comput. Math. 11, 2011). dolfinx's own serendipity
+element is not nodal, so that this one is a custom element. ``lagrange`` has 9 and 27 nodes.
 
-``serendipity``: 8 nodes on the quadrilateral, 20 on the hexahedron, all
-monomials of superlinear degree at most 2 (Arnold and Awanou, Found. Comput.
-Math. 11, 2011), evaluated at vertices and edge midpoints. dolfinx's own
-serendipity element is not nodal, so this one is built as a custom element.
-``lagrange``: 9 and 27 nodes. On triangles and tetrahedra, 6 and 10 nodes, the
-two are the same.
+On triangles (6 nodes) and tetrahedra (10 nodes) both families are the same.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ SIMPLICES = ("triangle", "tetrahedron")
 
 
 def _expansion_coefficients(cell: basix.CellType, element: NodalElement) -> np.ndarray:
-    """Shape functions in basix's orthonormal basis of degree 2."""
+    """Coefficients of the shape functions in basix's orthonormal basis of degree 2, one per row."""
     points, weights = basix.make_quadrature(cell, 6)
     legendre = basix.tabulate_polynomials(basix.PolynomialType.legendre, cell, 2, points)
     return element.shapes(points).T @ (weights * legendre).T
@@ -36,7 +34,7 @@ def _expansion_coefficients(cell: basix.CellType, element: NodalElement) -> np.n
 def _point_evaluations(
     cell: basix.CellType,
 ) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
-    """Points at vertices and edge midpoints, and interpolation matrices, which are identities."""
+    """Vertices and edge midpoints of a cell, and identities as interpolation matrices."""
     geometry = basix.geometry(cell)
     points = []
     matrices = []
@@ -53,8 +51,8 @@ def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()) -> co
     Parameters
     ----------
     family
-        ``"serendipity"`` (8 or 20 nodes) or ``"lagrange"`` (9 or 27 nodes);
-        either gives the 6 or 10 nodes of triangle and tetrahedron.
+        ``"serendipity"`` (8 or 20 nodes) or ``"lagrange"`` (9 or 27 nodes). On triangles (6
+        nodes) and tetrahedra (10 nodes) both are the same.
     cell
         ``"quadrilateral"``, ``"hexahedron"``, ``"triangle"`` or ``"tetrahedron"``.
     shape
@@ -72,9 +70,9 @@ def quadratic_element(family: str, cell: str, shape: tuple[int, ...] = ()) -> co
 
 
 def solid_element(cell: str, size: int) -> NodalElement:
-    """Solid cell with `size` nodes in dolfinx order.
+    """Element of a solid cell with `size` nodes in dolfinx order.
 
-    ``"hexahedron"`` with 8, 20 or 27 nodes, ``"tetrahedron"`` with 4 or 10.
+    The cell is ``"hexahedron"`` with 8, 20 or 27 nodes, or ``"tetrahedron"`` with 4 or 10.
     """
     kind = getattr(basix.CellType, cell)
     corners = basix.geometry(kind)

@@ -1,6 +1,6 @@
-"""Cylindrical and flat faces of a solid, found in the facets of its surface.
+"""Recognition of cylindrical and flat faces in the surface mesh of a solid.
 
-Cylinders are fitted to the nodes by least squares of the distances. Circles are fitted by a linear
+Cylinders are fitted to nodes by least squares of the distances. Circles are fitted by a linear
 system, because ``x^2 + y^2`` is linear in x and y on a circle.
 """
 
@@ -31,7 +31,7 @@ class Cylinder:
     radius, width
         Radius, and width along the axis [m].
     deviation
-        Largest distance from the cylinder of a point that it was fitted to [m].
+        Largest distance from the cylinder of the points to which it was fitted [m].
     """
 
     centre: np.ndarray
@@ -41,7 +41,7 @@ class Cylinder:
     deviation: float
 
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Height from the centre, shape (n,), and vector from the axis, (n, 3) [m]."""
+        """Height above the centre, shape (n,), and vector from the axis, (n, 3), of points [m]."""
         x = points - self.centre
         height = x @ self.axis
         return height, x - np.outer(height, self.axis)
@@ -54,7 +54,7 @@ class Cylinder:
 
 
 def fit_circle(plane: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre, shape (2,), and radius of the circle fitted to points, shape (n, 2)."""
+    """Fit a circle to points, shape (n, 2); return its centre, shape (2,), and its radius."""
     # On a circle, x^2 + y^2 is linear in x and y.
     rows = np.column_stack([2 * plane, np.ones(len(plane))])
     solution = np.linalg.lstsq(rows, np.sum(plane**2, axis=1), rcond=None)[0]
@@ -62,7 +62,7 @@ def fit_circle(plane: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def cylinder_centre(x: np.ndarray) -> np.ndarray:
-    """Centre of a cylinder along z fitted to nodes, shape (m, 3) to (3,) [m]."""
+    """Centre, shape (3,), of a cylinder along z that is fitted to nodes, shape (m, 3) [m]."""
     middle = x.mean(axis=0)
     middle[:2] += fit_circle(x[:, :2] - x[:, :2].mean(axis=0))[0]
     middle[2] = 0.5 * (x[:, 2].min() + x[:, 2].max())
@@ -72,18 +72,19 @@ def cylinder_centre(x: np.ndarray) -> np.ndarray:
 def rounded_middles(corners: np.ndarray) -> np.ndarray:
     """Mid-side nodes of facets on a cylinder, half way in angle and height between the corners.
 
-    With these nodes the isoparametric bore is the best quadratic one, and the edges are straight in
-    the unwrapped plane, as the mesh transfer assumes.
+    With these nodes, quadratic cells approximate the bore best, and their edges are straight in the
+    unwrapped plane, as the transfer between meshes assumes.
 
     Parameters
     ----------
     corners
-        Corners of each facet in turn, from a point of the axis along z, shape (f, c, 3) [m].
+        Positions of the corners of each facet, in order around it, relative to a point on the
+        axis, which is parallel to z; shape (f, c, 3) [m].
 
     Returns
     -------
     numpy.ndarray
-        Nodes between each corner and the next, shape (f, c, 3) [m].
+        Position of the node between each corner and the next one, shape (f, c, 3) [m].
     """
     following = np.roll(corners, -1, axis=1)
     middle = 0.5 * (corners + following)
@@ -93,12 +94,14 @@ def rounded_middles(corners: np.ndarray) -> np.ndarray:
 
 
 def axis_across(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axis most nearly perpendicular to normals, shape (k, 3), and two vectors perpendicular to it.
+    """Find the axis that is most nearly perpendicular to normals, shape (k, 3).
 
     Returns
     -------
-    axis, across
-        Unit vector with a positive largest component, shape (3,); orthonormal vectors, (2, 3).
+    axis : numpy.ndarray
+        Unit vector with a positive largest component, shape (3,).
+    across : numpy.ndarray
+        Two unit vectors perpendicular to the axis and to each other, shape (2, 3).
     """
     axis = np.linalg.svd(normals, full_matrices=False)[2][-1]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
@@ -106,14 +109,14 @@ def axis_across(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
-    """Cylinder fitted to points by least squares; normals of the surface give the initial guess.
+    """Fit a cylinder to points by least squares; normals of the surface give the initial guess.
 
     Parameters
     ----------
     points
         Points on the surface, shape (n, 3) [m].
     normals
-        Normals of facets of the surface, in any number, shape (k, 3).
+        Normals of any number of facets of the surface, shape (k, 3).
     """
     axis, across = axis_across(normals)
     middle = points.mean(axis=0)
@@ -138,18 +141,18 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     )
 
 
-#: Largest distance of a node from the fitted cylinder or plane, relative to the size of the face:
-#: rounding of a file is far below, a cone or a chamfer far above.
+#: Largest distance of a node from the fitted cylinder or plane, relative to the size of the face.
+#: Round-off in a file is far below it, the deviation of a cone or a chamfer far above.
 SHAPE_TOLERANCE = 1e-3
 
-#: Largest difference of two pieces of one cylinder, relative to the radius.
+#: Largest difference in position and radius of two pieces of one cylinder, relative to the radius.
 SAME = 1e-4
 
-#: Angle between normals of two facets above which they belong to different faces [degrees]: normals
-#: differ by 30 in a bore of 12 cells around, by 45 at a chamfer.
+#: Angle between normals of two facets above which they belong to different faces [degrees]. Normals
+#: differ by 30 degrees in a bore with 12 cells around, by 45 degrees at a chamfer.
 SHARP = 35.0
 
-#: Value of that angle for cylinders with only 8 first-order cells around [degrees].
+#: Value of `SHARP` that cylinders with only 8 first-order cells around need [degrees].
 COARSE_CELLS = 50.0
 
 
@@ -182,7 +185,7 @@ class Face:
 
     @property
     def arc(self) -> float:
-        """Share of the circumference that the face covers; below 1 for a bore with holes."""
+        """Area of the face over that of a complete cylinder; below 1 for a bore with holes."""
         assert self.cylinder is not None
         return self.area / (2 * np.pi * self.cylinder.radius * self.cylinder.width)
 
@@ -191,15 +194,17 @@ F = TypeVar("F", bound=Face)
 
 
 def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> list[Face]:
-    """Faces of a solid, bounded by sharp edges and sorted by `in_order`.
+    """Divide the surface of a solid at sharp edges into faces, sorted by `in_order`.
 
     Parameters
     ----------
+    solid
+        Solid with its nodes.
     facets
-        Facets in the node order of `Solid.facets`. Cylinders and planes are fitted to all nodes of
-        a facet.
+        Facets of the surface in the node order of `Solid.facets`. Cylinders and planes are fitted
+        to all nodes of a facet.
     sharp
-        Angle between facets at a sharp edge [degrees].
+        Angle between the normals of two facets above which their common edge is sharp [degrees].
     """
     labels = _smooth_pieces(solid, facets, sharp)
     groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
@@ -213,14 +218,16 @@ def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> lis
 def split_cylinders(
     solid: Solid, facets: np.ndarray, faces: Sequence[Face], sharp: float
 ) -> list[Face]:
-    """Cylinders that an angle of sharp edges divides into pieces.
+    """Find cylinders that `find_faces` has divided into pieces, because their cells are coarse.
 
     Parameters
     ----------
+    solid, facets
+        Solid and the facets of its surface.
     faces
-        Faces found by `find_faces` with the angle.
+        Faces from `find_faces` with the angle `sharp`.
     sharp
-        Angle [degrees]. The result is empty unless it is below `COARSE_CELLS`.
+        Angle of sharp edges [degrees]. The result is empty if it is not below `COARSE_CELLS`.
     """
     if sharp >= COARSE_CELLS:
         return []
@@ -234,7 +241,7 @@ def split_cylinders(
 
 
 def in_order(faces: Sequence[F]) -> list[F]:
-    """Faces sorted: bores by falling radius, shafts, planes by falling area, others."""
+    """Sort faces: bores and shafts by falling radius, then planes and others by falling area."""
     order = {"bore": 0, "shaft": 1, "plane": 2, "other": 3}
 
     def place(face: Face) -> tuple[float, ...]:
@@ -246,7 +253,7 @@ def in_order(faces: Sequence[F]) -> list[F]:
 
 
 def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
-    """Outward normals of facets, with the area between the corners as length, shape (f, 3) [m2]."""
+    """Outward normals of facets whose length is the area of the facet, shape (f, 3) [m2]."""
     corners = solid.points[facet_corners(facets)]
     if corners.shape[1] == 3:
         return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -254,7 +261,7 @@ def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
 
 
 def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray:
-    """Number of the piece of the surface, between sharp edges, of each facet, shape (f,)."""
+    """Number, for each facet, of the piece of the surface between sharp edges, shape (f,)."""
     corners = facet_corners(facets)
     count = corners.shape[1]
     sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
@@ -275,7 +282,7 @@ def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray
 
 
 def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
-    """A group of facets as a plane, a cylinder or neither."""
+    """Make a face from a group of facets: a plane, a cylinder or neither."""
     nodes = np.unique(facets[group])
     x = solid.points[nodes]
     normal = _area_vectors(solid, facets[group])
@@ -304,7 +311,7 @@ def _shaped(solid: Solid, facets: np.ndarray, group: np.ndarray) -> Face:
 
 
 def with_joined_cylinders(faces: Sequence[F], both: Callable[[F, F], F]) -> list[F]:
-    """Faces, with adjacent pieces of one cylinder joined to one face.
+    """Join adjacent pieces of one cylinder to one face; other faces are unchanged.
 
     Parameters
     ----------
@@ -334,6 +341,6 @@ def same_cylinder(one: Face, other: Face) -> bool:
         abs(a.radius - b.radius) < SAME * b.radius
         and abs(a.axis @ b.axis) > 1 - SAME**2
         and np.linalg.norm(across) < SAME * b.radius
-        # Lands on both sides of a groove overlap in angle and are two faces.
+        # Lands on both sides of a groove are not adjacent: they remain two faces.
         and abs(height[0]) < 0.25 * (a.width + b.width)
     )

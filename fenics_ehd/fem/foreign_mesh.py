@@ -1,8 +1,8 @@
 """Contents of mesh files of other programs: nodes, cells, materials, and counts of other entities.
 
-Files have no units. Lengths are in the unit that the user gives. Moduli and densities of a deck are
-in the consistent system of this length with newton (with inches: pound-force) and second: MPa and
-t/mm3 with mm, Pa and kg/m3 with m. A value outside the range of real materials is refused.
+Files have no units; the user gives the unit of length. Moduli and densities of a deck are assumed
+in the consistent units of this length, newton (for inches: pound-force) and second. These are MPa
+and t/mm3 for mm, Pa and kg/m3 for m. A value outside the range of real materials is refused.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.base.units import in_unit
 
-#: Solid cells by meshio's names: kind, nodes that are kept, nodes of a cell.
+#: Solid cells by meshio's names: kind, number of nodes that are kept, number of nodes of a cell.
 CELLS = {
     "tetra": ("tet", 4, 4),
     "tetra10": ("tet", 10, 10),
@@ -29,7 +29,7 @@ CELLS = {
     "hexahedron27": ("hex", 20, 27),
 }
 
-#: Beginnings of names of solid cells in meshio and Gmsh, including kinds that no part can have.
+#: Beginnings of the names of solid cells in meshio and Gmsh, also of kinds that are refused.
 _SOLID = (
     *("tetra", "hexahedron", "wedge", "prism", "pyramid", "polyhedron", "trihedron"),
     *(f"VTK_LAGRANGE_{name}" for name in ("TETRAHEDRON", "HEXAHEDRON", "WEDGE", "PYRAMID")),
@@ -45,28 +45,30 @@ _OTHERS = {
 #: Consistent unit of force of a unit of length, if it is not 1 N: size [N] and symbol.
 _FORCES = {"in": (4.4482216152605, "lbf")}
 
-#: SI units of quantities, and the power of length in their consistent unit, force over length^n.
+#: SI unit of each quantity, and the exponent n in its consistent unit, force over length^n (times
+#: second^2 for density).
 _DIMENSIONS = {"youngs_modulus": ("Pa", 2), "density": ("kg/m3", 4)}
 
 
-#: Largest number of files that a file includes, repetitions counted.
+#: Largest number of files that a file may include, directly or indirectly, with repetitions.
 MOST_FILES = 100
 
 
 def included_text(path: Path, opened: list[Path]) -> str:
-    """Text of a file, or of a file that it includes.
+    """Read the text of a file, or of a file that it includes.
 
     Parameters
     ----------
     path
         Path of the file to read.
     opened
-        Files read so far, the including one first; the path is appended.
+        Paths of the files read before, the main file first; `path` is appended.
 
     Raises
     ------
     MeshError
-        The file cannot be read, is no regular file, or more than `MOST_FILES` are included.
+        If the file cannot be read or is not a regular file, or if more than `MOST_FILES` files
+        are included.
     """
     opened.append(path)
     if len(opened) > MOST_FILES:
@@ -88,9 +90,10 @@ class FileMaterial:
     name
         Name in the file.
     values
-        Values in the file's units, by the names of `Material`.
+        Values in the units of the file, by the names of `Material`.
     problems
-        Reasons why a value is not that of an isotropic elastic material, by the same names.
+        Reasons why a value cannot be used, as the material is not linear and isotropic, by the
+        same names.
     """
 
     name: str
@@ -98,16 +101,25 @@ class FileMaterial:
     problems: Mapping[str, str] = field(default_factory=dict)
 
     def same(self, other: FileMaterial) -> bool:
-        """True of a material with equal values; names may differ."""
+        """Whether another material has equal values; names may differ."""
         return (self.values, self.problems) == (other.values, other.problems)
 
     def in_si(self, name: str, unit: str, path: object) -> float:
-        """A value in SI units, for a file in a given unit of length.
+        """Convert a value to SI units.
+
+        Parameters
+        ----------
+        name
+            Name of the value in `Material`.
+        unit
+            Unit of length of the file.
+        path
+            Path of the file, for messages.
 
         Raises
         ------
         MeshError
-            The material has no such value, or it is outside the range of real materials.
+            If the value cannot be used, or is outside the range of real materials.
         """
         option = name.replace("_", "-")
         label = f"{path}: material {self.name} has"
@@ -139,13 +151,14 @@ class ForeignMesh:
     Attributes
     ----------
     points
-        Nodes, shape (n, 3), in the file's unit.
+        Positions of the nodes in the unit of the file, shape (n, 3).
     blocks
-        Cells of each block by meshio's names, solid or not: node indices, shape (c, k).
+        Meshio's name of the cells in each block, solid or not, and their node indices, shape
+        (c, k).
     others
-        Numbers of other entities by their names: elements that are not solid, sets.
+        Numbers of other entities by name: elements that are not solid, sets.
     materials
-        Materials of the solid cells, each once.
+        Distinct materials of the solid cells.
     """
 
     points: np.ndarray
@@ -155,26 +168,26 @@ class ForeignMesh:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """Number of cells by meshio's names."""
+        """Numbers of cells by meshio's names."""
         numbers: dict[str, int] = {}
         for name, cells in self.blocks:
             numbers[name] = numbers.get(name, 0) + len(cells)
         return numbers
 
     def left_out(self) -> str:
-        """Entities that are not part of the solid, in words; empty if none."""
+        """List of entities that are not part of the solid, as text; empty if there are none."""
         parts = {name: n for name, n in self.counts.items() if not name.startswith(_SOLID)}
         for name, number in self.others.items():
             parts[name] = parts.get(name, 0) + number
         return ", ".join(f"{number} {name}" for name, number in parts.items() if number)
 
     def solid_cells(self, path: object) -> tuple[str, np.ndarray]:
-        """Kind of the solid cells, and their nodes, shape (c, 4, 8, 10 or 20).
+        """Kind of the solid cells, and their node indices, shape (c, 4, 8, 10 or 20).
 
         Raises
         ------
         MeshError
-            The file has no solid cells, or several kinds of them.
+            If the file has no solid cells, or several kinds.
         """
         name = one_solid_kind(self.counts, self.left_out(), path)
         kind, kept, _ = CELLS[name]
@@ -182,12 +195,12 @@ class ForeignMesh:
         return kind, np.concatenate([cells for cells in blocks if len(cells)]).astype(np.int64)
 
     def check(self, path: object) -> ForeignMesh:
-        """The mesh itself, after a check of node numbers and of the shapes of its arrays.
+        """Check node numbers and the shapes of arrays; return the mesh itself.
 
         Raises
         ------
         MeshError
-            The message names the block.
+            If an array is wrong; the message names the cells.
         """
         nodes = len(self.points)
         for name, cells in self.blocks:
@@ -197,9 +210,9 @@ class ForeignMesh:
                 continue
             if len(shape) != 2 or shape[1] != size or np.asarray(cells).dtype.kind not in "iu":
                 wrong = f"{shape[1]} nodes" if len(shape) == 2 else "different numbers of nodes"
-                raise MeshError(f"{path}: {name} cells must have {size} nodes, they have {wrong}")
+                raise MeshError(f"{path}: {name} cells have {wrong}, but must have {size} nodes")
             if name in CELLS and not 0 <= np.min(cells) <= np.max(cells) < nodes:
-                raise MeshError(f"{path}: {name} cells name nodes that the file does not have")
+                raise MeshError(f"{path}: {name} cells refer to nodes that the file does not have")
             if name in CELLS and np.shape(self.points)[1:] != (3,):
                 raise MeshError(f"{path}: nodes of shape {np.shape(self.points)}, not (n, 3)")
         return self
@@ -210,7 +223,7 @@ class ForeignMesh:
         Raises
         ------
         MeshError
-            The message names the materials.
+            If there are several; the message names the materials.
         """
         different: list[FileMaterial] = []
         for one in self.materials:
@@ -225,21 +238,21 @@ class ForeignMesh:
 
 
 def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
-    """The only kind of solid cells in a file.
+    """Meshio's name of the only kind of solid cells in a file.
 
     Parameters
     ----------
     counts
         Numbers of all cells, by meshio's names.
     others
-        Description of other contents, for a file without solid cells.
+        Description of other contents, for the message about a file without solid cells.
     path
         Path of the file.
 
     Raises
     ------
     MeshError
-        The file has no solid cells, several kinds, or a kind that is not in `CELLS`.
+        If the file has no solid cells, several kinds, or a kind that is not in `CELLS`.
     """
     solids = {name: n for name, n in counts.items() if name.startswith(_SOLID) and n}
     if len(solids) != 1 or not set(solids) <= set(CELLS):
@@ -254,14 +267,14 @@ def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
 def part_material(
     found: Sequence[FileMaterial], unit: str, given: Mapping[str, float], path: object
 ) -> tuple[Material, list[str]]:
-    """Material of a part, and a notice for each value that is not from the file.
+    """Material of a part, and a notice about each value that is not from the file.
 
     Parameters
     ----------
     found
-        Materials of the file's solid cells, of equal values; or none, which needs no notice.
+        Materials of the file's solid cells, all with equal values; if empty, there are no notices.
     unit
-        Unit of the file's lengths.
+        Unit of length of the file.
     given
         Values in SI units that replace those of the file.
     path
@@ -270,7 +283,7 @@ def part_material(
     Raises
     ------
     MeshError
-        See `FileMaterial.in_si`.
+        If `FileMaterial.in_si` refuses a value.
     """
     lines = []
     values = dict(given)

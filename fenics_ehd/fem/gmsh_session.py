@@ -1,8 +1,9 @@
-"""Gmsh sessions: models and drawings are meshed, and meshes read that no other reader accepts.
+"""Gmsh sessions, which mesh models and drawings, and read meshes that no other reader accepts.
 
-A model is a program, and an invalid one leaves text in Gmsh's parser that the next session reads. A
-drawing with a missing line ends the process. Files of users are therefore opened in a separate
-process, which returns arrays or a mesh in Gmsh's format. Neither MPI nor dolfinx is imported here.
+A model is a program. An invalid model leaves text in Gmsh's parser that the next session would
+read, and a drawing with a missing line ends the process. Files of users are therefore opened in a
+separate process, which returns arrays or a mesh in Gmsh's format. This module imports neither MPI
+nor dolfinx.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ with interrupt_kept():
 
 T = TypeVar("T")
 
-#: Beginnings of the names of Gmsh's own parameters, which are listed with those of a model.
+#: Beginnings of the names of Gmsh's own parameters, which it lists with those of a model.
 _GMSH_OWN = ("Gmsh/", "0Gmsh/", "1Gmsh/")
 
-#: Parameter of models that can be meshed with hexahedra or with tetrahedra.
+#: Name of the parameter of a model that selects tetrahedra (1) or hexahedra (0).
 SWITCH = "tetrahedra"
 
-#: Gmsh's numbers of second-order cells and of their facets.
+#: Gmsh's type numbers of second-order cells and of their facets.
 HEXAHEDRON_27 = 12
 TETRAHEDRON_10 = 11
 QUADRILATERAL_9 = 10
 TRIANGLE_6 = 9
 
-#: Names in meshio of Gmsh's cells.
+#: Names in meshio of cells, by Gmsh's type number.
 CELL_NAMES = {
     **{4: "tetra", 11: "tetra10", 5: "hexahedron", 17: "hexahedron20", 12: "hexahedron27"},
     **{6: "wedge", 18: "wedge15", 13: "wedge18", 7: "pyramid", 19: "pyramid13", 14: "pyramid14"},
@@ -47,7 +48,7 @@ CELL_NAMES = {
     **{15: "vertex", 1: "line", 8: "line3"},
 }
 
-#: Orders of the nodes of second-order cells that Gmsh numbers differently.
+#: Gmsh's order of the nodes of a cell, as indices that sort them as in `SOLIDS`, by type number.
 _ORDERS = {
     TETRAHEDRON_10: GMSH_TET,
     17: np.argsort(GMSH_HEX).tolist(),
@@ -57,7 +58,7 @@ _ORDERS = {
 
 @contextmanager
 def session() -> Iterator[None]:
-    """Context of a silent Gmsh session without the user's options."""
+    """Open a Gmsh session without output and without the user's options."""
     with interrupt_kept():
         gmsh.initialize([""], readConfigFiles=False)
     try:
@@ -69,17 +70,30 @@ def session() -> Iterator[None]:
 
 
 def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -> T:
-    """Call a function of a file; in a separate process unless the package ships the file.
+    """Call a function that opens a file in Gmsh.
+
+    It is called in a separate process unless the package ships the file.
+
+    Parameters
+    ----------
+    what
+        Verb that describes the function in messages.
+    function
+        Function of the path and of `arguments`.
+    path
+        Path of the file.
+    arguments
+        Further arguments of the function.
 
     Raises
     ------
     MeshError
-        Gmsh raises an error or crashes.
+        If Gmsh raises an error or crashes.
     """
     try:
         if is_shipped(path):
             return function(path, *arguments)
-        lost = MeshError(f"Gmsh crashes when it is to {what} {path}: is the file complete?")
+        lost = MeshError(f"Gmsh crashed on the attempt to {what} {path}: is the file complete?")
         return in_child(function, path, *arguments, lost=lost)
     except MeshError:
         raise
@@ -89,10 +103,10 @@ def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -
 
 @contextmanager
 def by_itself(path: Path) -> Iterator[str]:
-    """Name of a link to a file in a folder without option files, which Gmsh would read.
+    """Yield the path of a link to a file, in a folder without option files that Gmsh would read.
 
-    The extension is in lower case: Gmsh runs a file with an unknown extension as a model. Errors of
-    Gmsh are given the path of the user's file.
+    The extension is in lower case, as Gmsh executes a file with an unknown extension as a model.
+    Messages of Gmsh have the path of the user's file.
     """
     with TemporaryDirectory() as folder:
         alone = Path(folder, f"model{path.suffix.lower()}")
@@ -111,7 +125,7 @@ def by_itself(path: Path) -> Iterator[str]:
 
 
 def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the current model, shape (n, 3), and the row of each by Gmsh's number."""
+    """Positions of the current model's nodes, shape (n, 3), and their row by Gmsh's number."""
     tags, x, _ = gmsh.model.mesh.getNodes()
     row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
@@ -119,12 +133,12 @@ def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
 
 
 def nodes_of_cells(number: int, entity: int = -1) -> np.ndarray:
-    """Gmsh's numbers of the nodes of all cells of a type, in the node order of `SOLIDS`."""
+    """Gmsh's node numbers of all cells of a type, in the node order of `SOLIDS`, shape (c, k)."""
     return _ordered(number, gmsh.model.mesh.getElementsByType(number, entity)[1])
 
 
 def _ordered(number: int, nodes: np.ndarray) -> np.ndarray:
-    """Nodes of cells of a type, flat in Gmsh's order, one row per cell in the order of `SOLIDS`."""
+    """Sort the nodes of cells, a flat array in Gmsh's order, into rows in the order of `SOLIDS`."""
     cells = nodes.reshape(-1, gmsh.model.mesh.getElementProperties(number)[3])
     return cells[:, _ORDERS[number]] if number in _ORDERS else cells
 
@@ -133,38 +147,45 @@ def _ordered(number: int, nodes: np.ndarray) -> np.ndarray:
 
 
 def model_parameters(path: Path) -> dict[str, float]:
-    """Parameters of a model with their default values, by name; empty for a mesh.
+    """Default values of the parameters of a model, by name; empty for a mesh.
 
     The function must be called on one rank only.
 
     Raises
     ------
     MeshError
-        Gmsh cannot read the model.
+        If Gmsh cannot read the model.
     """
     return {} if path.suffix == ".msh" else called("read", _values, path)
 
 
 def _values(path: Path) -> dict[str, float]:
+    """Default values of the parameters of a model, by name."""
     check_model(path)
     with session(), by_itself(path) as model:
         return {name: entry["values"][0] for name, entry in _parameters(model).items()}
 
 
 def _parameters(model: str) -> dict[str, Any]:
-    """Entries of ONELAB (Gmsh's database) of number parameters, by the last part of the name."""
+    """Entries of numeric parameters in ONELAB, Gmsh's database, by the last part of their names."""
     gmsh.onelab.clear()
     gmsh.open(model)
     names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
     entries = {name.rsplit("/", 1)[-1]: json.loads(gmsh.onelab.get(name)) for name in names}
     gmsh.clear()
-    # Values survive in ONELAB: those of a former model would override the values of this one.
+    # ONELAB keeps values: those of a former model would override the values of this one.
     gmsh.onelab.clear()
     return {name: entry for name, entry in entries.items() if entry["type"] == "number"}
 
 
 def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: float) -> None:
-    """Set a parameter to a value within the limits that the model declares."""
+    """Set a parameter of a model, after a check against the limits that the model declares.
+
+    Raises
+    ------
+    MeshError
+        If the model has no such parameter, or if the value is outside its limits.
+    """
     if name not in known:
         close = difflib.get_close_matches(name, known, n=2, cutoff=0.55)
         meant = f"did you mean {' or '.join(close)}? " if close else ""
@@ -184,12 +205,12 @@ def _set_parameter(model: Path, known: Mapping[str, Any], name: str, value: floa
 def opened_model(
     path: Path, parameters: Mapping[str, float], cells: str, size: float = 1.0
 ) -> Iterator[dict[str, int]]:
-    """Open a session with a meshed model; the numbers of its groups by name.
+    """Open a session with a meshed model, and yield the numbers of its groups by name.
 
     Raises
     ------
     MeshError
-        Gmsh cannot mesh the model.
+        If Gmsh cannot mesh the model.
     """
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "mesh.msh")
@@ -202,7 +223,7 @@ def opened_model(
 def _write_mesh(
     path: Path, parameters: Mapping[str, float], cells: str, size: float, target: Path
 ) -> dict[str, int]:
-    """Write the mesh of a model to a file; the numbers of its groups by name."""
+    """Mesh a model and write the mesh to a file; return the numbers of its groups by name."""
     check_model(path)
     with session():
         with by_itself(path) as model:
@@ -217,7 +238,7 @@ def _write_mesh(
             gmsh.option.setNumber("Mesh.MeshSizeFactor", size)
             gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)
-        # Nodes without a cell are saved as well: otherwise Gmsh would renumber the nodes.
+        # Nodes without a cell are saved, too, as Gmsh would otherwise renumber the nodes.
         for option, value in (("Binary", 1), ("SaveAll", 1), ("MshFileVersion", 4.1)):
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(target))
@@ -230,17 +251,18 @@ def _write_mesh(
 
 
 def read_by_gmsh(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
-    """Points and cells of all kinds, by meshio's names.
+    """Read the points of a mesh and its blocks of cells of all kinds, with meshio's names.
 
     Raises
     ------
     MeshError
-        Gmsh cannot read the file.
+        If Gmsh cannot read the file.
     """
     return called("read", _read, path)
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
+    """Read a mesh in this process, see `read_by_gmsh`."""
     with session(), by_itself(path) as alone:
         gmsh.merge(alone)
         points, row = numbered_nodes()
@@ -255,9 +277,10 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
 
 
 def _block(number: int, count: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
-    """Meshio's name of Gmsh's cells of a type, and their nodes in the order of `SOLIDS`.
+    """Meshio's name of cells of a type, and their nodes in the order of `SOLIDS`.
 
-    Cells without a fixed number of nodes, such as polyhedra, are counted: the array has no columns.
+    If cells have no fixed number of nodes, as polyhedra, the array has a row for each but no
+    columns.
     """
     if not gmsh.model.mesh.getElementProperties(number)[3]:
         return cell_name(number), np.empty((count, 0), dtype=np.int64)
@@ -265,5 +288,5 @@ def _block(number: int, count: int, nodes: np.ndarray) -> tuple[str, np.ndarray]
 
 
 def cell_name(number: int) -> str:
-    """Meshio's name of Gmsh's cells of a type; Gmsh's own in lower case if meshio has none."""
+    """Meshio's name of cells of a type, or Gmsh's name in lower case if meshio has none."""
     return CELL_NAMES.get(number) or str(gmsh.model.mesh.getElementProperties(number)[0]).lower()

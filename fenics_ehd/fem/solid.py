@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.reduction.elements import SOLIDS, NodalElement, with_middles
 
-#: Corners of the faces of a cell, counter-clockwise seen from outside.
+#: Corners of the faces of a cell, counter-clockwise as seen from outside.
 FACES = {
     "tet": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
     "hex": (
@@ -24,7 +24,7 @@ FACES = {
     ),
 }
 
-#: Gmsh's order of the nodes of a cell, as indices of `SOLIDS`; for tetrahedra its own inverse.
+#: Gmsh's order of the nodes of a cell, as indices in `SOLIDS`; for tetrahedra its own inverse.
 GMSH_TET = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
 GMSH_HEX = [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]
 
@@ -35,12 +35,12 @@ FACET_ELEMENTS = {"tet": ("linear triangle", "triangle"), "hex": ("bilinear", "s
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Cells of one kind and order.
+    """A solid as a mesh of cells of one kind and order.
 
     Attributes
     ----------
     points
-        Nodes, shape (n, 3) [m].
+        Positions of the nodes, shape (n, 3) [m].
     cells
         Node indices of each cell: corners, shape (c, 4) or (c, 8); for second-order cells then
         mid-edge nodes in the order of `SOLIDS`, shape (c, 10) or (c, 20).
@@ -54,12 +54,12 @@ class Solid:
 
     @property
     def element(self) -> NodalElement:
-        """Shape functions of a second-order cell."""
+        """Element of a second-order cell of this kind."""
         return SOLIDS[self.kind]
 
     @property
     def quadratic(self) -> bool:
-        """True of second-order cells."""
+        """Whether the cells are of second order."""
         return self.cells.shape[1] > self.element.corners
 
     @property
@@ -69,7 +69,7 @@ class Solid:
 
     @property
     def corners(self) -> np.ndarray:
-        """Nodes at the corners of each cell, shape (c, 4 or 8)."""
+        """Node indices at the corners of each cell, shape (c, 4 or 8)."""
         return self.cells[:, : self.element.corners]
 
     def face_rows(self) -> np.ndarray:
@@ -85,16 +85,23 @@ class Solid:
         return np.array(rows)
 
     def facets(self) -> np.ndarray:
-        """Nodes of the facets of the surface: corners, then mid-edge nodes of second-order cells.
+        """Node indices of the facets of the surface, shape (f, 3), (f, 4), (f, 6) or (f, 8).
 
-        The shape is (f, 3), (f, 4), (f, 6) or (f, 8); facets have the same order for first-order
-        and second-order cells.
+        Corners come first, then mid-edge nodes of second-order cells. Facets have the same order
+        for first-order and second-order cells.
         """
         nodes, first, uses = self.faces()
         return nodes[np.sort(first[uses == 1])]
 
     def faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes of all cells' faces, index of each distinct face, and number of its occurrences."""
+        """Node indices of the faces of all cells, and the distinct faces among them.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Node indices of every face of every cell, one row for each; row of each distinct
+            face; number of cells that have each distinct face.
+        """
         rows = self.face_rows()
         nodes = self.cells[:, rows].reshape(-1, rows.shape[1])
         corners = np.sort(nodes[:, : len(FACES[self.kind][0])], axis=1)
@@ -102,7 +109,7 @@ class Solid:
 
 
 def raised(points: np.ndarray, corners: np.ndarray, kind: str) -> Solid:
-    """Second-order solid with straight edges, from first-order cells."""
+    """Make a second-order solid with straight edges from first-order cells."""
     pairs = np.sort(corners[:, SOLIDS[kind].edges], axis=2)
     edges, numbers = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
     middles = len(points) + numbers.reshape(pairs.shape[:2])
@@ -112,17 +119,17 @@ def raised(points: np.ndarray, corners: np.ndarray, kind: str) -> Solid:
 
 
 def second_order(solid: Solid) -> Solid:
-    """The solid as second-order cells; mid-edge nodes of first-order cells are appended."""
+    """Convert a solid to second-order cells; mid-edge nodes of first-order cells are appended."""
     return solid if solid.quadratic else raised(solid.points, solid.cells, solid.kind)
 
 
-#: Distance of a mid-edge node from the middle of the chord that counts as rounding error, relative
-#: to the length of the edge: it is 8e-4 for an arc of 1000 cells around a circle.
+#: Largest distance of a mid-edge node of a straight edge from the middle of the chord, relative to
+#: the length of the edge. It is 8e-4 for an arc of a circle with 1000 cells around.
 STRAIGHT = 1e-4
 
 
 def straight(solid: Solid) -> bool:
-    """True of a solid whose edges are all straight, such as any first-order solid."""
+    """Whether all edges of a solid are straight, as in every first-order solid."""
     if not solid.quadratic:
         return True
     for middle, edge in enumerate(solid.element.edges.tolist(), solid.element.corners):
@@ -135,7 +142,7 @@ def straight(solid: Solid) -> bool:
 
 
 def first_order(solid: Solid) -> Solid:
-    """The solid without mid-edge nodes; the order of facets and the node numbers stay."""
+    """Convert a solid to first-order cells; node indices and the order of facets are unchanged."""
     return Solid(solid.points, solid.corners, solid.kind)
 
 
@@ -185,7 +192,7 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
     Raises
     ------
     MeshError
-        Cells are repeated, overlap or are turned inside out; the message has the number of cells.
+        If cells are repeated, overlap or are inside out; the message has the number of cells.
     """
     corners = solid.corners
     count = len(corners)
@@ -221,7 +228,7 @@ def require_extent(extent: np.ndarray, path: str | Path) -> None:
     Raises
     ------
     MeshError
-        The longest side is below `SHORTEST` or above `LONGEST`.
+        If the longest side is below `SHORTEST` or above `LONGEST`.
     """
     longest = float(np.max(extent))
     if longest < SHORTEST:
@@ -233,7 +240,8 @@ def require_extent(extent: np.ndarray, path: str | Path) -> None:
 #: Distance below which nodes coincide, relative to the size of the part.
 SAME = 1e-9
 
-#: Tetrahedra in one, by its nodes: four at the corners, then four about the diagonal of nodes 6, 8.
+#: Nodes of the eight tetrahedra into which one is divided: four at its corners, then four around
+#: the diagonal between the nodes 6 and 8.
 _TETRAHEDRA = (
     *((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3)),
     *((6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)),
@@ -243,17 +251,19 @@ _TETRAHEDRA = (
 def refined(
     solid: Solid, facets: np.ndarray, labels: np.ndarray
 ) -> tuple[Solid, np.ndarray, np.ndarray]:
-    """Cells divided into eight, with nodes on the second-order geometry.
+    """Divide every cell into eight, with new nodes on the second-order geometry.
 
     Parameters
     ----------
+    solid
+        Solid of second-order cells.
     facets, labels
         Facets of the surface, shape (f, k), and a number for each, shape (f,).
 
     Returns
     -------
     tuple
-        Refined solid, its facets, and for each the number of the facet that it is part of.
+        Refined solid, its facets, and for each facet the number of the one that it is part of.
     """
     references = np.array([with_middles(x, solid.element.edges) for x in _children(solid.kind)])
     count = references.shape[1]
@@ -270,7 +280,7 @@ def refined(
 
 
 def _children(kind: str) -> list[np.ndarray]:
-    """Corners of the eight children, as second-order nodes of the reference cell."""
+    """Reference coordinates of the corners of the eight cells into which a cell is divided."""
     if kind == "hex":
         corners = SOLIDS["hex"].nodes[:8]
         return [0.5 * (corners + corner) for corner in corners]
@@ -285,7 +295,10 @@ def _children(kind: str) -> list[np.ndarray]:
 def _labelled(
     made: Solid, former: int, facets: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Facets and their labels, identified by their corners in the former mesh."""
+    """Facets of a refined solid, and the label of the former facet of which each one is part.
+
+    `former` is the number of nodes before the refinement.
+    """
     count = facets.shape[1] // 2
     known = {}
     for nodes, label in zip(facets.tolist(), labels.tolist(), strict=True):

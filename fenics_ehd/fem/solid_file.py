@@ -1,8 +1,8 @@
-"""Solids from meshes of other programs.
+"""Reading of solids from mesh files of other programs.
 
-Decks of Abaqus and CalculiX and bulk data of Nastran have readers in this package; Gmsh reads
-I-DEAS files, meshio all other formats. Every block of a file is counted: a file with
-solid cells of two kinds is refused, and entities that are not solid are reported.
+This package has readers for decks of Abaqus and CalculiX and for bulk data of Nastran. Gmsh reads
+I-DEAS files, meshio all other formats. A file with solid cells of two kinds is refused; entities
+that are not solid are counted and reported.
 """
 
 from __future__ import annotations
@@ -39,22 +39,23 @@ READ_BY_GMSH = (".unv",)
 #: Extensions of bulk data files, of Nastran and of programs that read them.
 NASTRAN = (".bdf", ".fem", ".nas")
 
-#: Beginning of a matrix of Abaqus, unlike that of any mesh: a number and a comma.
+#: Pattern of the first line of a matrix file of Abaqus, which no mesh file begins with.
 _MATRIX = re.compile(r"\s*(\d+\s*,\s*\d+\s*,|\d+\s+\d+\s+[-+.\d])")
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignPart:
-    """Solid of a file, and its other contents.
+    """Solid from a file, with a description of the other contents.
 
     Attributes
     ----------
     solid
-        Solid [m], of the cell order and with the node order of the file.
+        Solid with positions in [m]; cells have the order, and nodes the sequence, of the file.
     left_out
-        Elements, sets and constraints that are not part of the solid, in words; empty if none.
+        Elements, sets and constraints that are not part of the solid, as text; empty if none.
     materials
-        Materials of the cells, equal unless several were allowed; empty if the file has none.
+        Materials of the cells, which are equal unless several were allowed; empty if the file has
+        no materials.
     """
 
     solid: Solid
@@ -63,25 +64,26 @@ class ForeignPart:
 
 
 def read_mesh(path: Path, unit: str, *, several_materials: bool = False) -> Solid:
-    """Read the solid of a mesh file; cells keep their order, first or second.
+    """Read the solid of a mesh file; its cells are of first or second order as in the file.
 
-    Nodes are those of the cells, in the file's order; for decks by ascending number. A
-    `UserWarning` lists the other contents of the file.
+    Nodes without a cell are removed. The others have the sequence of the file; for decks, that of
+    ascending numbers. A `UserWarning` lists the other contents of the file.
 
     Parameters
     ----------
     path
-        Path of a mesh of one kind of tetrahedra or hexahedra.
+        Path of a mesh with one kind of tetrahedra or hexahedra.
     unit
-        Unit of the file's lengths.
+        Unit of length of the file.
     several_materials
-        Accept cells of several materials, for matrices of another program that contain them.
+        Whether cells of several materials are accepted. They are allowed if matrices come from
+        another program, which has taken the materials into account.
 
     Raises
     ------
     MeshError
-        The file cannot be read, has no solid cells, several kinds or several materials, is in
-        another unit, or has invalid cells.
+        If the file cannot be read, has no solid cells, several kinds or several materials, or has
+        invalid cells, or if its size shows that the unit is wrong.
     """
     part = read_part(path, unit, several_materials=several_materials)
     if part.left_out:
@@ -90,7 +92,7 @@ def read_mesh(path: Path, unit: str, *, several_materials: bool = False) -> Soli
 
 
 def read_part(path: Path, unit: str, *, several_materials: bool = False) -> ForeignPart:
-    """Solid, material and ignored contents of a mesh file; see `read_mesh`."""
+    """Read the solid, the materials and the other contents of a mesh file; see `read_mesh`."""
     mesh = _read(path).check(path)
     kind, cells = mesh.solid_cells(path)
     if not several_materials:
@@ -98,7 +100,7 @@ def read_part(path: Path, unit: str, *, several_materials: bool = False) -> Fore
     points = np.asarray(mesh.points, dtype=float) * in_unit(f"1 {unit}", "m")
     solid = used(Solid(points, cells, kind))
     if not np.isfinite(solid.points).all():
-        raise MeshError(f"{path}: a node has coordinates that are no finite numbers")
+        raise MeshError(f"{path}: a node has a coordinate that is not a finite number")
     require_sound_cells(solid, path)
     _require_one_piece(path, cells)
     require_extent(np.ptp(solid.points, axis=0), path)
@@ -106,7 +108,7 @@ def read_part(path: Path, unit: str, *, several_materials: bool = False) -> Fore
 
 
 def _read(path: Path) -> ForeignMesh:
-    """Contents of a mesh file of any format."""
+    """Read the contents of a mesh file of any format."""
     ending = path.suffix.lower()
     if ending == ".inp":
         return read_deck(path)
@@ -128,12 +130,12 @@ _BEAMS = (11, 21, 22, 23, 24)
 
 
 def _read_ideas(path: Path) -> ForeignMesh:
-    """Contents of an I-DEAS file; elements are counted before Gmsh reads the file.
+    """Read the contents of an I-DEAS file; elements are counted before Gmsh reads the file.
 
     Raises
     ------
     MeshError
-        The file has several kinds of solid elements, or Gmsh does not read all of them.
+        If the file has several kinds of solid elements, or if Gmsh does not read all of them.
     """
     with named(MeshError, str(path)):
         counts = _elements_of_ideas(path)
@@ -149,7 +151,7 @@ def _read_ideas(path: Path) -> ForeignMesh:
 
 
 def _elements_of_ideas(path: Path) -> Counter[str]:
-    """Numbers of elements in an I-DEAS file by name, from datasets 2412 and the older 780."""
+    """Count the elements in an I-DEAS file by name, in datasets 2412 and the older 780."""
     counts: Counter[str] = Counter()
     text = path.read_text(errors="replace")
     for dataset in re.split(r"^ {4}-1\s*$", text, flags=re.MULTILINE):
@@ -165,7 +167,7 @@ def _elements_of_ideas(path: Path) -> Counter[str]:
 
 
 def _read_by_meshio(path: Path) -> ForeignMesh:
-    """Contents of a file of a format that meshio reads."""
+    """Read the contents of a file by meshio, or by Gmsh if meshio fails on a Gmsh mesh."""
     try:
         with interrupt_kept(), printing_kept() as printed:
             _require_files(path)
@@ -192,7 +194,7 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
 
 
 def _is_gmsh(path: Path) -> bool:
-    """True of a Gmsh mesh, which Gmsh reads without running it as a model."""
+    """Whether a file is a Gmsh mesh, which Gmsh does not execute as a model."""
     if path.suffix != ".msh":
         return False
     with open(path, "rb") as file:
@@ -200,7 +202,7 @@ def _is_gmsh(path: Path) -> bool:
 
 
 def _hint(path: Path) -> str:
-    """End of a message: another kind of file that this may be."""
+    """End of a message that names another kind of file, if this may be one; else empty."""
     try:
         with open(path, encoding="ascii") as file:
             lines = [line for line in islice(file, 100) if not line.startswith("**")]
@@ -212,14 +214,14 @@ def _hint(path: Path) -> str:
 
 
 def _require_files(path: Path) -> None:
-    """Refuse a mesh whose data are in a pipe, on which reading would block, or in a device.
+    """Refuse a mesh whose data are in a pipe or a device, whose reading may never end.
 
-    HDF5 files must not lead to such a file either, nor claim more data than they have.
+    HDF5 files must not refer to such a file, and must not declare more data than they contain.
 
     Raises
     ------
     MeshError
-        The message names the file.
+        If a file is refused; the message names it.
     """
     others = []
     if path.suffix.lower() in (".xdmf", ".xmf"):
@@ -242,6 +244,13 @@ def _require_files(path: Path) -> None:
 
 
 def _require_one_piece(path: Path, cells: np.ndarray) -> None:
+    """Refuse cells that form several solids without a common node.
+
+    Raises
+    ------
+    MeshError
+        If there are several; the message has their number.
+    """
     owners = np.repeat(np.arange(len(cells)), cells.shape[1])
     shape = len(cells), int(cells.max()) + 1
     holds = coo_matrix((np.ones(cells.size), (owners, cells.ravel())), shape=shape).tocsr()

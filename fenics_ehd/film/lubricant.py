@@ -580,16 +580,16 @@ class Lubricant:
         return self.viscosity_law.constant and self.density_law.constant
 
 
-def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lubricant:
-    """Make a lubricant from settings; a `viscosity` [Pa s] replaces the one in the settings.
+def make_lubricant(settings: OilSettings) -> Lubricant:
+    """Make a lubricant from settings.
 
     Raises
     ------
     SettingsError
         If settings contradict each other, or one is missing.
     """
-    viscosity = settings.viscosity if viscosity is None else viscosity
-    oil = _oil(settings, viscosity)
+    viscosity = settings.viscosity
+    oil = _oil(settings)
     temperature = None if settings.temperature <= NO_TEMPERATURE else settings.temperature
     if oil is None:
         density = settings.density
@@ -617,15 +617,17 @@ def make_lubricant(settings: OilSettings, viscosity: float | None = None) -> Lub
 LAWS_OF_TEMPERATURE: Mapping[str, Callable[..., TemperatureLaw]] = {"walther": Oil}
 
 
-def _oil(settings: OilSettings, viscosity: float) -> TemperatureLaw | None:
-    """Temperature law from settings; None if they have a `viscosity` [Pa s] instead."""
+def _oil(settings: OilSettings) -> TemperatureLaw | None:
+    """Temperature law from settings; None if they have a viscosity instead."""
     kinematic = settings.viscosity_40, settings.viscosity_100
     graded = settings.grade != NONE
-    if bool(viscosity) + graded + any(kinematic) != 1:
+    if bool(settings.viscosity) + graded + any(kinematic) != 1:
         raise SettingsError(
-            "give exactly one of: viscosity, grade, viscosity_40 with viscosity_100"
+            "give exactly one of: viscosity, grade, viscosity_40 with viscosity_100; their values "
+            f"are {settings.viscosity:g} Pa s, {settings.grade!r}, {kinematic[0]:g} and "
+            f"{kinematic[1]:g} mm2/s"
         )
-    if viscosity:
+    if settings.viscosity:
         return None
     properties = {"density_15": settings.density, "specific_heat": settings.specific_heat}
     law = LAWS_OF_TEMPERATURE[settings.temperature_law]

@@ -431,7 +431,7 @@ def _basis(
     mass = responses.mass[candidates, candidates] if by_frequency else None
     ordered = ranked(selection, stiffness, mass)
     chosen = without_round_off(ordered[:, :n_residual], stiffness)
-    dropped = dropped_patterns(responses, candidates, mass, ordered, n_residual)
+    dropped = dropped_patterns(responses, candidates, mass, ordered, n_residual, reductor.measure)
     weights = np.zeros((responses.count, a + chosen.shape[1]))
     weights[:a, :a] = np.eye(a)
     weights[a:, a:] = chosen
@@ -516,6 +516,7 @@ def dropped_patterns(
     mass: np.ndarray | None,
     combinations: np.ndarray,
     kept: int,
+    measure: np.ndarray,
 ) -> tuple[ModeRecord, ...]:
     """Inventory of the combinations of candidates that were not selected.
 
@@ -531,11 +532,13 @@ def dropped_patterns(
         All combinations in the order of `ranked`, shape (candidates, c).
     kept
         Number of the first combinations, which were selected.
+    measure
+        Orthonormal pressures over which flexibility is measured, shape (k, r).
     """
     rest = combinations[:, kept:]
     energy = np.einsum("ij,ij->j", rest, responses.stiffness[candidates, candidates] @ rest)
     inertia = np.zeros(len(energy)) if mass is None else np.einsum("ij,ij->j", rest, mass @ rest)
-    work = np.sum((responses.nodal_work[:, candidates] @ rest) ** 2, axis=0)
+    work = np.sum((measure.T @ (responses.nodal_work[:, candidates] @ rest)) ** 2, axis=0)
     records = []
     for e, i, w in zip(energy, inertia, work, strict=True):
         if not e > 0:

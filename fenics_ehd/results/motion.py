@@ -1,4 +1,4 @@
-"""Recorded motion of a mechanism: bodies, gaps and loads at any instant of a run."""
+"""Recorded motion of a mechanism: bodies, gaps and loads at the instants of a run."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from fenics_ehd.reduction.body import ReducedBody
 
 
 def between_steps(history: History, time: np.ndarray) -> History:
-    """A run at instants [s] within the recorded ones.
+    """Interpolate a run at instants within the recorded ones [s].
 
-    Coordinates are interpolated by cubics of values and rates, so that joints stay closed between
+    Coordinates are interpolated by cubics of values and rates, so that joints remain closed between
     two steps. All other quantities are interpolated by monotone cubics, or linearly if a value is
     unknown.
     """
@@ -37,7 +37,7 @@ def between_steps(history: History, time: np.ndarray) -> History:
 
 
 def nearest_steps(time: np.ndarray, count: int) -> np.ndarray:
-    """At most `count` steps, evenly spaced by their numbers."""
+    """Indices of at most `count` steps that are evenly spaced in time."""
     wanted = np.linspace(time[0], time[-1], count)
     return np.unique(np.abs(time[:, None] - wanted).argmin(axis=0))
 
@@ -55,11 +55,11 @@ class RecordedMotion:
     Attributes
     ----------
     time
-        Since the run's start, shape (t,) [s].
+        Times since the start of the run, shape (t,) [s].
     bodies
-        Bodies by name, the ground included.
+        Bodies by name, including the ground.
     system
-        The mechanism's coordinates.
+        Coordinates of the mechanism.
 
     Raises
     ------
@@ -86,8 +86,8 @@ class RecordedMotion:
         for name, (values, size) in expected.items():
             if values.shape[1] != size:
                 raise InputError(
-                    f"{FIELDS_NAME}: {values.shape[1]} values of {name} a step where its scene "
-                    f"and bodies have {size}: it is of another run"
+                    f"{FIELDS_NAME}: it has {values.shape[1]} values of {name} per step, but its "
+                    f"scene and bodies have {size}: it belongs to another run"
                 )
 
     def coordinates(self, body: str) -> np.ndarray:
@@ -119,7 +119,7 @@ class RecordedMotion:
         Returns
         -------
         coordinates, amplitudes : numpy.ndarray
-            shape (t, n), (t, r).
+            Coordinates, shape (t, n), and amplitudes, shape (t, r).
         """
         part = self.part(body)
         coordinates = self.coordinates(body)
@@ -189,7 +189,7 @@ class RecordedMotion:
         return forces, np.zeros(len(forces)) if angle is None else rates[:, angle]
 
     def _contact_forces(self, i: int) -> np.ndarray | float:
-        """Contact forces at the Gauss points of film i, shape (g, t) [N]; 0: it has no contact."""
+        """Contact forces at the Gauss points of film i, shape (g, t) [N]; 0 without contact."""
         joint = self._equations.contacts.joints[i]
         if joint is None:
             return 0.0
@@ -206,7 +206,7 @@ class RecordedMotion:
 
     @cached_property
     def observed(self) -> dict[str, np.ndarray]:
-        """Film thickness at Gauss points, then nodes of every film."""
+        """Film thickness by joint at the Gauss points, followed by the nodes, of its film [m]."""
         norm = StepNorm(self._equations)
         rows = [norm.film_gaps(norm.observe(state)) for state in self._states]
         names = [binding.name for binding in self.system.films]
@@ -216,8 +216,8 @@ class RecordedMotion:
     def orbits(self) -> dict[str, np.ndarray]:
         """Eccentricity of the journal in the deformed bore, by joint, shape (t, 2) [m].
 
-        It is in the frame of the bore's body, see `JointFilm.circle`. In a rigid bore it is the
-        eccentricity that the run recorded.
+        The eccentricity is in the frame of the bore's body, see `JointFilm.circle`. In a rigid bore
+        it is the recorded eccentricity.
         """
         return {
             binding.name: self.gaps[binding.name] @ binding.film.circle.T

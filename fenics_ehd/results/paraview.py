@@ -1,9 +1,9 @@
-"""ParaView series of a run: bodies and films in space over the time.
+"""ParaView series of a run: moving bodies and films in space.
 
-One file, ``run.pvd``, opens a multi-block file for each time, whose blocks are the bodies and the
-films of the mechanism: a flexible body as its whole part, displaced by the recorded elastic
-coordinates and residual patterns; any other body as lines from its origin to its points; a film on
-its bore with pressure, gap and fluid fraction.
+The file ``run.pvd`` opens a multi-block file for each time, whose blocks are the bodies and films
+of the mechanism. A flexible body is its complete part, displaced by the recorded elastic
+coordinates and residual patterns. Any other body is drawn as lines from its origin to its points. A
+film is drawn on its bore, with pressure, gap and fluid fraction.
 """
 
 from __future__ import annotations
@@ -33,29 +33,28 @@ from fenics_ehd.reduction.residual_completion import pattern_fields
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.motion import RecordedMotion, nearest_steps
 
-#: meshio's names of quadratic cells, by their number of nodes.
+#: Names of quadratic cells in meshio, by their number of nodes.
 CELL_NAMES = {20: "hexahedron20", 10: "tetra10"}
 
-#: Largest difference between bore rows of a basis and of its body, relative to the largest bore
-#: row.
+#: Largest difference between bore rows of a basis and of its body, over the largest bore row.
 AGREEMENT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class PartFields:
-    """The whole part on one rank, with matrices from recorded coordinates to its displacement.
+    """A complete part on one rank, with the displacement fields of its recorded coordinates.
 
     Attributes
     ----------
     nodes
-        shape (p, 3) [m].
+        Positions of the nodes, shape (p, 3) [m].
     cells
         Nodes of every cell in the order of VTK's quadratic hexahedron or tetrahedron, shape (c, 20
         or 10).
     basis
-        Displacements of unit elastic coordinates, shape (p, 3, n) [m].
+        Displacements for unit elastic coordinates, shape (p, 3, n) [m].
     patterns
-        Displacements of unit residual patterns (M4), shape (p, 3, r) [m/Pa]; r = 0 for other
+        Displacements for unit residual patterns (M4), shape (p, 3, r) [m/Pa]; r = 0 for other
         methods.
     """
 
@@ -75,16 +74,16 @@ def gather_part(structure: Structure, body: ReducedBody, columns: np.ndarray) ->
     Parameters
     ----------
     structure, body
-        The part and its reduction.
+        Structure of the part, and its reduced body.
     columns
-        The part-size basis, owned rows.
+        Basis of displacement fields of the complete part, owned rows, shape (owned dofs, n).
 
     Raises
     ------
     SettingsError
-        The structure holds no elements.
+        The structure has no elements.
     VerificationError
-        From `pattern_fields`.
+        Raised by `pattern_fields`.
     """
     if structure.recovery is None:
         raise SettingsError("the structure has no elements: displacement fields need them")
@@ -100,9 +99,9 @@ def gather_part(structure: Structure, body: ReducedBody, columns: np.ndarray) ->
 
 
 def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
-    """A part by its basis on disk; None if the basis belongs to another body.
+    """A complete part from its basis file; None if the basis belongs to another body.
 
-    Such a file does not contain residual patterns (M4): they move the bores' nodes only.
+    The file contains no residual patterns (M4), which then move only the nodes of the bores.
     """
     nodes = file.nodes
     moved = bore_fields(body)
@@ -112,7 +111,7 @@ def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
     basis = np.moveaxis(file.displacement(np.eye(file.modes)), 0, -1)
     rows = body.bore_basis
     at_bores = basis[bore]
-    # A mode has no sign of its own: two reductions of one part may choose different ones.
+    # The sign of a mode is arbitrary, and may differ between two reductions of a part.
     signs = np.where(np.einsum("mcn,mcn->n", rows, at_bores) < 0, -1.0, 1.0)
     if np.abs(signs * at_bores - rows).max(initial=0.0) > AGREEMENT * np.abs(rows).max(initial=0.0):
         return None
@@ -123,12 +122,12 @@ def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
 
 
 def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str, PartFields]:
-    """Whole parts of flexible bodies by name, from the files of their bases.
+    """Complete parts of flexible bodies by name, from their basis files.
 
     Raises
     ------
     SettingsError
-        A basis belongs to none of the bodies.
+        A basis belongs to none of the bodies; the message has their names.
     """
     reduced = {n: body.reduced for n, body in bodies.items() if body.reduced is not None}
     parts: dict[str, PartFields] = {}
@@ -138,39 +137,39 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
         fitting = {name: part for name, part in candidates.items() if part is not None}
         if not fitting:
             sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in reduced.items())
-            raise SettingsError(f"--basis {path}: not that of a flexible body ({sizes or 'none'})")
+            raise SettingsError(f"--basis {path}: it fits no flexible body ({sizes or 'none'})")
         parts |= fitting
     return parts
 
 
-#: Names of fields in a file, which ParaView shows at first.
+#: Names of the fields that ParaView shows first.
 DISPLACEMENT = "displacement_m"
 PRESSURE = "pressure_Pa"
 
-#: meshio's names of a film's cells by family, and the permutation of their nodes to VTK's order.
+#: Names of a film's cells in meshio by family, and the order of their nodes in VTK.
 FILM_CELLS = {
     "bilinear": ("quad", [0, 1, 3, 2]),
     "serendipity": ("quad8", [0, 1, 3, 2, 4, 6, 7, 5]),
     "lagrange": ("quad9", [0, 1, 3, 2, 4, 6, 7, 5, 8]),
 }
 
-#: Largest distance between a node of a part and the pressure node it is identified with, over the
-#: bore's radius.
+#: Largest distance between a node of a part and the pressure node at its position, over the bore's
+#: radius.
 _SAME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One body or film in the series.
+    """One body or film of a series.
 
     Attributes
     ----------
     group, name
-        Group ``bodies`` or ``films``, and name of the body or film.
+        Group, ``bodies`` or ``films``, and name of the body or film.
     kind, cells
-        meshio's name of its cells, and their nodes.
+        Name of its cells in meshio, and nodes of the cells.
     points, displacement
-        Positions at all instants, and elastic displacements, shape (t, p, 3) [m].
+        Positions at all instants, and elastic displacements, each of shape (t, p, 3) [m].
     fields
         Scalar fields by name, shape (t, p).
     """
@@ -187,7 +186,7 @@ class Block:
 def moved_along(
     poses: np.ndarray, points: np.ndarray, displacement: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points (p, 3) of a frame and displacements (t, p, 3) there in space, shapes (t, p, 3) [m].
+    """Points (p, 3) and displacements (t, p, 3) of a moving frame, in space, shapes (t, p, 3) [m].
 
     Parameters
     ----------
@@ -200,7 +199,7 @@ def moved_along(
 
 
 def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
-    """A flexible body by the nodes of its part, with the films' pressure on its bores."""
+    """Block of a flexible body: the nodes of its part, and the film pressure on its bores."""
     body = replay.part(name)
     distance, nearest = cKDTree(body.positions(of_pressures=True)).query(part.nodes)
     on_bore = distance < _SAME * min(bore.radius for bore in body.bores.values())
@@ -213,7 +212,7 @@ def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
 
 
 def line_block(replay: RecordedMotion, name: str) -> Block:
-    """A body as lines from its origin to its points, or a shaft as a line from end to end."""
+    """Block of another body: lines from its origin to its points, or along a shaft."""
     body = replay.bodies[name]
     coordinates = replay.coordinates(name)
     points = ["", *body.point_names]
@@ -239,7 +238,7 @@ def line_block(replay: RecordedMotion, name: str) -> Block:
 
 
 def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -> Block:
-    """A film on its bore, which moves and bends with its body."""
+    """Block of a film on its bore, which moves and deforms with its body."""
     kind, order = FILM_CELLS[film.family]
     angle = np.asarray(film.angle)
     height = np.asarray(film.height)
@@ -262,7 +261,7 @@ def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -
 def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     """Height of a point of a body [m]: 0, or for a shaft the distance from its first end.
 
-    A shaft in a bore of known height has this height there.
+    The heights of a shaft in a bore of known height are shifted to agree with it.
     """
     body = replay.bodies[name]
     if not isinstance(body, ShaftBody):
@@ -276,7 +275,7 @@ def height_at(replay: RecordedMotion, name: str, point: str) -> float:
     return start + length * body.points.get(point, 0.0)
 
 
-#: File in the folder of a series that ParaView opens.
+#: Name of the file in a series that ParaView opens.
 SERIES = "run.pvd"
 
 
@@ -287,23 +286,23 @@ def write_run(
     directory: Path,
     frames: int,
 ) -> Path:
-    """Write recorded steps of a run, evenly spread, as a series.
+    """Write steps of a run, evenly spaced in time, as a ParaView series.
 
     Parameters
     ----------
     mechanism, result
         Mechanism and history of the run, with nodal fields.
     parts
-        Whole parts of flexible bodies by name; bodies without a part are drawn as lines.
+        Complete parts of flexible bodies by name; bodies without a part are drawn as lines.
     directory
         Folder of the files.
     frames
-        Largest number of steps.
+        Largest number of steps to write.
 
     Returns
     -------
     Path
-        See `write_series`.
+        Path of ``run.pvd``, see `write_series`.
     """
     chosen = nearest_steps(result.time, frames)
     shown = result.each(lambda values: values[chosen])
@@ -324,17 +323,17 @@ def write_series(directory: Path, times: np.ndarray, blocks: Sequence[Block]) ->
     directory
         Folder of the files.
     times
-        shape (t,) [s].
+        Times of the instants, shape (t,) [s].
     blocks
-        Bodies and films.
+        Bodies and films at these instants.
 
     Returns
     -------
     Path
-        ``run.pvd``, times in seconds. Points move with the bodies. ``displacement_m`` is the
-        elastic motion, for ParaView's filter "Warp By Vector". ``pressure_Pa`` is the pressure of
-        films, on nodes of the films and on whole parts, where it is zero outside of bores.
-        ``gap_m`` is the film thickness.
+        Path of ``run.pvd``, which has times in seconds. Points move with the bodies.
+        ``displacement_m`` is the elastic displacement, for ParaView's filter "Warp By Vector".
+        ``pressure_Pa`` is the film pressure, on films and on complete parts, where it is zero
+        outside of bores. ``gap_m`` is the film thickness.
     """
     frames = [(f"run_{i:04d}.vtm", float(time)) for i, time in enumerate(times)]
     files = [
@@ -360,14 +359,14 @@ def _write_block(path: Path, block: Block, instant: int) -> None:
     data = {DISPLACEMENT: block.displacement[instant]}
     data |= {name: np.asarray(values[instant]) for name, values in block.fields.items()}
     meshio.Mesh(block.points[instant], [(block.kind, block.cells)], point_data=data).write(path)
-    # The fields that ParaView shows at first, which meshio does not name.
+    # ParaView shows these fields first; meshio does not write their names.
     scalars = f' Scalars="{PRESSURE}"' if PRESSURE in block.fields else ""
     named = f'<PointData{scalars} Vectors="{DISPLACEMENT}">'.encode()
     path.write_bytes(path.read_bytes().replace(b"<PointData>", named, 1))
 
 
 def _multi_block(groups: Mapping[str, Sequence[tuple[str, str]]]) -> str:
-    """Files by the name of their block, in groups."""
+    """Multi-block file: paths of the files by the name of their block, in groups."""
     lines = ["  <vtkMultiBlockDataSet>"]
     for number, (group, members) in enumerate(groups.items()):
         lines.append(f'    <Block index="{number}" name={quoteattr(group)}>')
