@@ -100,13 +100,14 @@ def chosen(scene: ehd.Scene, accuracy: float) -> tuple[ehd.Scene, dict[str, Any]
     asked = changed(scene, {"output.accuracy": accuracy, "output.error_budget": True})
     pilot, search = start_search(stored(asked))
     with TemporaryDirectory() as folder:
-        built = ehd.build(pilot)
+        built = ehd.build(pilot, cache=False)
         last, _, summary = run_accurately(
             pilot,
             built,
             Path(folder),
             search,
             interval=1e9,
+            cache=False,
         )
     return last, summary
 

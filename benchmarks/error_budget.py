@@ -376,7 +376,7 @@ class References:
             if isinstance(part, schema.FlexibleSettings)
         }
         known = {name: self._bodies[key] for name, key in parts.items() if key in self._bodies}
-        built = ehd.build(scene, bodies=known)
+        built = ehd.build(scene, bodies=known, cache=False)
         time = scene.time
         self._bodies |= {parts[name]: body for name, body in built.bodies.items()}
         run = Run(built.mechanism, built.steps, scene.span)

@@ -255,7 +255,7 @@ def solved(
     key = f"{name} {cells} {tolerance}"
     if key not in SOLVED:
         scene = ehd.read_scene(name, **changes, **own)
-        machine = ehd.build(scene, bodies=BODIES.get(name))
+        machine = ehd.build(scene, bodies=BODIES.get(name), cache=False)
         BODIES[name] = machine.bodies
         SOLVED[key] = ehd.simulate(machine.mechanism, **machine.options)
         print(f"  ({key}: {len(SOLVED[key])} steps)", flush=True)

@@ -76,9 +76,9 @@ def main() -> None:
     if given.tolerance:
         changes = changes | {"time.tolerance": given.tolerance}
     scene = ehd.read_scene(given.scene, **changes)
-    bodies = ehd.build(scene).bodies
-    every = scene_sensitivity(scene, of, to, bodies=bodies, finer=True)
-    plain = scene_sensitivity(scene, of, to, bodies=bodies)
+    bodies = ehd.build(scene, cache=False).bodies
+    every = scene_sensitivity(scene, of, to, bodies=bodies, finer=True, cache=False)
+    plain = scene_sensitivity(scene, of, to, bodies=bodies, cache=False)
     print(
         "| quantity | along | same steps, 1 % | same steps, 0.1 % | finer film, 1 % | own steps |"
         "\n|---|---|---|---|---|---|"
@@ -90,7 +90,9 @@ def main() -> None:
         clock = process_time()
         names = [f"{objective.joint}.{objective.name}" for objective in every.objectives]
         above, below = (
-            scene_sensitivity(along.change(scene, share), names, [], bodies=bodies).values
+            scene_sensitivity(
+                along.change(scene, share), names, [], bodies=bodies, cache=False
+            ).values
             for share in (SHARE, -SHARE)
         )
         spent += process_time() - clock

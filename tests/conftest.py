@@ -7,6 +7,8 @@ import os
 # As the command line does, before numpy is imported: results to the last bit depend on it.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+# Parts are reduced, in this process and in those that tests start; `test_kept_bodies` has caches.
+os.environ["FENICS_EHD_CACHE"] = "off"
 # Processes of pytest-xdist inherit what MPI set for the one that starts them: no mpirun would
 # start from there.
 if "PYTEST_XDIST_WORKER" in os.environ:

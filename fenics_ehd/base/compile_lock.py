@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from fenics_ehd.base.errors import CompilationError
-from fenics_ehd.base.files import lock_taken
+from fenics_ehd.base.files import lock_taken, user_cache
 from fenics_ehd.base.printed import escaped
 
 #: Waiting time after which a notice names the process that compiles [s].
@@ -35,13 +35,8 @@ LONGEST = 300
 
 
 def forms_folder() -> Path:
-    """Folder in the user's cache for compiled forms of this package only.
-
-    A relative path in ``XDG_CACHE_HOME`` is ignored, as its specification demands: with it,
-    libraries would be loaded from the current folder.
-    """
-    cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (cache if cache.is_absolute() else Path.home() / ".cache") / "fenics" / "fenics_ehd"
+    """Folder in the user's cache for compiled forms of this package only."""
+    return user_cache() / "fenics" / "fenics_ehd"
 
 
 def is_compiled(source: Path) -> bool:

@@ -87,6 +87,21 @@ def _finite(text: str) -> float:
     return value
 
 
+def user_cache() -> Path:
+    """Folder of the user's caches.
+
+    A relative path in ``XDG_CACHE_HOME`` is ignored, as its specification demands: with it, files
+    would be read from the current folder.
+    """
+    cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return cache if cache.is_absolute() else Path.home() / ".cache"
+
+
+#: Environment variable with the path of the folder of reduced bodies, or with `CACHE_OFF`, and the
+#: value with which no bodies are kept; see `fenics_ehd.scenes.kept_bodies`.
+CACHE_VARIABLE = "FENICS_EHD_CACHE"
+CACHE_OFF = "off"
+
 #: Space on the disk that is reserved for the metadata of an HDF5 file [bytes].
 BOOKKEEPING = 1 << 18
 

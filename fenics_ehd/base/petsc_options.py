@@ -16,6 +16,16 @@ if TYPE_CHECKING:
     from slepc4py import SLEPc
 
 
+#: Options that `fenics_ehd.base.petsc_start` sets.
+OWN_OPTIONS = ("no_signal_handler", "skip_petscrc")
+
+
+def options_of_user() -> dict[str, str]:
+    """Options in PETSc's database that the user has set, by name."""
+    options = PETSc.Options().getAll()
+    return {name: str(value) for name, value in options.items() if name not in OWN_OPTIONS}
+
+
 @contextmanager
 def configured(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]

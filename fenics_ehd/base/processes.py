@@ -141,18 +141,46 @@ def one_blas_thread() -> Iterator[None]:
 
 def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
     """Functions that set and return the number of threads of every loaded OpenBLAS."""
-    try:
-        lines = Path("/proc/self/maps").read_text().splitlines()
-    except OSError:
-        return []
-    paths = {line.partition("/")[2] for line in lines if "blas" in line.rpartition("/")[2]}
     functions = []
-    for path in sorted(paths):
-        library = ctypes.CDLL(f"/{path}")
+    for library in map(ctypes.CDLL, _loaded("blas")):
         for write, read in THREAD_FUNCTIONS:
             if hasattr(library, write):
                 functions.append((getattr(library, write), getattr(library, read)))
     return functions
+
+
+def _loaded(*words: str) -> list[str]:
+    """Paths of loaded libraries whose names have one of some words, sorted."""
+    try:
+        lines = Path("/proc/self/maps").read_text().splitlines()
+    except OSError:
+        return []
+    paths = {f"/{line.partition('/')[2]}" for line in lines if "/" in line}
+    return sorted(path for path in paths if any(word in Path(path).name for word in words))
+
+
+#: Parts of the names of libraries of linear algebra that this program always loads.
+LINEAR_ALGEBRA = ("blas", "lapack", "mkl_", "dmumps", "petsc", "slepc")
+
+
+def blas_kernels() -> list[str]:
+    """Loaded libraries of linear algebra; of an OpenBLAS its version, kernel and threads, too.
+
+    The last bits of all results depend on them.
+    """
+    paths = [path for path in _loaded(*LINEAR_ALGEBRA) if Path(path).name.startswith("lib")]
+    kernels = {text for path in paths for text in _kernels(ctypes.CDLL(path))}
+    return [*sorted({Path(path).name for path in paths}), *sorted(kernels)]
+
+
+def _kernels(library: ctypes.CDLL) -> Iterator[str]:
+    """Version, kernel and number of threads of an OpenBLAS, on which a library may depend."""
+    for _, read in THREAD_FUNCTIONS:
+        configuration = read.replace("get_num_threads", "get_config")
+        if hasattr(library, configuration):
+            describe = getattr(library, configuration)
+            describe.restype = ctypes.c_char_p
+            yield f"{describe().decode()} threads={getattr(library, read)()}"
 
 
 def _end_with_parent() -> None:

@@ -21,14 +21,25 @@ import click
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.base.files import versions
 from fenics_ehd.base.libraries import library_fault, origin
+from fenics_ehd.base.needs import Needs
 from fenics_ehd.base.processes import without_launcher
-from fenics_ehd.cli.options import answer, echo, json_option
+from fenics_ehd.cli.options import aligned, answer, echo, json_option, option
 
 
 @click.command()
+@click.option("--cache", is_flag=True, help="List the reduced bodies in the cache instead.")
+@option(
+    "--clear",
+    is_flag=True,
+    help="Remove all reduced bodies from the cache.",
+    needs=(Needs(("cache",)),),
+)
 @json_option
-def info(as_json: bool) -> None:
+def info(cache: bool, clear: bool, as_json: bool) -> None:
     """Show versions of libraries and the paths of the Gmsh models."""
+    if cache:
+        _cache(clear, as_json)
+        return
     from importlib import resources
 
     facts = {**versions(installed=True), "package": str(resources.files("fenics_ehd"))}
@@ -45,8 +56,50 @@ def info(as_json: bool) -> None:
         raise VerificationError(fault)
 
 
+def _cache(clear: bool, as_json: bool) -> None:
+    """List the reduced bodies in the cache, or remove all."""
+    from fenics_ehd.scenes import kept_bodies
+
+    path = kept_bodies.folder()
+    entries = [] if path is None else kept_bodies.stored(path)
+    size = sum(entry.size for entry in entries)
+    facts: dict[str, object] = {"folder": path and str(path), "size_bytes": size}
+    facts |= {"largest_size_bytes": kept_bodies.LARGEST_SIZE, "removed": len(entries) * clear}
+    if path is None:
+        answer(facts | {"bodies": []}, "no folder of reduced bodies is used", as_json)
+        return
+    if clear:
+        for entry in entries:
+            entry.remove()
+        text = f"reduced bodies removed from {path}: {len(entries)}, with {_megabytes(size)}"
+        answer(facts | {"bodies": []}, text, as_json)
+        return
+    bodies = [kept_bodies.described(entry) for entry in entries]
+    most = _megabytes(kept_bodies.LARGEST_SIZE)
+    head = f"reduced bodies in {path}: {len(bodies)}, with {_megabytes(size)} of at most {most}"
+    rows = [
+        [
+            str(body["used"]),
+            _megabytes(entry.size),
+            f"{body['method']}, {body['modes']} modes",
+            str(body["model"]),
+            f"reduced in {body['reduction_time_s']:.1f} s",
+        ]
+        for entry, body in zip(entries, bodies, strict=True)
+    ]
+    lines = aligned(rows, words=(0, 2, 3, 4), indent="  ") if rows else []
+    answer(facts | {"bodies": bodies}, "\n".join([head, *lines]), as_json)
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / (1 << 20):.1f} MB"
+
+
 #: Arguments of the test reduction: it takes a second and gives the same on any number of ranks.
-REDUCE = ("reduce", "conrod", "--method", "m1", "--modes", "4", "--no-estimate-error", "--json")
+REDUCE = (
+    "reduce", "conrod", "--method", "m1", "--modes", "4", "--no-estimate-error", "--no-cache",
+    "--json",
+)  # fmt: skip
 
 #: Timeout of the reduction in child processes [s], in case the ranks wait for each other.
 PATIENCE = 300

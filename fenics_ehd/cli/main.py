@@ -38,6 +38,7 @@ with ending_signals_raise():
         echo,
         flag,
         json_option,
+        no_cache_option,
         option,
         output_option,
         setting_options,
@@ -134,6 +135,7 @@ def cli() -> None:
     "Also compute the largest Floquet multiplier of a periodic solution, its stability margin; "
     "this takes 4 to 14 more cycles.",
 )
+@no_cache_option
 @json_option
 def run(
     scene: str | None,
@@ -196,6 +198,7 @@ def run(
     type=click.Choice(["npz"]),
     help="Also export the body to a NumPy file, next to the HDF5 file.",
 )
+@no_cache_option
 @json_option
 def reduce(**options: Any) -> None:
     """Reduce PART to a few modes; also runs under mpirun.

@@ -6,6 +6,7 @@ Imports inside functions: ``--help`` must work without the modules of commands, 
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -16,7 +17,7 @@ import click
 
 from fenics_ehd.base.compile_lock import forms_folder
 from fenics_ehd.base.errors import SettingsError, VerificationError
-from fenics_ehd.base.files import to_json
+from fenics_ehd.base.files import CACHE_OFF, CACHE_VARIABLE, to_json
 from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, Needs, Setting, missing_need, no_effect
 from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.settings import declared
@@ -33,12 +34,18 @@ def warn_of(lines: Iterable[str]) -> None:
     _say(f"fenics-ehd: warning: {line}" for line in lines)
 
 
-def say_reducing(names: Iterable[str]) -> None:
-    """Print names of bodies before their reduction, and a note if forms must be compiled first."""
-    listed = ", ".join(names)
+def say_reducing(reduced: Iterable[str], read: Iterable[str]) -> None:
+    """Print names of bodies to reduce, and of those read from the cache, in one line.
+
+    A note is added if forms must be compiled first.
+    """
+    listed = ", ".join(reduced)
     compiled = any(forms_folder().glob("libffcx_forms_*.so"))
     once = "" if compiled else " (forms are compiled once, in about half a minute)"
-    _say([f"reducing {listed}{once}"] if listed else [])
+    texts = [f"reducing {listed}{once}"] if listed else []
+    if kept := ", ".join(read):
+        texts.append(f"reading {kept} from the cache (--no-cache reduces anew)")
+    _say(["; ".join(texts)] if texts else [])
 
 
 def _say(lines: Iterable[str]) -> None:
@@ -219,6 +226,31 @@ def _setting_option(
         needs=needs,
     )
 
+
+def _without_cache(context: click.Context, _option: click.Parameter, chosen: bool) -> None:
+    """Switch the cache off for a command and the processes that it starts."""
+    if not chosen:
+        return
+    former = os.environ.get(CACHE_VARIABLE)
+    os.environ[CACHE_VARIABLE] = CACHE_OFF
+
+    def restore() -> None:
+        os.environ.pop(CACHE_VARIABLE)
+        if former is not None:
+            os.environ[CACHE_VARIABLE] = former
+
+    context.call_on_close(restore)
+
+
+#: Option ``--no-cache`` of commands that reduce parts.
+no_cache_option = click.option(
+    "--no-cache",
+    is_flag=True,
+    expose_value=False,
+    callback=_without_cache,
+    help="Reduce all parts anew: neither read nor keep reduced bodies in the cache, which "
+    "'info --cache' lists.",
+)
 
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print results as JSON, and nothing else, on stdout."

@@ -22,6 +22,7 @@ from fenics_ehd.cli.options import (
     echo,
     flag,
     json_option,
+    no_cache_option,
     output_option,
     warn_of,
 )
@@ -215,6 +216,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     type=click.Path(exists=True, dir_okay=False),
     help="Allow this .geo model of the run, which is a program, to be executed. Repeatable.",
 )
+@no_cache_option
 @json_option
 def stress(
     directory: str,
@@ -226,10 +228,10 @@ def stress(
 ) -> None:
     """Compute stresses of flexible bodies over the last cycle of a run.
 
-    DIRECTORY holds a complete run. The parts are meshed and reduced again. The command writes
-    stress.json and vtk/BODY_stress.vtu. They contain the half-range of the stress tensor with the
-    largest von Mises stress over all pairs of instants, the mean stress of that pair, and the
-    largest principal stress.
+    DIRECTORY holds a complete run. The parts are meshed again, and reduced again if their bodies
+    are not in the cache. The command writes stress.json and vtk/BODY_stress.vtu. They contain the
+    half-range of the stress tensor with the largest von Mises stress over all pairs of instants,
+    the mean stress of that pair, and the largest principal stress.
     """
     from mpi4py import MPI
 

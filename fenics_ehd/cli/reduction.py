@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Collection, Mapping
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from fenics_ehd.reduction.body import (
     save_body,
 )
 from fenics_ehd.reduction.part_files import BASIS_KIND, save_basis
-from fenics_ehd.scenes.part import ReducedPart, elastic_part
+from fenics_ehd.scenes.part import elastic_part, kept_entry
 from fenics_ehd.scenes.scene import Scene, changed, input_files, meshed, read_scene
 
 #: Scenes by the names of shipped models, which `reduce` accepts without a scene.
@@ -63,22 +64,32 @@ def reduce_part(
     settings = machine.bodies[name]
     warn_of(unusual(settings, key))
     require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
-    say_reducing([name])
     element = machine.film_element(name)
     edges = machine.film_edges(name)
-    elastic = elastic_part(settings, f"bodies.{name}", element, MPI.COMM_WORLD, edges)
-    rod = elastic.reduce(mesh_error=True)
-    body = rod.body
+    comm = MPI.COMM_WORLD
+    start = perf_counter()
+    entry = kept_entry(settings, f"bodies.{name}", element, edges, comm, mesh_error=True)
+    body = entry.body()
+    say_reducing([name] if body is None else [], [] if body is None else [name])
+    rod = None
+    if body is None or basis_path:
+        elastic = elastic_part(settings, f"bodies.{name}", element, comm, edges, entry)
+        start = perf_counter()
+        rod = elastic.reduce(mesh_error=True)
+        body = rod.body
+    seconds = perf_counter() - start
     # Other processes may have written files since the first check.
     _require_outputs(outputs, inputs)
-    if basis_path:
-        _in_place(basis_path, lambda: save_basis(basis_path, rod.structure, rod.columns))
+    if basis_path and rod is not None:
+        write_basis = partial(save_basis, basis_path, rod.structure, rod.columns)
+        _in_place(basis_path, write_basis)
     if MPI.COMM_WORLD.rank:
         return
     _in_place(path, lambda: save_body(body, path))
     for target in targets.values():
         _in_place(target, partial(export_npz, body, target))
-    summary = reduction_summary(rod, path, basis_path) | {"part": part, "exports": targets}
+    summary = reduction_summary(body, seconds) | {"file": path, "basis_file": basis_path}
+    summary |= {"versions": versions(), "part": part, "exports": targets}
     answer(summary, report(body, summary), as_json)
 
 
@@ -132,9 +143,11 @@ def _in_place(path: str, write: Any) -> None:
         write()
 
 
-def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> dict[str, object]:
-    """Settings and results of a reduction, for JSON and the printed table."""
-    body = rod.body
+def reduction_summary(body: ReducedBody, seconds: float) -> dict[str, object]:
+    """Settings and results of a reduction, for JSON and the printed table.
+
+    `seconds` is the time spent now, on the reduction or on reading the body from the cache [s].
+    """
     inertia = body.inertia
     return {
         # Settings come first, so that results replace settings of the same key.
@@ -151,10 +164,7 @@ def reduction_summary(rod: ReducedPart, path: str, basis_path: str | None) -> di
         "participation": [r.participation for r in body.inventory if not r.dropped][: body.modes],
         "dropped_modes": sum(bool(r.dropped) for r in body.inventory),
         "residual_patterns": body.residual.rank if body.residual else 0,
-        "reduction_time_s": rod.seconds,
-        "file": path,
-        "basis_file": basis_path,
-        "versions": versions(),
+        "reduction_time_s": seconds,
     }
 
 

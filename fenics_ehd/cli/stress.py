@@ -74,10 +74,9 @@ def cycle_stresses(
     bodies, skipped = _bodies(scene, run, folder, chosen)
     _require_models(scene, bodies, programs)
     instants = instants_of(scene, answer)
-    say_reducing(bodies)
     by_body = {}
     for body in bodies:
-        part = remade_part(scene, body, run.part(body), programs)
+        part = remade_part(scene, body, run.part(body), programs, say_reducing)
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
         loads = run.loads(body) if complete else None
         result = cycle_stress(part.structure, part.body, part.columns, *motion, loads)

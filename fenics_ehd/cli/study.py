@@ -23,7 +23,9 @@ from fenics_ehd.cli.options import (
     echo,
     flag,
     json_option,
+    no_cache_option,
     output_option,
+    say_reducing,
     warn_of,
     workers_option,
 )
@@ -102,6 +104,7 @@ SHOWN = (
     "--report/--no-report", default=True, show_default=True, help="Write the report at the end."
 )
 @flag("--overwrite", "Discard former results, and run all cases.")
+@no_cache_option
 @json_option
 def study(
     scene: str,
@@ -168,6 +171,7 @@ SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f")
 @flag("--keep", "Keep the history and summary of each case in the folders runs/0001 ...")
 @flag("--resume", "Continue the sweep in the folder; fail if the folder has no sweep.")
 @flag("--overwrite", "Discard the rows in the folder, and run all cases.")
+@no_cache_option
 @json_option
 def sweep(
     scene: str,
@@ -246,6 +250,7 @@ METHODS = "differences in the same steps", "differences in the same steps, reduc
     help="Whether derivatives are also computed on finer films, to print how much they change; "
     "this takes most of the time.",
 )
+@no_cache_option
 @json_option
 def sensitivity(
     scene: str, quantities: tuple[str, ...], keys: tuple[str, ...], finer: bool, as_json: bool
@@ -260,7 +265,7 @@ def sensitivity(
 
     settings = as_stored(scene)
     names = [_with_joint(name, tuple(settings.films)) for name in quantities]
-    result = scene_sensitivity(settings, names, keys, finer=finer)
+    result = scene_sensitivity(settings, names, keys, finer=finer, announce=say_reducing)
     answer(_document(scene, result), _table(scene, result), as_json)
 
 

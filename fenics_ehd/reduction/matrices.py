@@ -565,6 +565,11 @@ class MassOperator:
         self.matrix.setUp()
         destroy_with(self, self.matrix, self._nodal, *context.vectors)
 
+    def free_matrix(self) -> None:
+        """Free the memory of M if its products need only m; M must not be used afterwards."""
+        if self._nodal is not None:
+            self._mass.destroy()
+
     def multiply(self, columns: np.ndarray) -> np.ndarray:
         """Product ``M @ columns``, rows of this rank, shape (owned dofs, k)."""
         rows, k = columns.shape

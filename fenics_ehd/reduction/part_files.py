@@ -495,6 +495,11 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         return self._array("nodes")
 
     @property
+    def basis(self) -> np.ndarray:
+        """Displacements of all nodes due to unit modal coordinates, shape (nodes, 3, n) [m]."""
+        return self._array("basis")
+
+    @property
     def cells(self) -> np.ndarray:
         """Node numbers of every cell in VTK's order, shape (cells, 20 or 10); empty if unknown."""
         return self._array("cells")

@@ -377,6 +377,13 @@ class Reductor:
         level = self.family.last if self._every_pressure else 0
         return self.family_responses().up_to(level)
 
+    def forget(self) -> None:
+        """Free the factors and all intermediate results, which are computed again if needed."""
+        for name in ("static", "vibration"):
+            self.__dict__.pop(name, None)
+        self._family_responses = None
+        self._kept.clear()
+
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
         """Return the stored result of a name and key, or compute it with `make` and store it.
 

@@ -176,6 +176,8 @@ class LinearSolver:
         Whether the null space of the matrix is the span of `near_kernel`.
     options_prefix
         Prefix of the PETSc options of the KSP.
+    on_disk
+        Whether factors are stored in temporary files.
 
     Raises
     ------
@@ -191,6 +193,7 @@ class LinearSolver:
         near_kernel: np.ndarray,
         kernel: bool,
         options_prefix: str,
+        on_disk: bool = False,
     ):
         self._comm = matrix.comm
         if not direct and near_kernel.shape[1]:
@@ -199,7 +202,7 @@ class LinearSolver:
         ksp.setOperators(matrix)
         destroy_with(self, ksp)
         options = DIRECT_OPTIONS if direct else ITERATIVE_OPTIONS
-        if direct and matrix.size[0] > IN_CORE_LIMIT:
+        if direct and on_disk:
             options = DIRECT_OPTIONS | OUT_OF_CORE
         try:
             with configured(ksp, options_prefix, options), _factors_on_disk():
@@ -382,6 +385,9 @@ class StaticSolver:
     clamped
         Global numbers of nodes to hold, the same on every rank; None for no such nodes. With held
         nodes the flexibility is that of ``K_ii`` of (21), without rigid-body modes.
+    once
+        Whether the structure serves this solver only, and for few solves: its mass matrix is then
+        freed, and factors are stored on disk. Less than two thirds of the memory is needed.
 
     Attributes
     ----------
@@ -406,6 +412,7 @@ class StaticSolver:
         options_prefix: str = "static_",
         mass: MassOperator | None = None,
         clamped: np.ndarray | None = None,
+        once: bool = False,
     ):
         self.structure = structure
         self.mass = mass or MassOperator(structure.mass)
@@ -425,6 +432,8 @@ class StaticSolver:
         self._held = held - first
         self._clamped = self._held[: 0 if clamped is None else None]
         self._mass_rigid = self.mass.multiply(self.rigid_modes)
+        if once:
+            self.mass.free_matrix()
         matrix.zeroRowsColumns(held, diag=mean_diagonal(structure.stiffness))
         self.linear = LinearSolver(
             matrix,
@@ -432,6 +441,7 @@ class StaticSolver:
             near_kernel=rigid_fields(structure.coordinates),
             kernel=self.rigid_modes.shape[1] > 0,
             options_prefix=options_prefix,
+            on_disk=once or structure.size > IN_CORE_LIMIT,
         )
         if direct:
             matrix.destroy()

@@ -1,7 +1,7 @@
 """The mechanism of a scene, built in one pass.
 
 1. Files and tables are read (`fenics_ehd.scenes.inputs`), and the period of the loads is checked.
-2. Elastic parts are meshed.
+2. Elastic parts are meshed, unless their reduced bodies are kept (`fenics_ehd.scenes.kept_bodies`).
 3. Joints and films are made in the bores of the parts.
 4. The mechanism is assembled with rigid parts (`fenics_ehd.scenes.start`).
 5. Parts are reduced, which takes longest.
@@ -16,7 +16,7 @@ not need.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import radians
 from time import perf_counter
@@ -38,11 +38,11 @@ from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.films import lubricated_joint, reference_rate
 from fenics_ehd.scenes.inputs import Inputs, gravity, read_inputs
-from fenics_ehd.scenes.scene import Scene, flexible, meshed
+from fenics_ehd.scenes.scene import Scene, flexible
 from fenics_ehd.scenes.start import assembled_bodies
 
 if TYPE_CHECKING:
-    from fenics_ehd.scenes.part import ElasticPart, ReducedPart
+    from fenics_ehd.scenes.part import Announce, ElasticPart, ReducedPart
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +54,11 @@ class Machine:
     mechanism
         Bodies, joints, drives and forces.
     bodies
-        Reduced bodies by body name, from reductions and from files.
+        Reduced bodies by body name, from reductions, from the cache and from files.
     reduced
-        Parts that were reduced here, with their meshes and bases of displacement fields.
+        Parts that were meshed here, with their meshes and bases of displacement fields.
     seconds
-        Duration of meshing and reduction [s].
+        Time spent on meshes, reductions and the cache [s].
     end, period
         End of the run, or period of its cycle [s]; the other one is None.
     steps
@@ -85,9 +85,13 @@ def build(
     comm: MPI.Comm = MPI.COMM_SELF,
     *,
     bodies: Mapping[str, ReducedBody] | None = None,
-    announce: Callable[[Iterable[str]], None] | None = None,
+    announce: Announce | None = None,
+    cache: bool = True,
 ) -> Machine:
     """Make the mechanism of a scene, whose parts are meshed and reduced; collective.
+
+    A part whose reduced body is in the user's cache is neither meshed nor reduced, unless the scene
+    has ``output.paraview``, which needs the mesh.
 
     Parameters
     ----------
@@ -100,8 +104,10 @@ def build(
         Reduced bodies by body name that are used in place of models and files, for instance those
         of a run that is resumed.
     announce
-        Function that is called with the names of the bodies to mesh and reduce, after all checks
-        that need no mesh.
+        Function that is called with the names of the bodies to mesh and reduce, and of those read
+        from the cache, after all checks that need no mesh.
+    cache
+        Whether the cache is used; with the environment variable ``FENICS_EHD_CACHE=off`` it is not.
 
     Raises
     ------
@@ -113,23 +119,22 @@ def build(
     require_class("scene", scene, Scene)
     inputs = read_inputs(scene, bodies or {})
     _require_period(scene, inputs)
-    if announce is not None:
-        announce(name for name in meshed(scene) if name not in inputs.bodies)
     start = perf_counter()
-    parts = _parts(scene, inputs, comm)
+    parts = _parts(scene, inputs, comm, announce, cache=cache)
     seconds = perf_counter() - start
     joints = _joints(scene, inputs, parts, {})
     assembled = _assembled(scene, inputs, parts, joints)
     start = perf_counter()
-    with_mesh_error = scene.output.error_budget and scene.output.part_mesh_error
-    reduced = {
-        name: part.reduce(mesh_error=with_mesh_error)
-        for name, part in parts.items()
-        if name not in inputs.bodies
-    }
+    with_mesh_error = _with_mesh_error(scene)
+    reduced = {}
+    elastic: dict[str, ReducedBody] = {}
+    for name, part in parts.items():
+        if isinstance(part.source, ReducedBody):
+            elastic[name] = part.source
+        else:
+            reduced[name] = part.reduce(mesh_error=with_mesh_error)
+            elastic[name] = reduced[name].body
     seconds += perf_counter() - start
-    elastic = {name: inputs.bodies[name] for name in parts if name in inputs.bodies}
-    elastic |= {name: part.body for name, part in reduced.items()}
     if reduced:
         # Points of a mesh and of its reduced body differ in the last digit. The start must be that
         # of a run with the body's file.
@@ -143,9 +148,9 @@ def build(
     duration = _duration(scene)
     return Machine(
         Mechanism(moving, joints, inputs.drives, inputs.forces, gravity(scene)),
-        {name: elastic[name] for name in parts},
+        elastic,
         reduced,
-        seconds if reduced else 0.0,
+        seconds if parts.keys() - inputs.bodies.keys() else 0.0,
         duration.get("end"),
         duration.get("period"),
         steps,
@@ -207,21 +212,48 @@ def _stiff(scene: Scene) -> dict[str, Body]:
     }
 
 
-def _parts(scene: Scene, inputs: Inputs, comm: MPI.Comm) -> dict[str, ElasticPart]:
-    """Elastic parts of a scene by name: meshed, or with their reduced body."""
+def _with_mesh_error(scene: Scene) -> bool:
+    """Whether the bodies of a scene get the errors of their meshes."""
+    return scene.output.error_budget and scene.output.part_mesh_error
+
+
+def _parts(
+    scene: Scene, inputs: Inputs, comm: MPI.Comm, announce: Announce | None, *, cache: bool
+) -> dict[str, ElasticPart]:
+    """Elastic parts by name, meshed or with a reduced body; the parameters are those of `build`."""
     if not flexible(scene):
         return {}
-    from fenics_ehd.scenes.part import ElasticPart, elastic_part
+    from fenics_ehd.scenes.part import ElasticPart, elastic_part, kept_entry
 
+    with_mesh_error = _with_mesh_error(scene)
+    elements = {name: scene.film_element(name) for name in flexible(scene)}
+    edges = {name: scene.film_edges(name) for name in elements}
+    entries = {
+        name: kept_entry(
+            scene.bodies[name],
+            f"bodies.{name}",
+            element,
+            edges[name],
+            comm,
+            mesh_error=with_mesh_error,
+            cache=cache,
+        )
+        for name, element in elements.items()
+        if name not in inputs.bodies
+    }
+    kept = {name: body for name, entry in entries.items() if (body := entry.body()) is not None}
+    if announce is not None:
+        announce([name for name in entries if name not in kept], list(kept))
+    ready = {**inputs.bodies, **({} if scene.output.paraview else kept)}
     parts = {}
-    for name in flexible(scene):
+    for name, element in elements.items():
         settings = scene.bodies[name]
-        element = scene.film_element(name)
-        edges = scene.film_edges(name)
-        if name in inputs.bodies:
-            parts[name] = ElasticPart(settings, inputs.bodies[name], element, edges)
+        if name in ready:
+            parts[name] = ElasticPart(settings, ready[name], element, edges[name])
         else:
-            parts[name] = elastic_part(settings, f"bodies.{name}", element, comm, edges)
+            parts[name] = elastic_part(
+                settings, f"bodies.{name}", element, comm, edges[name], entries[name]
+            )
     return parts
 
 

@@ -10,11 +10,12 @@ Imports inside functions: Gmsh and dolfinx are needed only by scenes that mesh a
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import attrs
@@ -49,13 +50,18 @@ from fenics_ehd.reduction.mesh_error import (
     excess,
     smooth_responses,
 )
+from fenics_ehd.reduction.pressure_family import edges_text
 from fenics_ehd.reduction.reductor import Reductor, rigid
 from fenics_ehd.reduction.residual_completion import basis_of, residual_flexibility
 from fenics_ehd.reduction.static import StaticSolver
 from fenics_ehd.reduction.structure import Structure
-from fenics_ehd.scenes import schema
+from fenics_ehd.scenes import kept_bodies, schema
+from fenics_ehd.scenes.kept_bodies import Entry, checksum, content_of, environment
 from fenics_ehd.scenes.part_settings import ReductionSettings, method_keys
 from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
+
+#: Function that is called with the names of bodies to reduce, and of those read from the cache.
+Announce = Callable[[Sequence[str], Sequence[str]], None]
 
 #: Function of each reduction method, called with the part, its settings, and common options.
 METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]], ReducedBody]] = {
@@ -96,8 +102,7 @@ class ReducedPart:
     columns
         Basis of displacement fields of the complete part, shape (owned dofs, n), distributed alike.
     seconds
-        Duration of the reduction [s].
-        Time of the reduction [s].
+        Time spent for the body now, on its reduction or on reading it from the cache [s].
     """
 
     body: ReducedBody
@@ -228,6 +233,100 @@ def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
     return {name: str(getattr(reduction, name)) for name in names}
 
 
+#: Keys of a body's provenance with the wall and processor time that its reduction took [s].
+SECONDS = "reduction_time_s"
+PROCESSOR_SECONDS = "reduction_processor_time_s"
+
+
+def clock() -> np.ndarray:
+    """Wall time and processor time, shape (2,) [s]."""
+    return np.array([perf_counter(), process_time()])
+
+
+def part_texts(
+    settings: schema.FlexibleSettings,
+    model: Path,
+    film_element: str,
+    film_edges: Mapping[str, Sequence[float]],
+) -> dict[str, str]:
+    """Everything that an assembled part and its responses depend on, as text by name."""
+    return structure_provenance(settings, model, film_element) | {
+        "solver": settings.reduction.solver,
+        "film_edges": edges_text(film_edges),
+    }
+
+
+def reduction_texts(reduction: ReductionSettings) -> dict[str, str]:
+    """Everything in the settings of a reduction that a body depends on, as text by name."""
+    texts = reduction_provenance(reduction)
+    if "snapshots" in texts:
+        # The body depends on the pressures of the former run, not on the path of its folder.
+        texts["snapshots"] = content_of(reduction.snapshots) or reduction.snapshots
+    return texts | {"estimate_error": str(reduction.estimate_error)}
+
+
+#: Words of a ``.geo`` model that may depend on more than its own content: other files, the machine.
+OUTSIDE = re.compile(
+    rb"\b(Include|Merge\w*|ShapeFromFile|Open|\w*SystemCall|OnelabRun|GetEnv|FileName|Plugin|Rand|"
+    rb"Cpu|Memory|TotalMemory|Today|CurrentDirectory)\b"
+)
+
+
+def kept_entry(
+    settings: schema.FlexibleSettings,
+    key: str,
+    film_element: str,
+    film_edges: Mapping[str, Sequence[float]],
+    comm: MPI.Comm,
+    *,
+    mesh_error: bool = False,
+    after: Sequence[str] = (),
+    cache: bool = True,
+) -> Entry:
+    """Address in the cache of a part's reduced body; collective.
+
+    Parameters
+    ----------
+    settings, key
+        Settings of the body in the scene, and their key.
+    film_element, film_edges
+        See `ElasticPart`.
+    comm
+        Ranks that share the part.
+    mesh_error
+        Whether the body has the error of its mesh.
+    after
+        Names of the bodies that the same reductor reduces before this one. Their intermediate
+        results are used, so that the last bits of the body depend on them.
+    cache
+        Whether the cache is used.
+    """
+    names = made = None
+    if cache and comm.rank == 0 and kept_bodies.is_on():
+        model = model_file(settings, key)
+        content = model.read_bytes()
+        if model.suffix == ".geo" and not is_shipped(model) and OUTSIDE.search(content):
+            word = OUTSIDE.findall(content)[0].decode()
+            kept_bodies.report(
+                f"{key}: the reduced body is not kept, since {model} may depend on more than its "
+                f"content: it has {word}"
+            )
+        else:
+            made = structure_provenance(settings, model, film_element)
+            made |= reduction_provenance(settings.reduction)
+            texts = environment() | part_texts(settings, model, film_element, film_edges)
+            texts |= reduction_texts(settings.reduction)
+            texts["model_content"] = hashlib.sha256(content).hexdigest()
+            texts["ranks"] = str(comm.size)
+            texts["after"] = " ".join(after)
+            names = [checksum(texts | {"mesh_error": str(known)}, 32) for known in (False, True)]
+    names, made = comm.bcast((names, made))
+    if names is None:
+        return Entry()
+    plain, complete = names
+    return Entry(complete, made, comm) if mesh_error else Entry(plain, made, comm, complete)
+
+
 #: Present names of entries of a body's provenance, by the former name of version 0.2 or 0.3.
 FORMER_PROVENANCE = {"held_by": "clamped", "residual_truncation": "flexibility_tolerance"}
 
@@ -296,12 +395,18 @@ class ElasticPart:
         Element of the pressures in the part's bores, see `Scene.film_element`.
     film_edges
         Edges of the films in the part's bores, see `Scene.film_edges`.
+    entry
+        Address of the reduced body in the cache; by default the body is not kept.
+    spent
+        Wall time and processor time that mesh and matrices took [s].
     """
 
     settings: schema.FlexibleSettings
     source: Structure | ReducedBody
     film_element: str
     film_edges: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    entry: Entry = field(default_factory=Entry)
+    spent: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def reductor(self) -> Reductor:
         """A reductor of the assembled structure, for the pressures of its films."""
@@ -339,20 +444,33 @@ class ElasticPart:
         return {name: (float(x), float(y)) for name, (x, y) in (centres | points).items()}
 
     def reduce(self, reductor: Reductor | None = None, *, mesh_error: bool = False) -> ReducedPart:
-        """Reduce the assembled structure of the part; collective.
+        """Reduce the assembled structure of the part, or read the body that is kept; collective.
+
+        A new body is kept.
 
         Parameters
         ----------
         reductor
-            Reductor of the structure that several reductions share; by default a new one.
+            Reductor of the structure that several reductions share; no body is then read. By
+            default a new one.
         mesh_error
             Whether the error of the mesh is also estimated, from a second mesh of the model.
         """
         source = self.source
-        settings = self.settings
         assert isinstance(source, Structure)
-        start = perf_counter()
-        reductor = reductor or self.reductor()
+        start = clock()
+        if reductor is not None:
+            return self._reduced(reductor, start, mesh_error=mesh_error)
+        with self.entry.locked():
+            kept = self.entry.fields(source)
+            if kept is not None:
+                return ReducedPart(kept[0], source, kept[1], float((clock() - start)[0]))
+            return self._reduced(self.reductor(), start, mesh_error=mesh_error)
+
+    def _reduced(self, reductor: Reductor, start: np.ndarray, *, mesh_error: bool) -> ReducedPart:
+        """Reduce the part, and keep the body; `start` is the `clock` at the beginning."""
+        settings = self.settings
+        structure = reductor.structure
         body = reduce_structure(reductor, settings.reduction)
         columns = body.columns
         assert columns is not None
@@ -361,8 +479,12 @@ class ElasticPart:
                 body = self._with_mesh_error(body, reductor)
         made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
         made |= reduction_provenance(settings.reduction)
-        body = replace(body, columns=None, provenance={**body.provenance, **made})
-        return ReducedPart(body, source, columns, perf_counter() - start)
+        seconds = clock() - start
+        total = structure.comm.bcast(seconds + self.spent)  # a body is the same on all ranks
+        took = dict(zip((SECONDS, PROCESSOR_SECONDS), map(repr, total.tolist()), strict=True))
+        body = replace(body, columns=None, provenance={**body.provenance, **made, **took})
+        self.entry.keep(body, structure, columns)
+        return ReducedPart(body, structure, columns, float(seconds[0]))
 
     def _with_mesh_error(self, body: ReducedBody, reductor: Reductor) -> ReducedBody:
         settings = self.settings
@@ -376,9 +498,12 @@ class ElasticPart:
             error, moved = stored_mesh_error(model, tuple(part.bores), part.attachments)
             moved /= settings.material.youngs_modulus
         else:
+            here = smooth_responses(reductor.static)
+            reductor.forget()  # the factors of the second mesh need the memory
             other = self._other_mesh(part, with_counts(settings, "body"))
-            there = smooth_responses(StaticSolver(other, solver=settings.reduction.solver))
-            errors, moved = missed(part, smooth_responses(reductor.static), other, there)
+            solver = StaticSolver(other, solver=settings.reduction.solver, once=True)
+            there = smooth_responses(solver)
+            errors, moved = missed(part, here, other, there)
             error = max(errors.values())
         accuracy = {**body.accuracy, "flexibility_mesh_error": error}
         return replace(body, mesh_flexibility=moved, accuracy=accuracy)
@@ -455,21 +580,24 @@ def elastic_part(
     film_element: str,
     comm: MPI.Comm,
     film_edges: Mapping[str, Sequence[float]] | None = None,
+    entry: Entry | None = None,
 ) -> ElasticPart:
     """Mesh and assemble a part, or read its reduced body from a file; collective.
+
+    The part gets the `entry` of its body in the cache, which `ElasticPart.reduce` reads.
 
     Raises
     ------
     SettingsError, MeshError, BodyFileError
         The model or the file cannot be used.
     """
-    source: Structure | ReducedBody
     if settings.body != NONE:
-        source = load_body(settings.body)
-    else:
-        require_snapshots(settings, key)
-        source = _assembled(key, settings, film_element, comm)
-    return ElasticPart(settings, source, film_element, film_edges or {})
+        return ElasticPart(settings, load_body(settings.body), film_element, film_edges or {})
+    require_snapshots(settings, key)
+    start = clock()
+    structure = _assembled(key, settings, film_element, comm)
+    spent = clock() - start
+    return ElasticPart(settings, structure, film_element, film_edges or {}, entry or Entry(), spent)
 
 
 def _assembled(
@@ -502,11 +630,17 @@ def _assembled(
     )
 
 
-def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[str]) -> ReducedPart:
+def remade_part(
+    scene: Scene,
+    name: str,
+    body: ReducedBody,
+    programs: Sequence[str],
+    announce: Announce = lambda reduced, read: None,
+) -> ReducedPart:
     """Mesh and reduce a body of a recorded run again, in the coordinates of the record; one rank.
 
-    The settings and the model must be those with which the body was made; otherwise it is refused
-    before it is meshed.
+    A part whose body is in the cache is meshed only. The settings and the model must be those with
+    which the body was made; otherwise it is refused before it is meshed.
 
     Parameters
     ----------
@@ -518,6 +652,8 @@ def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[s
         Reduced body of the run.
     programs
         Models that may be executed; others are refused, since the folder may be another person's.
+    announce
+        See `fenics_ehd.scenes.build.build`.
 
     Raises
     ------
@@ -548,7 +684,14 @@ def remade_part(scene: Scene, name: str, body: ReducedBody, programs: Sequence[s
             f"if you trust it, allow it to run by --model {model}"
         )
     edges = scene.film_edges(name)
-    part = elastic_part(settings, key, element, MPI.COMM_SELF, edges).reduce()
+    entries = [
+        kept_entry(each, key, element, edges, MPI.COMM_SELF)
+        for each in (scene.bodies[name], settings)
+    ]
+    kept = next((entry for entry in entries if entry.body() is not None), None)
+    announce([name] if kept is None else [], [] if kept is None else [name])
+    entry = kept or entries[-1]
+    part = elastic_part(settings, key, element, MPI.COMM_SELF, edges, entry).reduce()
     return replace(part, body=body, columns=basis_of(body, part.body, part.columns))
 
 

@@ -64,7 +64,12 @@ if TYPE_CHECKING:
 
 
 def run(
-    scene: Scene, folder: str | Path, *, resume: bool = False, overwrite: bool = False
+    scene: Scene,
+    folder: str | Path,
+    *,
+    resume: bool = False,
+    overwrite: bool = False,
+    cache: bool = True,
 ) -> History:
     """Run a scene and store it in a folder, as ``fenics-ehd run`` does without pictures; one rank.
 
@@ -78,6 +83,8 @@ def run(
         Whether the interrupted run in the folder is resumed.
     overwrite
         Whether a complete result in the folder may be replaced.
+    cache
+        Whether reduced bodies are read from the user's cache and kept there, see `build`.
 
     Returns
     -------
@@ -102,12 +109,14 @@ def run(
             if "cycles" not in (complete_result(held.path) or {}):
                 stored_run = stored_scene(held.path)
                 former = load_run_state(held.path)
-                run_accurately(*stored_run, held.path, search_of(held.path), former=former)
+                run_accurately(
+                    *stored_run, held.path, search_of(held.path), former=former, cache=cache
+                )
         return load_history(directory)
     scene, search = start_search(stored(scene))
     require_kept(directory, input_files("", scene), written_by_run(flexible(scene)))
     with RunFolder(directory, flexible(scene), overwrite=overwrite) as held:
-        run_accurately(scene, build(scene), held.path, search)
+        run_accurately(scene, build(scene, cache=cache), held.path, search, cache=cache)
     return load_history(directory)
 
 
@@ -306,6 +315,7 @@ def run_accurately(
     former: Checkpoint | None = None,
     multiplier: bool = False,
     announce: Callable[[Search], None] = lambda search: None,
+    cache: bool = True,
 ) -> tuple[Scene, Machine, dict[str, Any]]:
     """Run a scene as `run_scene` does, and repeat it while the search proposes new settings.
 
@@ -321,6 +331,8 @@ def run_accurately(
         Search for settings that meet an accuracy; None for a single run.
     announce
         Function that is called with the search before every further run.
+    cache
+        See `build`.
 
     Returns
     -------
@@ -354,4 +366,4 @@ def run_accurately(
             for name, body in built.bodies.items()
             if scene.bodies[name] == last.bodies[name]
         }
-        built = build(scene, bodies=bodies)
+        built = build(scene, bodies=bodies, cache=cache)

@@ -26,7 +26,8 @@ from fenics_ehd.base.files import read_text, write_whole
 from fenics_ehd.base.printed import key_hint
 from fenics_ehd.base.settings import walk
 from fenics_ehd.base.units import parse_number
-from fenics_ehd.scenes.needed_bodies import NeededBody, checksum, content_of, needed_bodies
+from fenics_ehd.scenes.kept_bodies import checksum, content_of
+from fenics_ehd.scenes.needed_bodies import NeededBody, needed_bodies
 from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
 
 

@@ -22,7 +22,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -211,12 +211,19 @@ def reduce_missing(
             parts.setdefault(body.part, []).append(body)
     reduce = partial(reduce_part, directory=directory)
     failures: dict[str, Outcome] = {}
+    reduced = read = 0
     for bodies, answer in outcomes(pool, reduce, map(in_turn, parts.values()), check):
         if isinstance(answer, Outcome):
             lost = (body for body in bodies if not _is_usable(body_path(directory, body)))
             failures |= {body.name: answer for body in lost}
         else:
-            failures |= answer
+            failures |= answer.failures
+            reduced += answer.reduced
+            read += answer.read
+    if parts:
+        words = f"reduced bodies: {reduced} made, {read} read from the cache"
+        with suppress(OSError):  # the standard error output is closed
+            tqdm.write(f"fenics-ehd: {words}", file=sys.stderr)
     return failures
 
 

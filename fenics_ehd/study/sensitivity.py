@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from time import process_time
 
 import numpy as np
@@ -29,7 +30,8 @@ from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.build import Machine, build
+from fenics_ehd.scenes.part import Announce
 from fenics_ehd.scenes.scene import Scene, changed
 from fenics_ehd.study.cases import resolve_key, scene_values
 
@@ -191,6 +193,8 @@ def scene_sensitivity(
     *,
     bodies: Mapping[str, ReducedBody] | None = None,
     finer: bool = False,
+    announce: Announce | None = None,
+    cache: bool = True,
 ) -> SceneSensitivity:
     """Run a scene, and compute derivatives of its results; on one rank.
 
@@ -206,6 +210,8 @@ def scene_sensitivity(
         Reduced bodies of the scene that exist already, by name.
     finer
         Whether derivatives are also computed on finer film meshes.
+    announce, cache
+        See `build`.
 
     Raises
     ------
@@ -217,11 +223,12 @@ def scene_sensitivity(
     """
     paths = [parameter_path(scene, name) for name in dict.fromkeys(to)]
     clock = process_time()
-    built = build(scene, bodies=bodies)
+    make = partial(build, announce=announce, cache=cache)
+    built = make(scene, bodies=bodies)
     run = Run(built.mechanism, built.steps, scene.span)
     columns = columns_of(next(run.until(scene.span)))
     objectives = [objective_of(name, columns) for name in dict.fromkeys(of)]
-    parameters = [mechanism_parameter(scene, path, built.bodies) for path in paths]
+    parameters = [mechanism_parameter(scene, path, built.bodies, make) for path in paths]
     time = scene.time
     period = scene.span if time.periodic else None
     check_periods(built.mechanism, period, [each for each in parameters if each.same_coordinates])
@@ -249,11 +256,15 @@ def scene_sensitivity(
 
 
 def mechanism_parameter(
-    scene: Scene, path: ParameterPath, parts: Mapping[str, ReducedBody]
+    scene: Scene,
+    path: ParameterPath,
+    parts: Mapping[str, ReducedBody],
+    build: Callable[..., Machine] = build,
 ) -> Parameter:
     """Parameter for `derivatives`, from a number of a scene.
 
     `parts` are the reduced bodies of the scene; those that do not depend on the number are reused.
+    Other scenes are built by the function `build`.
     """
     touched = reduced_anew(scene, path)
     kept = {name: body for name, body in parts.items() if name != touched}

@@ -9,8 +9,9 @@ scene refers, such as tables, are read on the machine that runs the case.
 Errors are returned as one line of text, because exceptions may not survive pickling, and the error
 of a film holds arrays.
 
-The duration of a reduction is stored in the body's provenance. That of a part's first body includes
-mesh and matrices; later bodies of the part reuse factors, modes and responses.
+The time that a reduction took is stored in the body's provenance. That of a part's first body
+includes mesh and matrices; later bodies of the part reuse factors, modes and responses. If all
+bodies of a part are in the cache, they are read from there.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter, process_time
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.files import SUMMARY, listed
@@ -33,18 +34,15 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.kept_bodies import Entry
 from fenics_ehd.scenes.needed_bodies import NeededBody
-from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.part import PROCESSOR_SECONDS, SECONDS, elastic_part, kept_entry
 from fenics_ehd.scenes.run import run_scene
 from fenics_ehd.scenes.scene import flexible
 from fenics_ehd.study.cases import Case
 
 #: Status of a run whose results can be trusted.
 COMPLETE = "complete"
-
-#: Keys of a body's provenance with the wall time and the processor time of its reduction [s].
-SECONDS = "reduction_time_s"
-PROCESSOR_SECONDS = "reduction_processor_time_s"
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,24 @@ def body_path(directory: Path, body: NeededBody) -> Path:
     return directory / f"{body.name}.h5"
 
 
-def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outcome]:
+@dataclass(frozen=True)
+class Reductions:
+    """Bodies of one part that were reduced or read from the cache.
+
+    Attributes
+    ----------
+    reduced, read
+        Numbers of bodies that were reduced, and of those that were read from the cache.
+    failures
+        Outcomes of the bodies whose reduction failed, by the checksum that names their file.
+    """
+
+    reduced: int
+    read: int
+    failures: Mapping[str, Outcome]
+
+
+def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> Reductions:
     """Reduce bodies of one part in this process, and save each of them to a file.
 
     Parameters
@@ -87,38 +102,35 @@ def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> dict[str, Outc
         Bodies of the same part, in the order in which they are reduced.
     directory
         Folder of all reduced bodies; a body is saved as soon as it is reduced.
-
-    Returns
-    -------
-    dict
-        Outcomes of the bodies whose reduction failed, by the checksum that names their file.
     """
-    wall_start = perf_counter()
-    processor_start = process_time()
+    comm = MPI.COMM_SELF
+    directory.mkdir(parents=True, exist_ok=True)
+    entries: list[Entry] = []
+    for body in bodies:
+        settings = body.settings, body.key, body.film_element, body.film_edges
+        # Only the intermediate results of the same bodies before give the same bits.
+        entries.append(kept_entry(*settings, comm, after=[entry.name for entry in entries]))
+    kept = [entry.body() for entry in entries]
+    read = [body for body in kept if body is not None]
+    if len(read) == len(bodies):
+        for body, known in zip(bodies, read, strict=True):
+            save_body(known, body_path(directory, body))
+        return Reductions(0, len(read), {})
     first = bodies[0]
     try:
-        part = elastic_part(
-            first.settings, first.key, first.film_element, MPI.COMM_SELF, first.film_edges
-        )
-        reductor = part.reductor()
+        part = elastic_part(first.settings, first.key, first.film_element, comm, first.film_edges)
+        reductor = part.reductor() if len(bodies) > 1 else None
     except Exception as error:
-        return {body.name: failed(error) for body in bodies}
+        return Reductions(0, 0, {body.name: failed(error) for body in bodies})
     failures = {}
-    directory.mkdir(parents=True, exist_ok=True)
-    for body in bodies:
+    for body, entry in zip(bodies, entries, strict=True):
         try:
-            reduced = replace(part, settings=body.settings).reduce(reductor=reductor).body
-            seconds = {
-                SECONDS: repr(perf_counter() - wall_start),
-                PROCESSOR_SECONDS: repr(process_time() - processor_start),
-            }
-            timed = replace(reduced, provenance={**reduced.provenance, **seconds})
-            save_body(timed, body_path(directory, body))
+            part = replace(part, settings=body.settings, entry=entry)
+            save_body(part.reduce(reductor=reductor).body, body_path(directory, body))
+            part = replace(part, spent=np.zeros(2))
         except Exception as error:
             failures[body.name] = failed(error)
-        wall_start = perf_counter()
-        processor_start = process_time()
-    return failures
+    return Reductions(len(bodies) - len(failures), 0, failures)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ sys.path.append(str(Path(__file__).parent.parent))
 # As the command line does, before numpy is imported.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+os.environ["FENICS_EHD_CACHE"] = "off"
 
 import accidents
 import binaries

@@ -1,0 +1,471 @@
+"""Reduced bodies kept in the user's cache, so that a part is not reduced twice.
+
+An entry is addressed by a checksum of everything that made its body: contents and settings of the
+part, settings of the reduction, and the `environment`. A body from the cache is therefore bit for
+bit the body that a new reduction would give. An entry has two files:
+
+    NAME.h5         the body, see `fenics_ehd.reduction.body`; its date is that of the last use
+    NAME.basis.h5   the basis of its displacement fields, see `fenics_ehd.reduction.part_files`
+
+The basis is written first: an entry without a body does not exist. Both files are sealed. An entry
+that cannot be read is made again. A file ``NAME.lock`` exists while the body is reduced, so that
+other processes wait for it instead of reducing the same part.
+
+The folder is ``fenics_ehd`` in the user's cache, or that of `CACHE_VARIABLE`. It belongs to the
+user alone: a folder that others own or can write to is not used, since bodies in it may be
+anybody's. No fault of the folder ends a run: the part is then reduced anew. Of several ranks, the
+first one reads the folder, and decides for all.
+
+Imports inside functions: the folder can be listed without PETSc.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+import re
+import stat
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_ehd.base.errors import BodyFileError, EhdError
+from fenics_ehd.base.files import CACHE_OFF, CACHE_VARIABLE, PART, lock_taken, user_cache
+from fenics_ehd.base.libraries import origin, version_of
+from fenics_ehd.base.printed import escaped
+from fenics_ehd.base.processes import blas_kernels
+from fenics_ehd.multibody.history import FIELDS_NAME
+from fenics_ehd.reduction.body import ReducedBody, load_body, save_body, unknown
+
+if TYPE_CHECKING:
+    from fenics_ehd.reduction.structure import Structure
+
+T = TypeVar("T")
+
+#: Largest size of all entries [bytes]; beyond it, entries are removed, the least recently used
+#: first. Entries of shipped scenes have 1 to 40 MB.
+LARGEST_SIZE = 2 << 30
+
+#: Suffixes of the files of an entry.
+BODY = ".h5"
+BASIS = ".basis.h5"
+LOCK = ".lock"
+
+#: Pattern of the name of an entry.
+NAME = re.compile(r"[0-9a-f]{32}")
+
+#: Waiting time after which a line reports that another process reduces the body [s].
+NOTICE = 2.0
+
+#: Time between two attempts to lock an entry [s].
+POLL = 0.1
+
+#: Longest wait for another process [s]; then the part is reduced here as well.
+LONGEST_WAIT = 1800.0
+
+#: Age of a temporary file above which the process that wrote it has ended [s].
+ABANDONED = 86400.0
+
+#: Sources of the package on which bodies depend, in addition to settings: folders and modules.
+SOURCES = (
+    "base",
+    "fem",
+    "meshes",
+    "reduction",
+    "film/grid.py",
+    "film/transfer.py",
+    "multibody/elastic_bore.py",
+    "scenes/part.py",
+)
+
+#: Suffixes of files that are sources.
+SOURCE_SUFFIXES = (".py", ".npy", ".geo")
+
+#: Libraries whose versions are part of an address. Gmsh is imported only to mesh a part.
+LIBRARIES = ("numpy", "scipy", "petsc4py", "slepc4py", "dolfinx")
+
+
+# Addresses
+
+
+def checksum(values: Mapping[str, str], digits: int = 16) -> str:
+    """First hexadecimal digits of the SHA-256 checksum of texts by name."""
+    return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()[:digits]
+
+
+def content_of(name: str) -> str | None:
+    """Name and checksum of a file, or of the history in a folder; None if there is no file."""
+    path = Path(name, FIELDS_NAME) if Path(name).is_dir() else Path(name)
+    if not path.is_file():
+        return None
+    state = path.stat()
+    return f"{Path(name).name} {_file_checksum(path, state.st_mtime_ns, state.st_size)}"
+
+
+@functools.cache
+def _file_checksum(path: Path, _changed: int, _size: int) -> str:
+    """First 12 digits of a file's checksum; cached, because many cases refer to the same file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:12]
+
+
+def environment() -> dict[str, str]:
+    """Everything except files and settings on which the bits of a body depend, as text by name.
+
+    These are the sources of the package, versions of libraries, the kernels and threads of the
+    BLAS, and options of PETSc that the user has set.
+    """
+    from fenics_ehd.base.petsc_options import options_of_user
+
+    return {
+        **_versions(),
+        "sources": _sources(),
+        "petsc_options": repr(sorted(options_of_user().items())),
+        "blas": " ".join(blas_kernels()),
+    }
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    """Versions of the package and of libraries, by name."""
+    from fenics_ehd import __version__
+
+    # Gmsh has no metadata in Debian. Its module has the numbers of its interface and library.
+    gmsh = Path(origin("gmsh"))
+    module = gmsh.read_bytes() if gmsh.is_file() else b""
+    return {
+        "fenics_ehd": __version__,
+        "python": sys.version,
+        "gmsh": hashlib.sha256(module).hexdigest(),
+        **{name: version_of(name) for name in LIBRARIES},
+    }
+
+
+@functools.cache
+def _sources() -> str:
+    """Checksum of the sources on which bodies depend."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for name in SOURCES:
+        root = (
+            Path(str(resources.files("fenics_ehd.meshes"))) if name == "meshes" else package / name
+        )
+        files = [root] if root.is_file() else sorted(root.rglob("*"))
+        for file in files:
+            if file.suffix in SOURCE_SUFFIXES:
+                digest.update(f"{name} {file.relative_to(root.parent)} ".encode())
+                digest.update(hashlib.file_digest(open(file, "rb"), "sha256").digest())
+    return digest.hexdigest()
+
+
+# The folder
+
+
+def is_on() -> bool:
+    """False if `CACHE_VARIABLE` switches the cache off."""
+    return os.environ.get(CACHE_VARIABLE) != CACHE_OFF
+
+
+def folder() -> Path | None:
+    """Folder of the cache, which is made if it is missing; None if it is not used.
+
+    A folder that cannot be used is reported on standard error, once in a process.
+    """
+    if not is_on():
+        return None
+    named = os.environ.get(CACHE_VARIABLE, "")
+    path = Path(named) if Path(named).is_absolute() else user_cache() / "fenics_ehd"
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        state = path.stat()
+        fault = _fault(state)
+        if not fault and state.st_mode & 0o077:
+            path.chmod(state.st_mode & 0o700)
+    except OSError as error:
+        fault = error.strerror or str(error)
+    if fault:
+        report(f"reduced bodies are not kept: {path}: {fault}")
+        return None
+    return path
+
+
+def _fault(state: os.stat_result, *, directory: bool = True) -> str:
+    """Reason why a folder or file of the cache cannot be trusted; empty if it can."""
+    if not (stat.S_ISDIR if directory else stat.S_ISREG)(state.st_mode):
+        return "not a folder" if directory else "not a file"
+    if state.st_uid != os.geteuid():
+        return f"it belongs to user {state.st_uid}, not to {os.geteuid()}"
+    if state.st_mode & 0o022:
+        return f"others can write to it: use chmod 700, or another folder in {CACHE_VARIABLE}"
+    return ""
+
+
+@functools.cache
+def report(line: str) -> None:
+    """Print a line on standard error, once in a process."""
+    with suppress(OSError):  # the standard error output is closed
+        print(escaped(f"fenics-ehd: {line}"), file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An entry in the folder.
+
+    Attributes
+    ----------
+    name
+        Checksum of everything that made the body.
+    files
+        Files of the entry.
+    size
+        Size of its files [bytes].
+    used
+        Time of its last use [s since 1970].
+    """
+
+    name: str
+    files: tuple[Path, ...]
+    size: int
+    used: float
+
+    def remove(self) -> None:
+        """Remove the files of the entry, the body first."""
+        for file in sorted(self.files, key=lambda file: file.name.endswith(BASIS)):
+            file.unlink(missing_ok=True)
+
+
+def stored(path: Path) -> list[Stored]:
+    """Entries in a folder, the least recently used first; foreign files are left out."""
+    files: dict[str, list[tuple[Path, os.stat_result]]] = {}
+    for file in sorted(path.iterdir()):
+        name, _, suffix = file.name.partition(".")
+        if not NAME.fullmatch(name) or f".{suffix}" == LOCK:
+            continue
+        with suppress(OSError):  # another process has removed it
+            state = file.lstat()
+            if suffix.endswith(PART) and state.st_mtime > time.time() - ABANDONED:
+                continue  # it is being written
+            files.setdefault(name, []).append((file, state))
+    entries = [
+        Stored(
+            name,
+            tuple(file for file, _ in some),
+            sum(state.st_size for _, state in some),
+            max(state.st_mtime for _, state in some),
+        )
+        for name, some in files.items()
+    ]
+    return sorted(entries, key=lambda entry: entry.used)
+
+
+def described(entry: Stored) -> dict[str, Any]:
+    """Description of an entry for a list: its use, size, and what made its body."""
+    body = next(filter(None, (_read(file, load_body, use=False) for file in entry.files)), None)
+    provenance = {} if body is None else body.provenance
+    return {
+        "name": entry.name,
+        "used": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used)),
+        "size_bytes": entry.size,
+        "method": "damaged" if body is None else body.method,
+        "modes": 0 if body is None else body.modes,
+        "model": provenance.get("model", "").partition(" ")[0],
+        "reduction_time_s": float(provenance.get("reduction_time_s", "0")),
+    }
+
+
+def trim(path: Path, most: int) -> None:
+    """Remove the least recently used entries of a folder until `most` bytes are left."""
+    entries = stored(path)
+    size = sum(entry.size for entry in entries)
+    for entry in entries:
+        if size <= most:
+            return
+        entry.remove()
+        size -= entry.size
+
+
+# Entries
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Address of a body in the cache; all methods are collective over the ranks that reduce it.
+
+    Attributes
+    ----------
+    name
+        Checksum of everything that makes the body; empty if the body is not kept.
+    made
+        Provenance that the body has.
+    comm
+        Ranks that share the part.
+    with_mesh_error
+        Name of the entry with the same body that also has its mesh error, for a body without one;
+        else empty.
+    """
+
+    name: str = ""
+    made: Mapping[str, str] = field(default_factory=dict)
+    comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
+    with_mesh_error: str = ""
+
+    def body(self) -> ReducedBody | None:
+        """Read the body; None if there is no usable one."""
+        return self.comm.bcast(self._on_first(self._read_body))
+
+    def fields(self, structure: Structure) -> tuple[ReducedBody, np.ndarray] | None:
+        """Read the body and its basis, rows of this rank; None if there is no usable one.
+
+        Parameters
+        ----------
+        structure
+            The part, meshed with the settings of the body.
+        """
+        body = self.body()
+        if body is None:
+            return None
+        counts = self.comm.gather(len(structure.coordinates)) or []
+        shares = self._on_first(lambda path: _read_basis(path, self._names, body, counts))
+        share = self.comm.scatter([None] * self.comm.size if shares is None else shares)
+        usable = share is not None and np.array_equal(share[0], structure.coordinates)
+        if not self.comm.allreduce(usable, op=MPI.LAND):
+            return None
+        return body, share[1].reshape(-1, body.modes)
+
+    def keep(self, body: ReducedBody, structure: Structure, columns: np.ndarray) -> None:
+        """Store a body and the rows of its basis on this rank, and keep within the limit of size.
+
+        If they cannot be stored, the first rank reports the reason.
+        """
+        from fenics_ehd.reduction.part_files import save_basis
+
+        if not self.made.items() <= body.provenance.items():
+            return  # the model was changed while the part was meshed
+        path = self.comm.bcast(self._on_first(lambda folder: folder))
+        if path is None:
+            return
+        try:
+            save_basis(path / f"{self.name}{BASIS}", structure, columns, stress=False)
+            if self.comm.rank:
+                return
+            save_body(body, path / f"{self.name}{BODY}")
+            for suffix in (BASIS, BODY):
+                (path / f"{self.name}{suffix}").chmod(0o600)
+            trim(path, LARGEST_SIZE)
+        except (EhdError, OSError) as error:
+            if self.comm.rank == 0:
+                report(f"a reduced body is not kept: {error}")
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Wait until no other process reduces the body, and let others wait."""
+        path = self._on_first(lambda folder: folder)
+        descriptor = None if path is None else _lock(path / f"{self.name}{LOCK}")
+        self.comm.barrier()
+        try:
+            yield
+        finally:
+            if path is not None and descriptor is not None:
+                with suppress(OSError):
+                    (path / f"{self.name}{LOCK}").unlink()
+                os.close(descriptor)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(filter(None, (self.name, self.with_mesh_error)))
+
+    def _on_first(self, act: Callable[[Path], T | None]) -> T | None:
+        """Call a function with the folder on the first rank; None elsewhere and without one."""
+        if self.comm.rank or not self.name:
+            return None
+        path = folder()
+        return None if path is None else act(path)
+
+    def _read_body(self, path: Path) -> ReducedBody | None:
+        """Body of the entry, or of that with the mesh error, which is then left out."""
+        for name in self._names:
+            body = _read(path / f"{name}{BODY}", load_body)
+            if body is not None and self.made.items() <= body.provenance.items():
+                return body if name == self.name else without_mesh_error(body)
+        return None
+
+
+def without_mesh_error(body: ReducedBody) -> ReducedBody:
+    """A body without the error of its mesh, as if that had not been estimated."""
+    accuracy = {k: v for k, v in body.accuracy.items() if k != "flexibility_mesh_error"}
+    return replace(body, mesh_flexibility=unknown(), accuracy=accuracy)
+
+
+def _read(path: Path, load: Callable[[Path], T], *, use: bool = True) -> T | None:
+    """Content of a file of the cache; None if it is missing, of somebody else, or damaged.
+
+    The date of the file becomes that of its last `use`.
+    """
+    try:
+        if _fault(path.lstat(), directory=False):
+            return None
+        content = load(path)
+    except (BodyFileError, OSError):
+        return None
+    if use:
+        with suppress(OSError):  # a folder that can only be read
+            os.utime(path)
+    return content
+
+
+def _read_basis(
+    path: Path, names: tuple[str, ...], body: ReducedBody, counts: list[int]
+) -> list[Any] | None:
+    """Nodes and basis of a body, one pair of blocks of rows for each rank.
+
+    `counts` are the numbers of nodes of the ranks.
+    """
+    from fenics_ehd.reduction.part_files import BasisFile
+
+    def load(file: Path) -> tuple[np.ndarray, np.ndarray]:
+        with BasisFile(file) as basis:
+            return basis.nodes, basis.basis
+
+    for name in names:
+        content = _read(path / f"{name}{BASIS}", load)
+        if content is None:
+            continue
+        nodes, basis = content
+        if len(nodes) == sum(counts) and basis.shape[2] == body.modes:
+            ends = np.cumsum(counts)[:-1]
+            return list(zip(np.split(nodes, ends), np.split(basis, ends), strict=True))
+    return None
+
+
+def _lock(path: Path) -> int | None:
+    """Lock a file, waiting for another process that holds it: its descriptor, or None.
+
+    The process that had the lock removes the file: the lock of a removed file is none.
+    """
+    began = time.monotonic()
+    silent = True
+    while time.monotonic() < began + LONGEST_WAIT:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        except OSError:  # a folder that can only be read
+            return None
+        if lock_taken(descriptor):
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(descriptor), path.lstat()):
+                    return descriptor
+        os.close(descriptor)
+        if silent and time.monotonic() > began + NOTICE:
+            silent = False
+            report(f"waiting for another process that reduces the same part, {path}")
+        time.sleep(POLL)
+    return None
