@@ -39,3 +39,16 @@ def test_without_a_mirror_it_stops_and_says_so(mirrors, tmp_path):
     done, called = run_with(mirrors, tmp_path)
     assert (done.returncode, called) == (1, None)
     assert "apt knows no mirror of Debian" in done.stderr
+
+
+def kept_in_spite_of_their_ending(path):
+    """Patterns of files that an ignore file lists by name, without the slash that roots them."""
+    lines = (SCRIPT.parents[1] / path).read_text().splitlines()
+    return {line[1:].removeprefix("/") for line in lines if line.startswith("!")}
+
+
+def test_the_image_gets_the_stored_files_of_the_tests():
+    kept = kept_in_spite_of_their_ending(".gitignore")
+    assert kept
+    stored_bodies = {pattern for pattern in kept if pattern.endswith(".h5")}
+    assert stored_bodies <= kept_in_spite_of_their_ending(".dockerignore")
