@@ -307,7 +307,7 @@ class BoreHole:
         return abs(_moments(self.polygon)[0])
 
     def straight(self) -> BoreHole:
-        """Copy the hole with straight edges, without the midpoints of the mesh's quadratic edges."""
+        """Copy the hole with straight edges, without the midpoints of the mesh's curved edges."""
         polygon = self.polygon.copy()
         closed = np.vstack([polygon[0::2], polygon[:1]])
         polygon[1::2] = 0.5 * (closed[:-1] + closed[1:])

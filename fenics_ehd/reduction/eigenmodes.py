@@ -260,8 +260,8 @@ def _with_missed(
         modes = np.hstack([modes, further_modes])[:, order]
     frequencies = np.sqrt([lowest[0], eigenvalues[-1]]) / (2 * np.pi)
     raise VerificationError(
-        f"SLEPc misses modes: after {ROUNDS} attempts one of {frequencies[0]:.6g} Hz was missing "
-        f"below the highest one of {frequencies[1]:.6g} Hz: raise -{options_prefix}eps_ncv"
+        f"SLEPc misses modes: after {ROUNDS} attempts, a mode of {frequencies[0]:.6g} Hz was still "
+        f"missing among the modes up to {frequencies[1]:.6g} Hz: raise -{options_prefix}eps_ncv"
     )
 
 

@@ -408,7 +408,10 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     named, uses = np.unique(flat[free], return_counts=True)
     if not np.array_equal(named, np.arange(size)) or uses.max(initial=1) > 1:
         wrong = [*named[uses > 1], *np.setxor1d(named, np.arange(size))][0]
-        raise StructureError(f"dofs must have each of the {size} rows once: see row {wrong}")
+        raise StructureError(
+            f"dofs must have each of the {size} row numbers once, but row {wrong} is missing, "
+            "repeated or not a row"
+        )
     order = sparse.csr_matrix((np.ones(len(free)), (free, flat[free])), shape=(len(flat), size))
     held = np.ones(len(flat))
     held[free] = 0.0
@@ -506,7 +509,7 @@ def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
 
 
 def some_columns(matrix: PETSc.Mat, numbers: np.ndarray) -> PETSc.Mat:
-    """Copy the columns with given numbers of a matrix, evenly distributed over the ranks."""
+    """Copy the columns `numbers` of a matrix; the copy is evenly distributed over the ranks."""
     comm = matrix.comm
     (first, last) = matrix.getOwnershipRange()
     mine = np.array_split(numbers, comm.size)[comm.rank].astype(PETSc.IntType)

@@ -540,8 +540,8 @@ def _check_minors(stiffness: PETSc.Mat) -> None:
         worst = int(np.argmax(ratios))
         problem = (
             f"stiffness is not positive semidefinite: the entry {entries[worst]:.3g} of "
-            f"{_row_label(rows[worst])} and {_row_label(columns[worst])} is {ratios[worst]:.3g} times the "
-            "geometric mean of their diagonal entries, but at most 1 is possible"
+            f"{_row_label(rows[worst])} and {_row_label(columns[worst])} is {ratios[worst]:.3g} "
+            "times the geometric mean of their diagonal entries, but at most 1 is possible"
         )
     agree(comm, problem)
 
