@@ -215,6 +215,19 @@ def entries(
 FILM_ELEMENTS = ("lagrange", "serendipity", "bilinear")
 
 
+#: Number of film meshes over which dynamic coefficients are averaged: the default, and the largest.
+FILM_MESHES = 4
+
+
+def film_meshes() -> Any:
+    """Field for the number of film meshes over which dynamic coefficients are averaged."""
+    help_text = (
+        "film meshes over which stiffness and damping are averaged, with 0, 2, 4 and 6 cells more "
+        "around; 1: the given mesh alone"
+    )
+    return count(FILM_MESHES, help_text, least=1, most=FILM_MESHES)
+
+
 def film_element() -> Any:
     """Field for the element of a film mesh."""
     return choice("lagrange", FILM_ELEMENTS, "9-node (lagrange), 8-node or bilinear")
