@@ -26,8 +26,9 @@ import h5py
 import numpy as np
 
 from fenics_ehd import __version__
-from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.arguments import require_class, require_word
 from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, csv_line, with_unit
+from fenics_ehd.base.described import Described, names_or_none
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import (
     SCENE_NAME,
@@ -56,6 +57,7 @@ from fenics_ehd.multibody.recorded_quantities import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
 
@@ -98,6 +100,15 @@ FIELD_UNITS = {
     "clearance": "m",
     "cells": DIMENSIONLESS,
 }
+
+#: Extremes that describe a joint: name in the error budget, entry of the summary, factor and unit.
+SHOWN_EXTREMES = (
+    ("max_pressure", "max_pressure_Pa", 1e-6, "MPa"),
+    ("min_film_thickness", "min_film_thickness_m", 1e6, "um"),
+)
+
+#: Fields of which `History.plot_map` draws maps.
+MAPS = ("pressure", "film", "contact")
 
 #: Start of the paths of quantities with one number per step, except for nodal fields.
 COLUMNS = ("time", "run/", "bodies/", "joints/")
@@ -247,8 +258,8 @@ def is_column(path: str) -> bool:
 
 @renamed_attributes(told="entries")  # words: literal
 @renamed_arguments(told="entries")  # words: literal
-@dataclass(frozen=True, eq=False)
-class History:
+@dataclass(frozen=True, eq=False, repr=False)
+class History(Described):
     """Quantities of a run over its steps, with its summary and scene.
 
     Attributes
@@ -266,6 +277,8 @@ class History:
     solved
         Recorder of a run from `simulate`, for `replay`, `error_budget`, `multiplier` and
         `sensitivity`; None for a run that was read from a folder.
+    folder
+        Folder from which the history was read; None for a history of `simulate`.
     """
 
     values: Mapping[str, Quantity]
@@ -275,6 +288,7 @@ class History:
     scene: Mapping[str, Any] = field(default_factory=dict)
     stored_cycle: Cycle | None = None
     solved: Any = None
+    folder: Path | None = None
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -442,6 +456,56 @@ class History:
         return xarray.Dataset(
             {name: ("time", np.asarray(v), {"units": v.units}) for name, v in columns.items()}
         )
+
+    def plot(self, quantity: str) -> Figure:
+        """Draw a quantity over the last cycle, such as ``"big_end.min_film_thickness"``.
+
+        See `fenics_ehd.plot`, which draws several runs.
+        """
+        from fenics_ehd import plot
+
+        return plot(self, quantity)
+
+    def plot_orbit(self, joint: str) -> Figure:
+        """Draw the orbit of the journal of a lubricated joint over the last cycle."""
+        return self.plot(f"{joint}.orbit")
+
+    def plot_map(self, joint: str, field: str = "pressure") -> Figure:
+        """Draw a map over the bore of a lubricated joint for the last cycle.
+
+        Parameters
+        ----------
+        joint
+            Name of the joint.
+        field
+            ``"pressure"`` for the largest pressure, ``"film"`` for the least film thickness, or
+            ``"contact"`` for the mean contact pressure.
+        """
+        require_word("field", field, MAPS)
+        return self.plot(f"{joint}.{field}_map")
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield scene, status, steps, bodies, and the extremes of every lubricated joint."""
+        yield "History", f"of {self.entries.get('scene') or self.folder or 'a mechanism'}"
+        yield "status", self.status
+        yield "steps", f"{len(self)}, {np.min(self.time):.4g} to {np.max(self.time):.4g} s"
+        yield "bodies", names_or_none(self.bodies)
+        yield "columns", f"{len(self.names)}: see names, result[NAME] and result.plot(NAME)"
+        for name in self._owners("joints", self.values):
+            yield name, self._extremes(name)
+
+    def _extremes(self, joint: str) -> str:
+        """Peak pressure and minimum film thickness of a joint in the summary, with their errors."""
+        figures = self.figures.get(joint, {})
+        budget = figures.get("error_budget", {})
+        texts = []
+        for label, name, factor, unit in SHOWN_EXTREMES:
+            value = figures.get(f"{name}")
+            if isinstance(value, int | float):
+                error = budget.get(label, {}).get("total")
+                bound = f" ± {100 * error:.2g} %" if isinstance(error, float) else ""
+                texts.append(f"{label} {factor * value:.4g} {unit}{bound}")
+        return ", ".join(texts) or "lubricated"
 
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
         """Return a history with `change` applied to every array over the steps."""
@@ -670,7 +734,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         each = Value("text", (state.shape[1],))
         names, units = (attribute(state, name, each) for name in ("names", "units"))
         cycle = Cycle(**read_declared(file[CYCLE], Cycle.layout)) if CYCLE in file else None
-        return History(arrays, names, units, summary, scene, cycle)
+        return History(arrays, names, units, summary, scene, cycle, folder=folder)
 
 
 #: Name of the function in version 0.2.
