@@ -1,8 +1,9 @@
-"""Error of M4's flexibility under pressures of a run, by static responses of the part.
+"""Error of M4's flexibility under pressures of a run, from static responses of the part.
 
-A body of M4 is exact for the pressures of a family, and verified with others before any run. After
-a run its own pressures are known. If the part is at hand, static responses to eight of them show
-the error of the run's displacements: one factorisation of the part, and one block of solves.
+The displacements of a body that M4 reduced are exact for the film pressures of a family, and
+verified for other pressures before any run. A run has its own pressures. If the part itself is in
+memory, its static responses to eight of these pressures show the error of the body's displacements.
+This takes one factorisation of the stiffness matrix and one solve with eight right-hand sides.
 
 Imports inside functions: runs without an elastic part do without static responses.
 """
@@ -38,7 +39,9 @@ Responding = Callable[[np.ndarray], "Responses"]
 def checked_errors(
     system: System, trajectory: Trajectory, parts: Mapping[str, Responding]
 ) -> dict[str, float]:
-    """Largest relative error of the bores' displacements of each body, by its name.
+    """Largest relative error of a body's displacements in its bores under pressures of a run.
+
+    The errors are listed by body. Bodies without an estimated error of their flexibility have none.
 
     Parameters
     ----------
@@ -47,7 +50,8 @@ def checked_errors(
     trajectory
         Trajectory of the run.
     parts
-        Static responses of the parts that are at hand, by name of the body.
+        Functions that compute static responses of a part to pressures, by body, for the parts that
+        are in memory.
     """
     from fenics_ehd.reduction.family_responses import largest_error
 
@@ -64,9 +68,10 @@ def checked_errors(
 
 
 def _pressures(system: System, trajectory: Trajectory, name: str) -> np.ndarray:
-    """Pressures on all bores of a body at some steps of a run, shape (k, at most `CHECKED`) [Pa].
+    """Nodal pressures on all bores of a body at some steps of a run, shape (nodes, steps) [Pa].
 
-    Among them are those with the peak pressures and the thinnest films.
+    There are at most `CHECKED` steps, among them the steps with the peak pressures and the minimum
+    film thicknesses of the body's films.
     """
     films = list(trajectory.pressures.values())
     mine = [

@@ -91,8 +91,8 @@ ROUGH = "journal_roughness or bore_roughness"
 class OilSettings:
     """Settings of an oil.
 
-    Its viscosity is given directly, or follows from a temperature and either a grade or two
-    kinematic viscosities.
+    The viscosity of the oil is set directly, or it follows from a temperature together with either
+    a grade or two kinematic viscosities.
     """
 
     viscosity: float = viscosity(0.0, "dynamic [Pa s]; 0: by a grade or kinematic viscosities")
@@ -181,7 +181,7 @@ class OilSettings:
 
     @property
     def graded(self) -> bool:
-        """Whether the viscosity follows from a grade or from two kinematic viscosities."""
+        """Whether the viscosity follows from a grade or from kinematic viscosities."""
         return self.grade != NONE or bool(self.viscosity_40 or self.viscosity_100)
 
 

@@ -30,7 +30,7 @@ from fenics_ehd.multibody.notices import (
 )
 from fenics_ehd.multibody.periodic import temperatures
 from fenics_ehd.multibody.quantities import CONTENT, averaged, oil_balance, wear
-from fenics_ehd.multibody.recorder import Columns, Recorder, columns_of
+from fenics_ehd.multibody.recorder import STEP_COUNTS, Columns, Recorder, columns_of
 from fenics_ehd.multibody.trust import balance_error, integral
 
 #: Cycle extremes: summary name, source column, prefix in the summary, and columns reported at the
@@ -211,9 +211,9 @@ class RunSummary:
             **({} if cycle is None else cycle.entries()),
             "energy_balance_error": self.energy_error,
             "simulated_time_s": recorder.time,
-            **recorder.counts,
+            **{name: recorder.counts[name] for name in STEP_COUNTS},
             "rejected_because": dict(recorder.rejected_because),
-            "counts": {},
+            "counts": dict(recorder.counts),
             "notices": self.notices(),
             **({} if recorder.cycles is None else recorder.cycles.figures()),
         }
