@@ -207,9 +207,7 @@ def point_rows(system: System, z: np.ndarray, marker: str) -> np.ndarray:
     """
     moving = [body for body, dofs in system.bodies.items() if dofs.stop > dofs.start]
     known = {dofs.start: body.point_names for dofs, body, _ in system.each_body(z)}
-    require_point(
-        "unbalance", marker, {name: known[system.bodies[name].start] for name in moving}
-    )
+    require_point("unbalance", marker, {name: known[system.bodies[name].start] for name in moving})
     name, _, point = marker.partition(".")
     for dofs, body, (coordinates,) in system.each_body(z):
         if dofs == system.bodies[name]:

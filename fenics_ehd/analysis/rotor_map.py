@@ -35,6 +35,7 @@ from fenics_ehd.analysis.equilibrium import (
     equilibrium,
     linearise,
 )
+from fenics_ehd.analysis.film_meshes import in_basis, mean_linearisation
 from fenics_ehd.analysis.modes import (
     Modes,
     Stations,
@@ -156,7 +157,7 @@ class StabilityLimit(NamedTuple):
     lost
         Whether stability is lost as the speed rises; if not, it is regained.
     scatter
-        Range of the limit over the film meshes [rad/s]; 0 with one mesh.
+        Half the range of the limit over the film meshes [rad/s]; 0 with one mesh.
     """
 
     speed: float
@@ -279,10 +280,11 @@ class MapSolver:
             linears.append(linearise(rest))
             starts.append(rest.search_start)
             figures = figures or figures_of(rest)
-        reference = linears[0].basis if former is None else former.linear.basis
-        aligned = [_aligned(linear, reference) for linear in linears]
-        growth = np.array([modes_of(linear).roots[0].real for linear in aligned])
-        point = MapPoint(speed, mean_of(aligned), figures, growth, tuple(starts))
+        growth = np.array([modes_of(linear).roots[0].real for linear in linears])
+        mean = mean_linearisation(linears)
+        if self.points:
+            mean = in_basis(mean, next(iter(self.points.values())).linear.basis)
+        point = MapPoint(speed, mean, figures, growth, tuple(starts))
         self.points[speed] = point
         return point
 
@@ -316,28 +318,6 @@ def reynolds_number(joint: JointStep) -> float:
     speed = abs(journal - bore)
     length = parameters.grid.radius * parameters.clearance
     return float(lubricant.density * speed * length / lubricant.viscosity)
-
-
-def _aligned(linear: Linearisation, reference: np.ndarray) -> Linearisation:
-    """The same motions with the orthonormal basis that is nearest to a reference, shape (n, k)."""
-    left, _, right = np.linalg.svd(linear.basis.T @ reference)
-    return linear.with_coordinates(left @ right)
-
-
-def mean_of(linears: Sequence[Linearisation]) -> Linearisation:
-    """Means of the matrices of small motions in the same coordinates."""
-    first = linears[0]
-    if len(linears) == 1:
-        return first
-    parts = (
-        np.asarray(np.mean([getattr(linear, name) for linear in linears], axis=0))
-        for name in ("mass", "damping", "stiffness")
-    )
-    films = {
-        name: np.asarray(np.mean([linear.films[name] for linear in linears], axis=0))
-        for name in first.films
-    }
-    return Linearisation(first.basis, *parts, films)
 
 
 def rotor_map_of(
@@ -485,9 +465,7 @@ def _critical_speeds(
                 continue
             off = partial(_off_the_line, solver, first, mode)
             with suppress(SolverError):
-                speed = _zero(
-                    partial(_off_the_line, solver, first, mode), first.speed, second.speed
-                )
+                speed = _zero(off, first.speed, second.speed)
                 point = solver.at(speed)
                 index = _partner(first, mode, point)
                 if damping_ratio(point.modes.roots[index]) < CRITICAL_DAMPING:
@@ -534,7 +512,7 @@ def _limit(bare: RotorMap, point: MapPoint) -> StabilityLimit:
         float(point.modes.roots[mode].imag / abs(point.speed)),
         bare.direction(n, track),
         rise > 0.0,
-        float(np.ptp(point.growth) / abs(per_speed)),
+        float(0.5 * np.ptp(point.growth) / abs(per_speed)),
     )
 
 
