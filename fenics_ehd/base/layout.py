@@ -263,10 +263,9 @@ def _tree(entry: Entry | None, value: Any) -> Any:
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
-    """Check an entry that has symbols of its own.
+    """Check an entry whose symbols, the names of axis sizes, are its own, not those of the file.
 
-    If the entry is part of a state, its symbols are added to `sizes`; the path of the entry, put
-    before their names, distinguishes them from symbols of other entries.
+    Sizes of its symbols are added to `sizes` under names that begin with the path of the entry.
     """
     if isinstance(item, h5py.Group | h5py.Dataset):
         entry.check(item, path, dict(sizes))

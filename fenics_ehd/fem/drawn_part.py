@@ -59,7 +59,7 @@ _VTK_FACES = [2, 3, 1, 4, 0, 5]
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Rigid motion of a part into its frame, ``turn @ (x - origin)``; its first bore is along z."""
+    """Rigid motion ``turn @ (x - origin)`` of a part into a frame with its first bore along z."""
 
     origin: np.ndarray
     turn: np.ndarray
