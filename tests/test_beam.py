@@ -334,7 +334,7 @@ def test_shear_takes_a_percent_off_the_elastic_mode_of_the_shipped_rotor(figure)
 
 def test_poissons_ratio_belongs_to_shear():
     scene = "rotor-two-bearings"
-    with pytest.raises(ehd.errors.SettingsError, match=r"poissons_ratio = .* has no effect without"):
+    with pytest.raises(ehd.errors.SettingsError, match="has no effect without"):
         ehd.read_scene(scene, **{"bodies.shaft.poissons_ratio": 0.2})
     values = {"bodies.shaft.theory": "timoshenko", "bodies.shaft.poissons_ratio": 0.2}
     assert ehd.read_scene(scene, **values).bodies["shaft"].poissons_ratio == 0.2
