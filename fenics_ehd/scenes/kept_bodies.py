@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.errors import BodyFileError, EhdError
+from fenics_ehd.base.errors import BodyFileError, EhdError, OutputError
 from fenics_ehd.base.files import CACHE_OFF, CACHE_VARIABLE, PART, lock_taken, user_cache
 from fenics_ehd.base.libraries import origin, version_of
 from fenics_ehd.base.printed import escaped
@@ -183,8 +183,14 @@ def folder() -> Path | None:
     """
     if not is_on():
         return None
-    named = os.environ.get(CACHE_VARIABLE, "")
-    path = Path(named) if Path(named).is_absolute() else user_cache() / "fenics_ehd"
+    named = Path(os.environ.get(CACHE_VARIABLE, ""))
+    try:
+        path = named if named.is_absolute() else user_cache() / "fenics_ehd"
+    except OutputError as error:
+        report(f"reduced bodies are not kept: {error}")
+        return None
+    if named.parts and path != named:
+        report(f"{CACHE_VARIABLE} = {named} is not an absolute path: {path} is used")
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         state = path.stat()
@@ -339,6 +345,9 @@ class Entry:
         share = self.comm.scatter([None] * self.comm.size if shares is None else shares)
         usable = share is not None and np.array_equal(share[0], structure.coordinates)
         if not self.comm.allreduce(usable, op=MPI.LAND):
+            self._on_first(
+                lambda path: report(f"{path / self.name}{BASIS} cannot be used: the part is reduced")
+            )
             return None
         return body, share[1].reshape(-1, body.modes)
 
@@ -365,6 +374,8 @@ class Entry:
         except (EhdError, OSError) as error:
             if self.comm.rank == 0:
                 report(f"a reduced body is not kept: {error}")
+                with suppress(OSError):  # a basis is read only with its body
+                    (path / f"{self.name}{BASIS}").unlink(missing_ok=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
