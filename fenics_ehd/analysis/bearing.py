@@ -12,9 +12,7 @@ thinner, dissipates less power, and lets at least as much oil out.
 
 Coefficients are ``k_ij = -dF_i / dx_j`` and ``b_ij = -dF_i / dv_j`` of the film's force on the
 shaft. x is along the load, y is a quarter turn from x in direction of rotation; zero-pressure lines
-and grooves are at rest. The coefficients jump, by up to 1 % on 64 x 12 cells, when the edge of the
-film moves by a row of nodes. The mean over four meshes with slightly different numbers of cells
-cancels most of the jumps.
+and grooves are at rest. They are means over film meshes, see `fenics_ehd.analysis.film_meshes`.
 """
 
 from __future__ import annotations
@@ -34,6 +32,7 @@ from fenics_ehd.analysis.bearing_mechanism import (
 )
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.analysis.equilibrium import DynamicCoefficients, linearise, stability
+from fenics_ehd.analysis.film_meshes import MeshMean, extra_cells
 from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import (
     EhdError,
@@ -66,10 +65,6 @@ THINNEST_FILM = 5e-4
 
 #: Largest angle between force and load line for a centred shaft, which has no attitude [rad].
 STRAIGHT = 1e-6
-
-#: Coefficients are means over the given mesh and three more, with these numbers of cells around the
-#: bearing added to the given one.
-EXTRA_CELLS = (2, 4, 6)
 
 #: Smallest change of ln(viscosity) between two operating points from which the exponent of power
 #: over flow is computed; it is small because the points differ in temperature only.
@@ -331,25 +326,34 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
             "coefficients need a film with pressure and an eccentricity above 0, since the "
             "cavitating film of a centred shaft has no derivatives"
         )
-    parts = []
-    for extra in (0, *EXTRA_CELLS):
-        finer = point.meshed.bearing.changed(cells_around=settings.cells_around + extra)
-        rest = MeshedBearing(finer, point.position).rest(point.position, load).rest
-        linear = linearise(rest).along(rest.system.bodies["shaft"].start + np.arange(2))
-        parts.append([linear.stiffness, linear.damping])
-    stiffness, damping = np.mean(parts, axis=0)
-    if settings.plain:
+    parts = [
+        _film_matrices(point, settings.cells_around + extra, load)
+        for extra in extra_cells(settings.meshes)
+    ]
+    stiffness, damping = (MeshMean.of(matrices) for matrices in zip(*parts, strict=True))
+    mass, whirl = stability(stiffness.value, damping.value)
+    speed = abs(settings.speed)
+    threshold = None if mass is None else speed * float(np.sqrt(settings.clearance * mass / load))
+    ratio = None if whirl is None or not speed else whirl / speed
+    return DynamicCoefficients(
+        stiffness.value, damping.value, mass, ratio, threshold, stiffness.scatter, damping.scatter
+    )
+
+
+def _film_matrices(point: OperatingPoint, around: int, load: float) -> list[np.ndarray]:
+    """Stiffness and damping of the film on a mesh with `around` cells around, under a load [N]."""
+    finer = point.meshed.bearing.changed(cells_around=around)
+    rest = MeshedBearing(finer, point.position).rest(point.position, load).rest
+    linear = linearise(rest).along(rest.system.bodies["shaft"].start + np.arange(2))
+    stiffness = linear.stiffness
+    if finer.settings.plain:
         # In a plain bearing the force rotates with the journal. A mesh at rest rounds the edge of
         # the film to a row of nodes, so that the computed force does not rotate exactly.
         distance = np.hypot(*point.position)
         across = QUARTER @ point.position / distance
         turned = QUARTER @ point.force_on_bore / distance
-        stiffness += np.outer(turned - stiffness @ across, across)
-    mass, whirl = stability(stiffness, damping)
-    speed = abs(settings.speed)
-    threshold = None if mass is None else speed * float(np.sqrt(settings.clearance * mass / load))
-    ratio = None if whirl is None or not speed else whirl / speed
-    return DynamicCoefficients(stiffness, damping, mass, ratio, threshold)
+        stiffness = stiffness + np.outer(turned - stiffness @ across, across)
+    return [stiffness, linear.damping]
 
 
 @dataclass(frozen=True, eq=False)

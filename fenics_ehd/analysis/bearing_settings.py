@@ -18,6 +18,7 @@ from fenics_ehd.base.fields import (
     cavitation,
     count,
     film_element,
+    film_meshes,
     flag,
     metres,
     number,
@@ -72,6 +73,7 @@ class BearingSettings(OilSettings, Roughness):
     cells_around: int = count(64, "number of cells around the bore", 3)
     cells_along: int = count(12, "number of cells along the axis", 1)
     element: str = film_element()
+    meshes: int = film_meshes()
     grooves: tuple[AxialGroove, ...] = attrs.field(default=(), converter=as_tuple)
     line_at_max_film: bool = flag(
         False,

@@ -468,6 +468,9 @@ class DynamicCoefficients:
     threshold
         ``omega sqrt(c M / W)`` [-]: the speed ``omega_th sqrt(c / g)``, at this Sommerfeld number,
         at which a rotor whose weight is the load becomes unstable; None if it is always stable.
+    stiffness_scatter, damping_scatter
+        Half the range of stiffness and damping over the film meshes, shape (2, 2) [N/m, N s/m];
+        None for a single mesh.
     """
 
     stiffness: np.ndarray
@@ -475,6 +478,8 @@ class DynamicCoefficients:
     critical_mass: float | None
     whirl_ratio: float | None
     threshold: float | None
+    stiffness_scatter: np.ndarray | None = None
+    damping_scatter: np.ndarray | None = None
 
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:

@@ -1,31 +1,33 @@
 """Error budget of a run: errors of peak pressure and thinnest film of every joint, by cause.
 
-The last cycle of a periodic run, or all of another run, is solved again (`Replay`) with one
+The last cycle of a periodic run, or the whole of any other run, is solved again (`Replay`) with one
 difference at a time:
 
 step size
-    in steps that are each as long as two or more steps of the run. The change is a multiple of the
-    error that follows from the order of the formula (Richardson). Coarse steps are halved instead,
-    and a run of many cycles is compared with a formula of another blend;
+    Each step is as long as two or more steps of the run. The ratio of the resulting change to the
+    error follows from the order of the formula (Richardson). Coarse steps are halved instead. A run
+    of many cycles is solved with a formula of another blend instead.
 film mesh
-    in the same long steps, on films with 1.5 times as many cells in both directions;
+    The steps are the same long steps, and the films have 1.5 times as many cells in both
+    directions.
 basis
-    in the same steps, with the gaps changed by the flexibility that the basis lacks. M4 lacks a
-    share that is verified, if possible with the run's own pressures, and the inertia of its
-    residual patterns;
+    The steps are the same long steps, and the gaps are changed by the flexibility that the basis
+    lacks. A basis of M4 lacks the verified error of its flexibility, if possible verified with the
+    pressures of the run, and the inertia of its residual patterns.
 part mesh
-    as for the basis, with the flexibility that another mesh of the part adds;
+    As for the basis, with the flexibility that another mesh of the part adds.
 start
-    not solved again: from the distance between the starts of the last two cycles, the share of this
-    distance that remains after a cycle, and the difference of the extremes of both cycles.
+    Nothing is solved again. The error follows from the distance between the starts of the last two
+    cycles, the share of this distance that remains after a cycle, and the difference between the
+    extremes of both cycles.
 
-The replay therefore lets errors grow or decay along the motion, as they do in the run. The
-perturbed run of a cycle is continued into a second cycle, whose change counts.
+Errors thus grow or decay along the motion of a replay, as in the run. The replay of a cycle is
+continued into a second cycle, and the change in the second cycle is the result.
 
-A long step can end before or after an extreme, so that differences of step values there have either
-sign. Trajectories are therefore compared as smooth curves (`ErrorCurves`). Extremes of a run are
-interpolated between nodes and steps (`fenics_ehd.base.extremes`), so that sampling is no component
-of the errors.
+A long step can end before or after an extreme, so that differences between values at steps have
+either sign there. Trajectories are therefore compared as smooth curves (`ErrorCurves`). Extremes of
+a run are interpolated between nodes and steps (`fenics_ehd.base.extremes`). The budget therefore
+has no component for the distances of nodes and steps.
 
 Imports inside functions: SciPy's interpolation is slow to import, and only budgets need it.
 """
@@ -42,7 +44,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.flexibility_check import Responding, checked_errors
+from fenics_ehd.analysis.flexibility_check import PartInMemory, checked_errors
 from fenics_ehd.analysis.replay import (
     FINER,
     Replay,
@@ -94,9 +96,10 @@ NEAR = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ErrorCurves:
-    """Curves over time of a run or its last cycle, and of errors: exact minus computed values.
+    """Curves over time of a run or its last cycle, and curves of its errors.
 
-    All curves are peak pressure and thinnest film of every joint, shape (2, k, joints) [Pa], [m].
+    Every array of curves has the peak pressure [Pa] and the minimum film thickness [m] of every
+    joint, or errors of these (exact minus computed), shape (2, k, joints), at the k `times`.
 
     Attributes
     ----------
@@ -108,14 +111,17 @@ class ErrorCurves:
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times of the curves, among them the steps of the run, shape (k,) [s]."""
+        """Times at which the curves are evaluated: the steps of the run and times between them [s].
+
+        The shape is (k,).
+        """
         times = self.trajectory.times
         before = np.append(self.trajectory.began, times[:-1])
         between = [times - share * (times - before) for share in np.arange(PARTS) / PARTS]
         return np.unique(between)
 
     def _at_steps(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values at the steps of the run; a cycle also has its end as its start."""
+        """Times and values at the steps of the run; a cycle starts with the values at its end."""
         times = self.trajectory.times
         period = self.trajectory.period
         if period is None:
@@ -124,12 +130,12 @@ class ErrorCurves:
 
     @cached_property
     def reported(self) -> np.ndarray:
-        """Peak pressures and thinnest films of the run."""
+        """Curves of peak pressure and minimum film thickness of the run, shape (2, k, joints)."""
         return self._linear_at_steps(self.trajectory.extremes)
 
     @cached_property
     def between_nodes(self) -> np.ndarray:
-        """Peak pressure and thinnest film, taken between nodes, minus those at the nodes alone."""
+        """Curves of the extremes between nodes, minus the extremes at the nodes alone."""
         films = [joint.film for joint in self.trajectory.joints.values()]
         peaks = [np.max(film.pressure, axis=1) for film in films]
         thinnest = [np.min(film.gap, axis=1) for film in films]
@@ -137,7 +143,7 @@ class ErrorCurves:
         return self.reported - self._linear_at_steps(nodal)
 
     def _linear_at_steps(self, values: np.ndarray) -> np.ndarray:
-        """Interpolate values at the steps of the run linearly, shape (2, steps, joints)."""
+        """Curves by linear interpolation of values at the steps, shape (2, steps, joints)."""
         return np.array([_linear(self.times, *self._at_steps(each)) for each in values])
 
     def change(
@@ -147,15 +153,15 @@ class ErrorCurves:
         factor: float | np.ndarray,
         remaining: float = 0.0,
     ) -> np.ndarray:
-        """Change from one trajectory to another, times a factor, in the limit of many cycles.
+        """Curves of the change between two trajectories, times a factor, after many cycles.
 
         Parameters
         ----------
         before, after, factor
-            The two trajectories, and the factor.
+            Trajectories of the run and of the changed run, and the factor.
         remaining
-            Fraction of the change over one cycle that the next cycle adds, of either sign; 0 if
-            cycles after the second are unknown.
+            Change of the difference in a cycle over its change in the cycle before, of either
+            sign; 0: the difference in the second cycle is the result.
         """
         changes = []
         for values, changed in zip(before.extremes, after.extremes, strict=True):
@@ -164,7 +170,10 @@ class ErrorCurves:
         return np.array(changes)
 
     def _between(self, before: Callable, after: Callable, remaining: float) -> np.ndarray:
-        """Change from one curve to another, in the limit of many cycles."""
+        """Change of one quantity between two trajectories, after many cycles, shape (k, joints).
+
+        `before` and `after` are functions that evaluate the quantity at given times.
+        """
         first = after(self.times) - before(self.times)
         if self.trajectory.period is None:
             return np.nan_to_num(first)
@@ -175,17 +184,20 @@ class ErrorCurves:
         return np.nan_to_num(np.where(np.isfinite(second), limit, first))
 
     def interpolated(self, times: np.ndarray, changes: Sequence[np.ndarray]) -> np.ndarray:
-        """Interpolate changes of both quantities at given times, each of shape (k, joints)."""
+        """Curves from the changes of both quantities at `times`, each of shape (times, joints)."""
         return np.array([_linear(self.times, times, values) for values in changes])
 
 
 def _linear(wanted: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate values (k, joints) linearly at the wanted times."""
+    """Interpolate values linearly at the times `wanted`; values have the shape (times, joints)."""
     return np.column_stack([np.interp(wanted, times, column) for column in values.T])
 
 
 def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Smooth curves through values (k, joints); nan outside of the given times."""
+    """Smooth curves through values at given times, shape (k, joints), as a function of times.
+
+    The function returns nan at times outside the given ones.
+    """
     if len(times) < 2:
         return lambda wanted: np.full((len(wanted), values.shape[1]), np.nan)
     from scipy.interpolate import Akima1DInterpolator
@@ -196,7 +208,7 @@ def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.n
 
 @dataclass(frozen=True, eq=False)
 class Extreme:
-    """Peak pressure or thinnest film of a joint, as the summary of a run has it.
+    """Peak pressure or minimum film thickness of one joint over a run or cycle.
 
     Attributes
     ----------
@@ -205,10 +217,9 @@ class Extreme:
     joint
         Index of the joint.
     value
-        Value of the extreme [Pa] or [m].
+        Value in the summary of the run [Pa] or [m].
     reported
-        Peak pressures [Pa] and thinnest films [m] of all joints over time, see
-        `ErrorCurves.reported`, shape (2, k, joints).
+        Curves of all joints over time, see `ErrorCurves.reported`, shape (2, k, joints).
     """
 
     quantity: str
@@ -217,47 +228,54 @@ class Extreme:
     reported: np.ndarray
 
     def _outward(self, curves: np.ndarray) -> np.ndarray:
-        """Curve of this quantity and joint, with the sign for which the extreme is a maximum."""
+        """Curve of this quantity and joint, shape (k,), times -1 if the extreme is a minimum."""
         curve = curves[QUANTITIES.index(self.quantity), :, self.joint]
         return curve if self.quantity == "max_pressure" else -curve
 
     def bias(self, changes: Sequence[np.ndarray]) -> float:
-        """Relative error of the extreme from all errors together, positive if it is too large."""
+        """Relative error of the extreme from the sum of error curves, positive if it is too large.
+
+        Each of the `changes` is the curves of one error component, shape (2, k, joints).
+        """
         values = self._outward(self.reported)
         total = sum(self._outward(change) for change in changes)
         growth = float((values + total).max() - values.max()) / abs(self.value)
         return 0.0 - growth if self.quantity == "max_pressure" else growth
 
     def near(self, change: np.ndarray) -> float:
-        """Root mean square of an error at times near the extreme, relative to the extreme."""
+        """Root mean square of an error curve at times near the extreme, over the extreme [-]."""
         values = self._outward(self.reported)
         near = values >= values.max() - NEAR * abs(values.max())
         return float(np.sqrt(np.mean(self._outward(change)[near] ** 2)) / abs(self.value))
 
     def share(self, change: np.ndarray) -> float:
-        """Error of the extreme by one component: mean of `bias` and `near`, without signs.
+        """Relative error of the extreme by one component: mean of `near` and the size of `bias`.
 
         `near` is included because an unchanged extreme between changed neighbours is a coincidence.
         """
         return 0.5 * (abs(self.bias([change])) + self.near(change))
 
     def over(self, change: np.ndarray) -> float:
-        """Largest error over time: of pressure over its peak, of film thickness over itself."""
+        """Largest relative error of the curve at any time.
+
+        An error of pressure is relative to the peak over all times, an error of film thickness to
+        the film thickness at the same time.
+        """
         values = self._outward(self.reported)
         scale = np.abs(values) if self.quantity == "min_film_thickness" else abs(self.value)
         return float((np.abs(self._outward(change)) / scale).max())
 
 
 def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
-    """Add the sums of the errors of all components to the errors.
+    """Add the sum of all components to errors by component.
 
-    Magnitudes are added, because a cancellation of errors of opposite signs is a coincidence.
+    The errors have no signs, because a cancellation of opposite errors is a coincidence.
 
     Returns
     -------
     dict
-        The errors, ``known``, the sum of all estimated errors, and ``total``, which is the same, or
-        ``"not estimated"`` if an error is not estimated.
+        The errors by component; ``known``, the sum of all estimated errors; and ``total``, the same
+        sum, or ``"not estimated"`` if a component is not estimated.
     """
     each = [errors[component] for component in COMPONENTS]
     estimated = [error for error in each if not isinstance(error, str)]
@@ -280,23 +298,25 @@ def missing_gaps(
     periodic: bool,
     scales: Mapping[str, float] | None = None,
 ) -> list[np.ndarray]:
-    """Changes of the gaps of all films along a trajectory, due to missing flexibility of surfaces.
+    """Changes of the gaps of all films along a trajectory by flexibility that models lack.
 
     Parameters
     ----------
     equations, trajectory
         Equations of the mechanism, and the trajectory.
     component
-        ``"basis"`` or ``"part_mesh"``.
+        ``"basis"``: flexibility that the basis of a surface's body lacks; ``"part_mesh"``:
+        flexibility that another mesh of its part adds.
     periodic
         Whether the trajectory is a cycle.
     scales
-        Factors on the flexibility that is missing in the basis, by body; 1 for others.
+        Factors on the flexibility that a basis lacks, by body; 1 for bodies that are not listed.
 
     Returns
     -------
     list
-        Change at the observed points of every film, shape (k, w) [m]; 0 between rigid surfaces.
+        Change of the gap of every film at its w observed points and the k steps, shape (k, w) [m];
+        0 between rigid surfaces.
 
     Raises
     ------
@@ -336,9 +356,10 @@ def _missing_fields(
     accelerations: np.ndarray,
     periodic: bool,
 ) -> np.ndarray:
-    """Displacements by the missing flexibility of a surface along a trajectory, shape (k, m) [m].
+    """Displacements of a surface by its missing flexibility at all steps, shape (k, m) [m].
 
-    `loads` are those on the body at every step, `accelerations` those of its residual amplitudes.
+    `loads` are the loads on the surface's body at every step. `accelerations` are the accelerations
+    of the amplitudes of its residual patterns at every step, shape (k, r).
     """
     estimate = BasisErrorEstimate.of(missing)
     fields: list[np.ndarray] = []
@@ -355,7 +376,7 @@ def _missing_fields(
 
 
 def _loads(system: System, trajectory: Trajectory) -> list[dict[str, np.ndarray]]:
-    """Loads at every step by body: pressures on its surfaces, followed by forces on its points."""
+    """Loads on each body at every step: pressures on surfaces [Pa], then forces on points [N]."""
     rates = np.gradient(trajectory.x[:, : system.n], trajectory.times, axis=0)
     accelerations = trajectory.state("accelerations")
     multipliers = trajectory.state("multipliers")
@@ -415,28 +436,30 @@ FAILURES = (EhdError, ArithmeticError, ValueError)
 
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
-    """Estimated errors of a run by component.
+    """Estimated errors of a run by component: step size, film mesh, basis, part mesh, start.
 
     Attributes
     ----------
     joints
-        Relative errors by name of joint, then by quantity, extreme and ``largest_over_cycle``: of
-        every component and in total, or the reason why an error is missing.
+        Relative errors of the extremes, by joint and quantity, then by component and as sums; an
+        error that is not estimated is a word. The key ``largest_over_cycle`` of a joint has the
+        largest errors over time likewise.
     curves
-        Curves of the run.
+        Curves of the run over time.
     changes
-        Errors over time (exact minus computed) by component, as far as they are known over time.
+        Curves of errors (exact minus computed values), by component, see `ErrorCurves`; components
+        without such curves are missing.
     notes
         Reasons why components are not estimated, by component.
     left_out
-        Share of the time by component for which no solution to compare with was found.
+        Share of the simulated time in which the compared run has no solution, by component.
     iterations
         Number of Newton iterations of the estimate.
     seconds
         Processor time of the estimate [s].
     flexibility_errors
-        Relative errors of displacements under the run's own pressures by name of the body, of M4
-        if the part is at hand.
+        Relative errors of displacements under pressures of the run, by body, see
+        `checked_errors`.
     """
 
     joints: dict[str, dict[str, Any]]
@@ -449,7 +472,7 @@ class ErrorBudget:
     flexibility_errors: dict[str, float] = field(default_factory=dict)
 
     def over_time(self, start: float) -> dict[str, Any]:
-        """Errors over time by joint and component, with times since `start` [s]."""
+        """Values and errors over time since `start` [s], by joint, component and column."""
         joints: dict[str, Any] = {name: {} for name in self.joints}
         for component, change in self.changes.items():
             for i, components in enumerate(joints.values()):
@@ -467,10 +490,10 @@ class Estimator:
     solved
         Recorder of the run.
     parts
-        Static responses of the parts that are at hand, see `checked_errors`.
+        Parts in memory, by the name of their body, see `checked_errors`.
     """
 
-    def __init__(self, solved: Recorder, parts: Mapping[str, Responding] | None = None):
+    def __init__(self, solved: Recorder, parts: Mapping[str, PartInMemory] | None = None):
         self._parts = parts or {}
         self._summary = RunSummary(solved)
         self._trajectory = trajectory_of(solved)
@@ -539,23 +562,28 @@ class Estimator:
 
     @property
     def _checked_shares(self) -> dict[str, float]:
-        """Errors under the run's own pressures over the verified errors of the bodies."""
-        bodies = self._system.mechanism.bodies
+        """Relative error of displacements under pressures of the run, over the verified error.
+
+        The ratios are listed by body.
+        """
         return {
-            name: error / bodies[name].reduced.flexibility_error  # type: ignore[union-attr]
+            name: error / self._parts[name].reduced.flexibility_error
             for name, error in self._flexibility_errors.items()
         }
 
     @cached_property
     def _flexibility_errors(self) -> dict[str, float]:
-        """Relative errors of displacements under the run's own pressures by name of the body."""
+        """Relative errors of displacements under pressures of the run, by body."""
         try:
             return checked_errors(self._system, self._trajectory, self._parts)
         except FAILURES:  # the verified errors of the bodies remain
             return {}
 
     def _follow(self, trajectory: Trajectory, run: Run | None = None, **how: Any) -> Trajectory:
-        """Replay a trajectory by the run itself or by another one, with options of `Replay`."""
+        """Replay a trajectory with the equations of `run`, by default those of the estimated run.
+
+        `how` has further arguments of `Replay`.
+        """
         tolerance = min(SETTLED * self._run.control.tolerance, LITTLE)
         replay = Replay(run or self._run, trajectory, tolerance, forgiving=True, **how)
         end = float(trajectory.times[-1])
@@ -566,7 +594,7 @@ class Estimator:
             self._left_out = max(self._left_out, replay.left_out / (end - trajectory.began))
 
     def _change_by_steps(self, again: Trajectory) -> np.ndarray:
-        """Error over time by the size of the steps."""
+        """Curves of the step-size error; `again` is the replay of the run in long steps."""
         control = self._run.control
         if self._stride == 1:
             halved = self._follow(self._long.halved())
@@ -584,14 +612,14 @@ class Estimator:
     def _change(
         self, before: Trajectory, after: Trajectory, factor: float | np.ndarray
     ) -> np.ndarray:
-        """Change between two trajectories, times a factor, in the limit of many cycles."""
+        """Curves of the change between two trajectories, times a factor, after many cycles."""
         return self._curves.change(before, after, factor, self._remaining(before, after))
 
     def _remaining(self, before: Trajectory, after: Trajectory) -> float:
-        """Fraction of the difference after one cycle that the next cycle adds, of either sign.
+        """Ratio of the change between two trajectories in their second cycle to that in the first.
 
-        The contraction of a cycle has no sign. The difference caused by a whirl at half the speed
-        changes its sign from cycle to cycle: most of the error is then the change over one cycle.
+        The ratio has a sign, unlike the contraction of a cycle. For instance, a whirl at half the
+        speed reverses the sign of the change from cycle to cycle.
         """
         cycles = self._cycles
         norm = self._run.norm
@@ -609,7 +637,7 @@ class Estimator:
         return float((difference[-1] - once) @ once / (once @ once)) if once.any() else 0.0
 
     def _change_by_films(self, again: Trajectory) -> np.ndarray:
-        """Error over time by the film meshes."""
+        """Curves of the film mesh error; `again` is the replay of the run in long steps."""
         finer = self._run.with_mechanism(with_finer_films(self._system.mechanism))
         start = transferred_state(again.start, self._run, finer)
         refined = self._follow(again, finer, start=start)
@@ -619,7 +647,10 @@ class Estimator:
         return self._change(again, refined, 1.0 / (1.0 - FINER**-orders))
 
     def _change_by_gaps(self, component: str, again: Trajectory) -> np.ndarray:
-        """Error over time due to missing flexibility of surfaces, see `missing_gaps`."""
+        """Curves of the error by missing flexibility of surfaces, see `missing_gaps`.
+
+        `again` is the replay of the run in long steps.
+        """
         periodic = self._cycles is not None
         equations = self._run.equations
         changes = missing_gaps(equations, again, component, periodic, self._checked_shares)
@@ -633,7 +664,7 @@ class Estimator:
     def _joint(
         self, i: int, binding: FilmBinding, changes: Mapping[str, np.ndarray]
     ) -> dict[str, Any]:
-        """Errors of joint `i` by quantity, from the changes by component."""
+        """Relative errors of joint `i` by quantity and component, from the curves in `changes`."""
         errors: dict[str, Any] = {}
         largest: dict[str, Any] = {}
         known: dict[str, Any] = dict.fromkeys(COMPONENTS, NOT_ESTIMATED)
@@ -655,7 +686,7 @@ class Estimator:
         return errors | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
-        """Relative errors of an extreme and of the curve by the remaining change of the cycle."""
+        """Relative errors of an extreme and of its curve because the cycle is not yet periodic."""
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
@@ -675,7 +706,7 @@ class Estimator:
 
 
 def _one_line(error: Exception) -> str:
-    """Message of an error without line breaks."""
+    """Message of an exception, without line breaks."""
     return " ".join(str(error).split())
 
 

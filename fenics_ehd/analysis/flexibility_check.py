@@ -1,8 +1,9 @@
-"""Error of M4's flexibility under pressures of a run, by static responses of the part.
+"""Error of M4's flexibility under pressures of a run, from static responses of the part.
 
-A body of M4 is exact for the pressures of a family, and verified with others before any run. After
-a run its own pressures are known. If the part is at hand, static responses to eight of them show
-the error of the run's displacements: one factorisation of the part, and one block of solves.
+The displacements of a body that M4 reduced are exact for the film pressures of a family, and
+verified for other pressures before any run. A run has its own pressures. If the part itself is in
+memory, its static responses to eight of these pressures show the error of the body's displacements.
+This takes one factorisation of the stiffness matrix and one solve with eight right-hand sides.
 
 Imports inside functions: runs without an elastic part do without static responses.
 """
@@ -10,16 +11,17 @@ Imports inside functions: runs without an elastic part do without static respons
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_ehd.analysis.replay import Trajectory
-from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.trust import surface_loads
 
 if TYPE_CHECKING:
+    from fenics_ehd.reduction.body import ReducedBody
     from fenics_ehd.reduction.family_responses import Responses
 
 #: Number of pressures of a run that are checked.
@@ -31,14 +33,29 @@ LEAST = 0.05
 #: Verified error below which a body is exact: every nodal pressure was solved for.
 EXACT = 1e-9
 
-#: Static responses of a part to nodal pressures on its bores, shape (k, r) [Pa].
-Responding = Callable[[np.ndarray], "Responses"]
+
+@dataclass(frozen=True, eq=False)
+class PartInMemory:
+    """A part that is still in memory, with its reduced body.
+
+    Attributes
+    ----------
+    reduced
+        The reduced body of the part.
+    respond
+        Computes static responses of the part to nodal pressures on its bores, shape (k, r) [Pa].
+    """
+
+    reduced: ReducedBody
+    respond: Callable[[np.ndarray], Responses]
 
 
 def checked_errors(
-    system: System, trajectory: Trajectory, parts: Mapping[str, Responding]
+    system: System, trajectory: Trajectory, parts: Mapping[str, PartInMemory]
 ) -> dict[str, float]:
-    """Largest relative error of the bores' displacements of each body, by its name.
+    """Largest relative error of a body's displacements in its bores under pressures of a run.
+
+    The errors are listed by body. Bodies without an estimated error of their flexibility have none.
 
     Parameters
     ----------
@@ -47,26 +64,25 @@ def checked_errors(
     trajectory
         Trajectory of the run.
     parts
-        Static responses of the parts that are at hand, by name of the body.
+        Parts in memory, by the name of their body.
     """
     from fenics_ehd.reduction.family_responses import largest_error
 
     errors = {}
-    for name, responding in parts.items():
-        body = system.mechanism.bodies[name]
-        assert isinstance(body, FlexibleBody)
-        if not body.reduced.flexibility_error > EXACT:  # nan: not to be estimated
+    for name, part in parts.items():
+        if not part.reduced.flexibility_error > EXACT:  # nan: not to be estimated
             continue
         pressures = _pressures(system, trajectory, name)
         if pressures.shape[1]:
-            errors[name] = largest_error(responding(pressures), body.reduced)
+            errors[name] = largest_error(part.respond(pressures), part.reduced)
     return errors
 
 
 def _pressures(system: System, trajectory: Trajectory, name: str) -> np.ndarray:
-    """Pressures on all bores of a body at some steps of a run, shape (k, at most `CHECKED`) [Pa].
+    """Nodal pressures on all bores of a body at some steps of a run, shape (nodes, steps) [Pa].
 
-    Among them are those with the peak pressures and the thinnest films.
+    There are at most `CHECKED` steps, among them the steps with the peak pressures and the minimum
+    film thicknesses of the body's films.
     """
     films = list(trajectory.pressures.values())
     mine = [

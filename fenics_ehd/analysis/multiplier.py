@@ -1,14 +1,14 @@
 """Largest Floquet multiplier of a periodic solution: growth of a small change over a cycle.
 
-The map from the start of a cycle to its end is linear for small changes. Its eigenvalues are the
-multipliers, and a change along an eigenvector is multiplied by its multiplier in each cycle. The
-solution is stable if all multipliers lie within the unit circle. Arnoldi's method finds the largest
-multiplier from a few cycles with changed starts (Saad, Numerical Methods for Large Eigenvalue
-Problems, chapter 6). All these cycles have the steps of one cycle, so that their ends differ by the
-changes and not by choices of the step control.
+A small change of the state at the start of a cycle causes a change at its end, by a linear map. The
+eigenvalues of this map are the multipliers: a change along an eigenvector is multiplied by its
+multiplier in each cycle. The solution is stable if all multipliers lie within the unit circle.
+Arnoldi's method finds the largest multiplier from a few cycles with changed starts (Saad, Numerical
+Methods for Large Eigenvalue Problems, chapter 6). All these cycles have the same time steps, so
+that their ends differ by the changed starts only, not by the step control.
 
-Temperatures that are balanced over cycles are kept constant. The phase of a machine without an
-imposed speed is one of its changes.
+Temperatures of heat balances over a cycle are kept constant. If no drive imposes the speed of a
+machine, a shift of its phase is one of the possible changes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Multiplier:
     Attributes
     ----------
     value
-        Complex multiplier [-]; of a conjugate pair, the one with a positive imaginary part.
+        Complex multiplier [-]; the imaginary part is positive if there is a conjugate pair.
     residual
         Residual of the eigenvalue equation, which estimates the error of the multiplier [-].
     cycles
@@ -63,7 +63,7 @@ class Multiplier:
     cycles: int
 
     def figures(self) -> dict[str, float]:
-        """Entries of ``summary.json``: magnitude, angle and residual of the multiplier, cycles."""
+        """Entries of ``summary.json``: magnitude, angle, residual and cycles of the multiplier."""
         return {
             "largest_multiplier": abs(self.value),
             "largest_multiplier_angle_deg": float(np.degrees(np.angle(self.value))),
@@ -75,7 +75,7 @@ class Multiplier:
 def largest_multiplier(
     run: Run, period: float, between: Callable[[], object] = lambda: None
 ) -> Multiplier:
-    """Largest multiplier of the periodic solution of a run, whose state is not changed.
+    """Largest multiplier of a run's periodic solution; the state of the run is not changed.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def largest_multiplier(
     period
         Period of the solution [s].
     between
-        Function that is called between two steps.
+        Function that is called after each step.
 
     Raises
     ------
@@ -127,10 +127,10 @@ def multiplier(history: History) -> Multiplier:
 
 
 class _Cycle:
-    """Linear map of one cycle: from a change of the integrator's past points to that at the end.
+    """Linear map from a change at the start of a cycle to the resulting change at its end.
 
-    Changes are relative to the points of the periodic solution and have the shape (2, points, n);
-    the first axis is x and its rate.
+    A change is added to the past points of the integrator, which are states x and their rates. It
+    has the shape (2, points, n), with x and its rate along the first axis.
     """
 
     def __init__(self, run: Run, period: float, between: Callable[[], object]):
@@ -154,14 +154,17 @@ class _Cycle:
         self._end = self._through(self._start)
 
     def _through(self, start: RunState) -> RunState:
-        """Simulate a cycle from a start; returns the state at its end."""
+        """Simulate a cycle from the state `start`; return the state at its end."""
         replay = Replay(self._run, self._course, NEWTON, start=start)
         for _ in replay.until(start.time + self._period):
             self._between()
         return replay.state
 
     def first(self) -> np.ndarray:
-        """First change, of size 1: all coordinates change, and all joints remain closed."""
+        """First change at the start of a cycle: of all coordinates, such that all joints hold.
+
+        Its scalar product with itself is 1.
+        """
         system = self._run.equations.system
         start = self._start
         measure = np.abs(system.error_measure).max(axis=0, initial=0.0)
@@ -181,11 +184,15 @@ class _Cycle:
         return change / np.sqrt(self.product(change, change))
 
     def product(self, one: np.ndarray, other: np.ndarray) -> float:
-        """Scalar product of two changes, from the relative changes at their newest points."""
+        """Scalar product of two changes, computed from their values at the newest point."""
         return float(np.sum(self._measured(one) * self._measured(other)))
 
     def _measured(self, change: np.ndarray) -> np.ndarray:
-        """Relative changes of gaps, other observed quantities, and their rates, shape (2, k)."""
+        """Relative changes of the k observed quantities, and of their rates, shape (2, k).
+
+        The observed quantities are gaps and others, see `StepNorm`. `change` is evaluated at the
+        newest point.
+        """
         norm = self._run.norm
         newest = self._start.x[0]
         observed = [norm.observe(newest + part) - norm.observe(newest) for part in change[:, 0]]

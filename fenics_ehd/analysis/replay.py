@@ -1,15 +1,16 @@
 """Replay: another mechanism repeats the recorded steps of a run, or takes longer steps.
 
 The solutions at the steps of a run are its trajectory. Errors and derivatives are differences
-between this trajectory and that of a run that differs a little: by longer steps, a finer film, a
-gap with the flexibility that a basis lacks, a parameter one per cent larger, or another start. A
-replay computes such a trajectory at chosen times. It starts Newton's method from the recorded
-solution, interpolated to the nodes of the other film, plus the difference at the previous time,
+between this trajectory and the trajectory of a slightly different run: with longer steps, a finer
+film, a gap with the flexibility that a basis lacks, a parameter that is one per cent larger, or
+another start. A replay computes such a trajectory at chosen times. Newton's method starts from the
+recorded solution, interpolated to the nodes of the other film, plus the difference at the previous
+time,
 
     u_k = trajectory_k + (u_(k-1) - trajectory_(k-1)).
 
-Newton's method then needs little more than one iteration per step, and errors are carried along by
-the motion as in the run. Since the steps are given, differences contain no noise of a step control.
+Newton's method then needs little more than one iteration per step. Errors grow and decay along the
+motion as in the run. Since the steps are given, differences contain no noise of a step control.
 """
 
 from __future__ import annotations
@@ -59,8 +60,8 @@ RunState = IntegratorState[SolverState]
 class Trajectory(History):
     """A history that replays follow: solutions at ascending times after a start.
 
-    The trajectory of a replay also has the array ``state/accelerations`` of coordinates and
-    amplitudes of residual patterns, shape (k, n + r).
+    If `recorded` made the trajectory, it also has the array ``state/accelerations``: accelerations
+    of the coordinates and of the amplitudes of residual patterns, shape (k, n + r).
 
     Attributes
     ----------
@@ -69,7 +70,7 @@ class Trajectory(History):
     start
         State before the first step.
     search
-        Search for a periodic solution whose last cycle these steps are; None without a search.
+        Search for a periodic solution; the steps are its last cycle. None without a search.
     """
 
     base: Run = field(kw_only=True)
@@ -97,14 +98,15 @@ class Trajectory(History):
         return np.hstack([self.coordinates, self.quasi_static])
 
     def state(self, name: str) -> np.ndarray:
-        """Array of the group ``state`` of the history, by name: ``multipliers`` for instance."""
+        """Array of the history by its name in the group ``state``, for instance ``multipliers``."""
         return np.asarray(self.values[f"state/{name}"])
 
     @cached_property
     def extremes(self) -> np.ndarray:
-        """Peak pressure [Pa] and thinnest film [m] of every film at every step, (2, k, films).
+        """Peak pressure [Pa] and minimum film thickness [m] of every film at each of the k steps.
 
-        They may lie between nodes, see `fenics_ehd.base.extremes`.
+        The shape is (2, k, films). The extremes may lie between nodes, see
+        `fenics_ehd.base.extremes`.
         """
         films = [joint.film for joint in self.joints.values()]
         each = [
@@ -114,9 +116,10 @@ class Trajectory(History):
         return np.array(each).transpose(1, 2, 0)
 
     def with_next(self, share: float) -> Trajectory:
-        """The trajectory of a cycle, extended by a part of the next cycle, `share` of the period.
+        """The trajectory of a cycle, extended by the first part of the next cycle.
 
-        In the next cycle, angles of rotating bodies are larger by whole turns.
+        The part is the fraction `share` of the period. It repeats the cycle, but angles of rotating
+        bodies are larger by whole turns.
         """
         assert self.search is not None
         period = self.search.period
@@ -135,12 +138,13 @@ class Trajectory(History):
         )
 
     def widened(self, changes: Sequence[np.ndarray]) -> Trajectory:
-        """The trajectory with the gaps of all films changed.
+        """The trajectory with changes added to the gaps of all films.
 
         Parameters
         ----------
         changes
-            Change of the gap of every film at its observed points, shape (k, w) [m].
+            Change of the gap of every film at its w observed points and the k steps, shape (k, w)
+            [m].
         """
         gaps = {}
         for (name, joint), change in zip(self.joints.items(), changes, strict=True):
@@ -174,7 +178,7 @@ class Trajectory(History):
 
 
 def solved_run(history: History) -> Recorder:
-    """Recorder of the run whose history `simulate` returned.
+    """Recorder of the run from which `simulate` made a history.
 
     Raises
     ------
@@ -191,7 +195,7 @@ def solved_run(history: History) -> Recorder:
 
 
 def trajectory_of(solved: Recorder) -> Trajectory:
-    """Trajectory of a complete run, or of the current cycle of a periodic run."""
+    """Trajectory of a complete run; of a search for a periodic solution, that of its last cycle."""
     first = solved.first
     steps = solved.history().each(lambda values: values[first:])
     return Trajectory(**vars(steps), base=solved.run, start=solved.began, search=solved.cycles)
@@ -212,9 +216,10 @@ def recorded(
     end
         End time of a run without a search [s].
     cycles
-        Search for a periodic solution, which determines the end; its last cycle is recorded.
+        Search for a periodic solution, which determines the end; its last cycle is recorded. None
+        if the run has no search.
     look
-        Function that returns further columns of a step, by path with unit.
+        Function that returns further values of a step, by the path of their column with unit.
     """
     size = run.equations.system.n + run.equations.responses.size
     start = run.state
@@ -233,7 +238,7 @@ def recorded(
 
 
 def finer_grid(grid: FilmGrid) -> FilmGrid:
-    """Grid with `FINER` times as many cells in both directions and the same grading."""
+    """Film mesh with `FINER` times as many cells in both directions and the same grading."""
     return FilmGrid(grid.radius, _divided(grid.angles), _divided(grid.heights), grid.family)
 
 
@@ -244,7 +249,7 @@ def _divided(boundaries: np.ndarray) -> np.ndarray:
 
 
 def with_finer_films(mechanism: Mechanism) -> Mechanism:
-    """Replace the grids of all films by `finer_grid`, with cell boundaries at edges of grooves.
+    """Mechanism with the film meshes of `finer_grid`, and cell boundaries at edges of grooves.
 
     Raises
     ------
@@ -262,10 +267,10 @@ def with_finer_films(mechanism: Mechanism) -> Mechanism:
 
 
 def interpolations(source: Run, target: Run) -> list[sparse.spmatrix]:
-    """Matrices from nodal values of the films of one run to the same films of another run.
+    """Matrices that interpolate nodal values of a run's films to the film nodes of another run.
 
-    If a film has the same number of nodes in both runs, the nodes are the same, though they may
-    have moved; its matrix is the identity.
+    There is one matrix for each film. If the film has the same number of nodes in both runs, its
+    matrix is the identity, even if the nodes have moved.
     """
     matrices = []
     for films in zip(source.equations.system.films, target.equations.system.films, strict=True):
@@ -279,18 +284,19 @@ def interpolations(source: Run, target: Run) -> list[sparse.spmatrix]:
 
 
 def transferred_state(state: RunState, source: Run, target: Run, span: float = 1.0) -> RunState:
-    """Convert a state of one run to a state of another run with the same coordinates.
+    """Convert the state of a run to a state of another run with the same coordinates.
 
-    Coordinates are kept. For films with mass-conserving cavitation, void fractions are kept.
+    The coordinates do not change. In films with mass-conserving cavitation, the void fractions do
+    not change.
 
     Parameters
     ----------
     state
-        State of the source.
+        State of `source`.
     source, target
         Run with the state, and run for which the state is converted.
     span
-        Time in the target over time in the source.
+        Ratio of a time of `target` to the same time of `source`; rates are divided by it.
     """
     size = target.equations.system.n + target.equations.responses.size
     matrices = interpolations(source, target)
@@ -329,20 +335,21 @@ class Replay(Run):
     trajectory
         Trajectory of a run of the same mechanism, or of a slightly different one.
     tolerance
-        Tolerance of Newton's last update.
+        Tolerance of the last update of Newton's method.
     start
         State before the first step; by default that of the trajectory.
     stride
-        Number of steps of the trajectory that form one step; fewer if steps would grow fast, or
-        would contain a row of a table.
+        Number of steps of the trajectory that form one step of the replay. The number is smaller
+        if steps would grow fast, or if a step would contain a row of a table.
     changes
-        Given changes of the gap of every film at its observed points and the times of the
-        trajectory, shape (k, w) [m].
+        Changes that are added to the gap of every film, at its w observed points and the k times of
+        the trajectory, shape (k, w) [m].
     same_coordinates
-        Whether coordinates mean the same as in the trajectory, which is then the first guess.
+        Whether the coordinates have the same meaning as those of the trajectory, from which the
+        first guess of a step is then made.
     forgiving
         Whether a step without a solution is divided. If a part has no solution either, the rest of
-        the step is left out, and the replay continues from its end in the trajectory.
+        the step is left out, and the replay continues from the trajectory at the end of the step.
 
     Attributes
     ----------
@@ -417,7 +424,7 @@ class Replay(Run):
             last_size = self.state.time - before
 
     def _in_parts(self, row: int, time: float) -> Iterator[MechanismStep]:
-        """Try to reach a row of the trajectory in several parts; yield those with a solution."""
+        """Take the step to a row of the trajectory in several parts; yield those that converge."""
         began = self.state.time
         reached = 0.0
         part = 0.5
@@ -431,7 +438,7 @@ class Replay(Run):
             yield step
 
     def _rejoin(self, row: int, time: float) -> None:
-        """Continue from the trajectory at a row, unless its time [s] has been reached."""
+        """Set the state to that of the trajectory at a row, unless `time` [s] has been reached."""
         if self.state.time >= time:
             return
         self.left_out += time - self.state.time
@@ -453,14 +460,16 @@ class Replay(Run):
             self._guess.forget()
 
     def _next(self, times: np.ndarray, row: int, last_size: float) -> int:
-        """Row at the end of the next step, which contains no corner and no row of a table inside.
+        """Row of the trajectory at which the next step ends.
+
+        Within the step there is no corner of the motion and no row of a table.
 
         Parameters
         ----------
         times
-            Times of all rows, shape (k,) [s].
+            Times of all rows of the trajectory, shape (k,) [s].
         row, last_size
-            Row at the end of the last step, and size of the last step [s].
+            Row at which the last step ended, and size of the last step [s].
         """
         time = self.state.time
         target = min(row + self._stride, len(times) - 1)
@@ -476,7 +485,11 @@ class Replay(Run):
         return target
 
     def _step(self, row: int, time: float, share: float = 1.0) -> MechanismStep | None:
-        """Take a step to a row of the trajectory, or a part of the way; None without a solution."""
+        """Take a step to the time of a row of the trajectory, or a step to an earlier time.
+
+        `share` is the fraction of the way from the previous row. The result is None if the step has
+        no solution.
+        """
         control = self.control
         state = self.state
         norm = self.norm
@@ -516,9 +529,10 @@ class Replay(Run):
 def _between(
     values: np.ndarray, row: int, share: float, first: np.ndarray | None = None
 ) -> np.ndarray:
-    """Values at a part of the way from the previous row to a row.
+    """Interpolate the rows of an array linearly: at the fraction `share` of the way to a row.
 
-    The values before row 0 are `first`, or those of row 0 if `first` is None.
+    The way begins at the previous row. Before row 0 the values are `first`, or the values of row 0
+    if `first` is None.
     """
     if share == 1.0:
         return values[row]
@@ -527,7 +541,7 @@ def _between(
 
 
 class _Guess:
-    """First guess of a step: the trajectory plus the difference from it at the last step.
+    """First guess for a step of a replay: the trajectory, plus the replay's last distance from it.
 
     Parameters
     ----------
@@ -539,7 +553,7 @@ class _Guess:
     Attributes
     ----------
     patterns
-        Number of residual patterns that the derivatives contain.
+        Number of residual patterns that the derivatives of the last step contained.
     """
 
     def __init__(self, run: Run, trajectory: Trajectory):
@@ -569,23 +583,33 @@ class _Guess:
         self.forget()
 
     def begin(self, state: RunState) -> None:
-        """Start from a state near the trajectory's; its angles may be larger by whole turns."""
+        """Begin at the start of the trajectory, with the distance of `state` from that start.
+
+        Angles of the state may be larger by whole turns.
+        """
         start = self._trajectory.start.x[0][: self._trajectory.x.shape[1]]
         self._x_difference = state.x[0][: len(start)] - start
 
     def forget(self) -> None:
-        """Assume that there is no difference from the trajectory."""
+        """Make the next first guess equal to the trajectory itself."""
         self._x_difference = np.zeros(self._trajectory.x.shape[1])
         self._value_difference = np.zeros(self._values.shape[1])
 
     def _recorded_at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates with pattern amplitudes, and unknowns, of the trajectory, see `at`."""
+        """State x and step unknowns of the trajectory, before or at a row, see `at`.
+
+        x has the coordinates and the amplitudes of residual patterns.
+        """
         start = self._trajectory.start.x[0][: self._trajectory.x.shape[1]]
         x = _between(self._trajectory.x, row, share, start)
         return x, _between(self._values, row, share)
 
     def at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """First guess of coordinates with pattern amplitudes, and of unknowns, before a row."""
+        """First guess of the state x and of the step unknowns, at a row of the trajectory.
+
+        x has the coordinates and the amplitudes of residual patterns. If `share` is below 1, the
+        guess is for this fraction of the way from the previous row.
+        """
         x, values = self._recorded_at(row, share)
         guess = values + self._value_difference
         # In the cavities of the trajectory the guess of the pressure is zero.
@@ -594,7 +618,7 @@ class _Guess:
         return x + self._x_difference, guess
 
     def learn(self, row: int, share: float, step: Step[CoupledState], solver: SolverState) -> None:
-        """Store the difference between the solution of a step and the trajectory."""
+        """Store the difference between the solution of a step and the trajectory at its time."""
         x, values = self._recorded_at(row, share)
         self._x_difference = step.x[: len(x)] - x
         self._value_difference = solver.values[0] - values
@@ -609,14 +633,14 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     history
         History that `simulate` returned.
     mechanism
-        Mechanism with the same coordinates; its films may have other meshes.
+        Mechanism with the same coordinates as that of the run; its films may have other meshes.
     stride
-        Number of steps of the run that form one step.
+        Number of steps of the run that form one step of the replay.
 
     Returns
     -------
     History
-        History of the other mechanism.
+        History of `mechanism`.
 
     Raises
     ------

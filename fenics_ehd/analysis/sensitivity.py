@@ -1,17 +1,19 @@
-"""Derivatives of extremes and means of a run, or of its periodic cycle, to its parameters.
+"""Derivatives of extremes and means with respect to parameters, for a run or its periodic cycle.
 
-The steps of the run are repeated (`Replay`) with a parameter p larger and smaller by a share eps of
-its scale s,
+The steps of the run are repeated (`Replay`) with a parameter p that is larger, and then smaller, by
+a fraction eps of its scale s. The derivative of a result q is
 
     dq/dp = (q(p + eps s) - q(p - eps s)) / (2 eps s).
 
-Runs that choose their own steps differ by the noise of this choice: 1e-4 of an extreme at a
-tolerance of 1e-4, which is a hundredth of the change by 1 %. In the same steps, solved to
-round-off, objectives are as smooth as the equations. A cycle is repeated until it is periodic.
+Runs that choose their own steps would differ by noise of the step control. At a tolerance of 1e-4,
+this noise is 1e-4 of an extreme, and a hundredth of the extreme's change if a parameter changes by
+1 %. In equal steps that are solved to round-off, the results are as smooth as the equations. A
+cycle is repeated until it is periodic.
 
-Extremes are taken between nodes and between steps (`fenics_ehd.base.extremes`). The largest nodal
-value jumps whenever the peak passes a node: along any parameter it is a saw-tooth, whose slopes
-have errors of the order of the node distance. A mean is the integral of cubics through four steps.
+Extremes are interpolated between nodes and between steps (`fenics_ehd.base.extremes`). The largest
+nodal value would jump whenever the peak passes a node: as a function of any parameter it is a
+saw-tooth, whose slopes have errors of the order of the node distance. A mean is the integral of
+cubic polynomials, each through four steps.
 """
 
 from __future__ import annotations
@@ -77,14 +79,16 @@ KINDS = {"max": 1, "min": -1, "mean": 0}
 
 
 def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> float:
-    """Mean of a curve over time.
+    """Mean over time of a curve through the values at steps.
 
     Parameters
     ----------
     times, values
-        Times of the steps since the start of the run or cycle [s], and values, shape (steps,).
+        Times of the steps since the start of the run or cycle [s], and values at the steps, shape
+        (steps,).
     period
-        Period of a cycle, which starts at its last step [s]; None if the curve is not periodic.
+        Period of the cycle [s], at whose start the curve has its last value; None if the curve is
+        not periodic.
     """
     if period is not None:
         # The start of a cycle has the values of its end.
@@ -95,7 +99,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
 
 
 def columns_of(step: MechanismStep) -> dict[str, float]:
-    """Results of every lubricated joint at a step, by path with unit."""
+    """Results of every lubricated joint at a step, by the path of their column with unit."""
     return {
         f"joints/{joint.binding.name}/{column}": value
         for joint in step.solution.joints
@@ -114,7 +118,7 @@ class Objective:
     kind
         ``"max"``, ``"min"`` or ``"mean"``.
     column
-        Name of the column with its unit, as in a history.
+        Name of the column of a history, with unit.
     """
 
     joint: str
@@ -123,12 +127,12 @@ class Objective:
 
     @property
     def name(self) -> str:
-        """Name as in a summary: ``min_film_thickness_m``, ``mean_friction_power_W``."""
+        """Name of the result in a summary: ``min_film_thickness_m``, ``mean_friction_power_W``."""
         extreme = self.column.startswith(("max_", "min_"))
         return self.column if extreme else f"{self.kind}_{self.column}"
 
     def value(self, trajectory: Trajectory) -> float:
-        """Value in a run or its last cycle, whose trajectory has the columns of `columns_of`.
+        """Value of the result over a trajectory, which must have the columns of `columns_of`.
 
         Raises
         ------
@@ -151,7 +155,7 @@ class Objective:
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A number on which a mechanism depends, for derivatives.
+    """A number on which a mechanism depends, and with respect to which results have derivatives.
 
     Attributes
     ----------
@@ -160,10 +164,10 @@ class Parameter:
     scale
         Size to which changes are relative, in the unit of the parameter.
     make
-        Function of a change, as a share of the scale. It returns the changed mechanism, and the
-        time to simulate, or the period, over that of the unchanged mechanism.
+        Function of a relative change of the parameter, over its scale. It returns the changed
+        mechanism, and the ratio of its end time or period to that of the unchanged mechanism.
     same_coordinates
-        Whether reduced bodies do not change, so that coordinates keep their meaning.
+        Whether coordinates of both mechanisms have the same meaning: no reduced body changes.
     """
 
     name: str
@@ -173,7 +177,9 @@ class Parameter:
 
 
 def settled(trajectory: Trajectory) -> Trajectory:
-    """Repeat a periodic cycle in its own steps until it is periodic to round-off; else unchanged.
+    """Repeat a cycle with the same steps until it is periodic to round-off.
+
+    A trajectory that is not of a cycle is returned unchanged.
 
     Raises
     ------
@@ -193,16 +199,16 @@ def derivatives(
     share: float = SHARE,
     finer: bool = False,
 ) -> dict[Objective, float]:
-    """Derivatives of objectives to a parameter, by differences in the steps of a `settled` run.
+    """Derivatives of results with respect to a parameter, from replays of a run's steps.
 
     Parameters
     ----------
     trajectory
-        Trajectory of the run.
+        Trajectory of the run, as `settled` returns it.
     parameter, objectives
         Parameter that is changed, and results that are differentiated.
     share
-        Change of the parameter to either side, over its scale.
+        Change of the parameter over its scale; the run is repeated with plus and minus this change.
     finer
         Whether the films are refined by a factor of 1.5 in both directions.
 
@@ -225,7 +231,7 @@ def derivatives(
 
 
 def _balanced(mechanism: Mechanism) -> Mechanism:
-    """Set the tolerance of heat balances in a mechanism to `BALANCE`."""
+    """Mechanism whose heat balances have the tolerance `BALANCE`."""
     joints = dict(mechanism.joints)
     for name, joint in mechanism.joints.items():
         if isinstance(joint, LubricatedJoint) and joint.heat is not None:
@@ -247,11 +253,11 @@ def _repeated(
     trajectory, mechanism
         Trajectory of the run, and mechanism that repeats its steps.
     span
-        Time to simulate, or period, over that of the run.
+        Ratio of the end time or period of `mechanism` to that of the run.
     same_coordinates
-        Whether coordinates keep their meaning, see `Parameter`.
+        Whether coordinates have the same meaning as in the run, see `Parameter`.
     slack
-        Factor on the tolerances.
+        Factor on the tolerances of Newton's method and of the periodicity.
     """
     base = trajectory.base
     search = trajectory.search
@@ -277,16 +283,16 @@ def sensitivity(
     parameters: Mapping[str, float],
     of: Sequence[str],
 ) -> dict[str, dict[str, float]]:
-    """Derivatives of results of a run from `simulate` to parameters of its mechanism.
+    """Derivatives of a run's results with respect to parameters of its mechanism.
 
     Parameters
     ----------
     history
-        History of the run, or of its periodic solution, whose period must not depend on the
-        parameters.
+        History of a run that `simulate` returned. The period of a periodic solution must not
+        depend on the parameters.
     make
-        Function that returns the mechanism for parameters given by name; its coordinates must not
-        change.
+        Function that returns the mechanism for values of the parameters, which are its keyword
+        arguments. The coordinates of the mechanism must not depend on the parameters.
     parameters
         Values of the parameters in the run, by name; none may be 0.
     of
@@ -302,7 +308,7 @@ def sensitivity(
     InputError
         The history was read from a folder.
     SensitivityError
-        A result does not exist, or there is no derivative to a parameter.
+        A result does not exist, or it has no derivative with respect to a parameter.
     SolverError
         A step failed.
     """
@@ -339,7 +345,7 @@ def sensitivity(
 def check_periods(
     mechanism: Mechanism, period: float | None, parameters: Sequence[Parameter]
 ) -> None:
-    """Refuse parameters on which the period of only some parts of a cycle depends.
+    """Refuse a parameter that changes the periods of some drives and loads of a cycle, but not all.
 
     Parameters
     ----------
@@ -351,8 +357,8 @@ def check_periods(
     Raises
     ------
     SensitivityError
-        A drive or load keeps its own period although that of the cycle changes, or the reverse; the
-        message names it.
+        The ratio of the period of the cycle to that of a drive or load depends on a parameter; the
+        message names both.
     """
     if period is None:
         return
@@ -372,22 +378,22 @@ def check_periods(
 
 
 def objective_of(name: str, paths: Collection[str]) -> Objective:
-    """Objective from its name, ``big_end.min_film_thickness``.
+    """Result of a run by its name, ``big_end.min_film_thickness``.
 
-    The unit may follow the name. The name of the joint may be missing if only one joint has such a
-    quantity; this gives a warning.
+    The unit may follow the name. If only one joint has such a quantity, the name of the joint may
+    be left out, with a warning.
 
     Parameters
     ----------
     name
-        Name of the objective.
+        Name of the result.
     paths
         Paths of the columns in the history of the run: ``joints/big_end/min_film_thickness_m``.
 
     Raises
     ------
     SensitivityError
-        No objective has this name; the message suggests another one.
+        No result has this name; the message suggests another name.
     """
     known: dict[str, dict[str, Objective]] = {}
     for path in paths:
@@ -420,7 +426,10 @@ def objective_of(name: str, paths: Collection[str]) -> Objective:
 
 
 def _objectives(joint: str, column: str) -> list[Objective]:
-    """Objectives for a column; none for an angle or a height, which may jump."""
+    """Results that are made from a column of a joint: its extremes and mean.
+
+    The list is empty for an angle or a height, because these may jump.
+    """
     if column.endswith(("_deg", "_height_m")):
         return []
     kind = column.partition("_")[0]

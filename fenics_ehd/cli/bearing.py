@@ -32,7 +32,10 @@ from fenics_ehd.cli.options import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from fenics_ehd.analysis.bearing import BearingResult
+    from fenics_ehd.analysis.equilibrium import DynamicCoefficients
     from fenics_ehd.film.kinematics import Shape
 
 
@@ -81,9 +84,12 @@ give the shaft the opposite tilt.
 
 The Sommerfeld number is eta N / p (R / c)^2 with p = W / (2 R B). N is the sum of the speeds of
 shaft and bore, in revolutions per second, because this sum draws the oil in. The coefficients are
-k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film force F on the shaft. stability_threshold
-is omega sqrt(c M / W) with the critical mass M of a rigid rotor. This equals
-omega_th sqrt(c / g) for a rotor whose weight is the load. It is null if the rotor is stable at
+k_ij = -dF_i / dx_j and b_ij = -dF_i / dv_j of the film force F on the shaft. They are means over
+--meshes film meshes, because the coefficients of one mesh jump when the edge of the film meets
+another row of nodes; their scatter is half the range over these meshes. The critical mass M is the
+mass of a rigid rotor, per bearing, at the threshold of oil whirl; the whirl ratio is its whirl
+frequency at the threshold over the speed. stability_threshold is omega sqrt(c M / W). This equals
+omega_th sqrt(c / g) for a rotor whose weight is the load. Both are null if the rotor is stable at
 every speed. With --line-at-max-film the line of zero pressure keeps its position when the shaft
 moves, like a groove.
 """
@@ -157,6 +163,8 @@ def summary(result: BearingResult) -> dict[str, Any]:
         values |= {
             "stiffness_N_per_m": linear.stiffness.tolist(),
             "damping_Ns_per_m": linear.damping.tolist(),
+            "stiffness_scatter_N_per_m": _listed(linear.stiffness_scatter),
+            "damping_scatter_Ns_per_m": _listed(linear.damping_scatter),
             "stability_threshold": linear.threshold,
             "critical_mass_kg": linear.critical_mass,
             "whirl_frequency_ratio": linear.whirl_ratio,
@@ -170,6 +178,11 @@ def _plain(_: Any, __: Any, value: Any) -> Any:
         entries = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
         return {"kind": type(value).__name__, **entries}
     return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _listed(matrix: np.ndarray | None) -> list[list[float]] | None:
+    """Rows of a matrix as lists for JSON."""
+    return None if matrix is None else matrix.tolist()
 
 
 def _degrees(angle: float | None) -> float | None:
@@ -223,7 +236,7 @@ def report(result: BearingResult) -> str:
         moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
         lines.append(f"{'tilting moment on shaft':<26}{moment} N m  about x, y")
     if result.coefficients is not None:
-        lines += _linear_rows(values)
+        lines += [*_linear_rows(values), *_scatter_rows(result.coefficients)]
     lines.append(
         f"{settings.cells_around} x {settings.cells_along} {settings.element} cells, shear in the "
         f"cavitated zone: {settings.shear_rule}"
@@ -256,11 +269,26 @@ def _linear_rows(values: Mapping[str, Any]) -> list[str]:
         lines.append(f"{'stability':<26}at every speed")
     else:
         for label, key in (
-            ("critical mass", "critical_mass_kg"),
+            ("critical mass per bearing", "critical_mass_kg"),
             ("stability threshold", "stability_threshold"),
+            ("whirl ratio", "whirl_frequency_ratio"),
         ):
             lines.append(_row(label, key, values[key]))
     return lines
+
+
+def _scatter_rows(linear: DynamicCoefficients) -> list[str]:
+    """Line with the scatter of the coefficients over film meshes; none for a single mesh."""
+    if linear.stiffness_scatter is None or linear.damping_scatter is None:
+        return []
+    each = (
+        ("stiffness", linear.stiffness_scatter, linear.stiffness),
+        ("damping", linear.damping_scatter, linear.damping),
+    )
+    shares = ", ".join(
+        f"{name} {100 * scatter.max() / abs(matrix).max():.2g} %" for name, scatter, matrix in each
+    )
+    return [f"{'scatter over meshes':<26}{shares} of the largest entry"]
 
 
 def _row(label: str, key: str, value: float | None) -> str:

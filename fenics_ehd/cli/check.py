@@ -1,6 +1,7 @@
 """``fenics-ehd info`` and ``check``: versions of the libraries, and a test of the installation.
 
-Imports inside functions: a check imports the libraries that it tests, and reports failed imports.
+Imports inside functions: the libraries are imported by the checks that test them, so that a failed
+import is reported as a failed check.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def info(cache: bool, clear: bool, as_json: bool) -> None:
 
 
 def _cache(clear: bool, as_json: bool) -> None:
-    """List the reduced bodies in the cache, or remove all."""
+    """Print a list of the reduced bodies in the cache; with `clear`, remove all of them."""
     from fenics_ehd.scenes import kept_bodies
 
     path = kept_bodies.folder()
@@ -149,7 +150,10 @@ def _reduction(folder: Path) -> str:
 
 
 def _lowest(folder: Path, launcher: list[str]) -> float:
-    """Lowest natural frequency [Hz] of the test part, reduced in child processes."""
+    """Lowest natural frequency [Hz] of the test part after a reduction in a child process.
+
+    `launcher` is the start of the command line of that process, for instance that of ``mpirun``.
+    """
     command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
     # mpirun fails with variables of MPI or a launcher: they are not passed on.
     done = subprocess.run(
@@ -191,7 +195,7 @@ def _ranks(folder: Path) -> str:
 
 
 def _within(value: float, expected: float, most: float, text: str) -> str:
-    """Text of a measured value, if the value is as expected.
+    """Text of a measured value; the value is refused if it is not as expected.
 
     Raises
     ------

@@ -81,14 +81,14 @@ COMMANDS = {
 
 
 class Commands(click.Group):
-    """Commands of this module and of `COMMANDS`."""
+    """Group of all commands: those of this module, and those whose modules `COMMANDS` lists."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         """Names of all commands, sorted."""
         return sorted([*super().list_commands(context), *COMMANDS])
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        """Import the module of a command and return the command."""
+        """Return a command by its name; its module is imported first."""
         if name not in COMMANDS:
             return super().get_command(context, name)
         command: click.Command = getattr(import_module(f"{__package__}.{COMMANDS[name]}"), name)
@@ -236,7 +236,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
-    """Run a command: its exit status, and the message of its error or an empty text."""
+    """Run a command; return its exit status and the message of its error, or an empty text."""
     try:
         _require_memory()
         _require_arrays(arguments)
@@ -296,12 +296,14 @@ WITHOUT_ARRAYS = {"init", "info", "check", "-h", "--help", "--version"}
 
 
 def _require_arrays(arguments: list[str]) -> None:
-    """Refuse a NumPy for which other libraries were not compiled, before they are imported.
+    """Refuse a NumPy that differs from the one with which compiled libraries were built.
+
+    Such libraries could end the process when they are imported.
 
     Raises
     ------
     EhdError
-        Another NumPy is found first; the message has its path.
+        Python finds such a NumPy; the message has its path.
     """
     if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
         return
@@ -310,7 +312,7 @@ def _require_arrays(arguments: list[str]) -> None:
 
 
 def _require_memory() -> None:
-    """Refuse to start with too little memory: BLAS would retry forever and ignore signals.
+    """Refuse to start with too little memory, with which BLAS would wait forever for more.
 
     Raises
     ------
@@ -331,7 +333,11 @@ def _line(message: str) -> str:
 
 
 def _open_streams() -> None:
-    """Connect closed standard streams to the null device, so that no file gets their numbers."""
+    """Connect closed standard streams to the null device.
+
+    A file that is opened later would otherwise get the number of a closed stream, and receive what
+    is printed.
+    """
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         try:
             os.fstat(number)

@@ -35,9 +35,9 @@ def warn_of(lines: Iterable[str]) -> None:
 
 
 def say_reducing(reduced: Iterable[str], read: Iterable[str]) -> None:
-    """Print names of bodies to reduce, and of those read from the cache, in one line.
+    """Print the names of the bodies to reduce, and of the bodies to read from the cache.
 
-    A note is added if forms must be compiled first.
+    Both lists are in one line. A note is added if finite element forms must be compiled first.
     """
     listed = ", ".join(reduced)
     compiled = any(forms_folder().glob("libffcx_forms_*.so"))
@@ -64,12 +64,12 @@ FOLDER = click.Path(file_okay=False)
 
 
 class Dependent(click.Option):
-    """Option of click that is refused if it has no effect.
+    """Option of a command that is refused if other options leave it without effect.
 
     Parameters
     ----------
     needs
-        Conditions on other parameters of the command, which are referred to by their names.
+        Conditions on other options of the command, under which this option has an effect.
     """
 
     def __init__(self, *names: Any, needs: Sequence[Needs] = (), **more: Any):
@@ -79,7 +79,7 @@ class Dependent(click.Option):
     def handle_parse_result(
         self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]
     ) -> tuple[Any, list[str]]:
-        """Check the conditions of the option, unless it has its default value; return its value."""
+        """Return the value of the option; if it is not the default, check the conditions first."""
         value, rest = super().handle_parse_result(ctx, opts, args)
         name = str(self.name)
         if name in opts and value != self.get_default(ctx):
@@ -90,7 +90,7 @@ class Dependent(click.Option):
 
 
 def _parameter(command: click.Command, parsed: Mapping[str, Any], name: str) -> Setting | None:
-    """Option and value of a parameter named `name`; None if the command has no such parameter."""
+    """Option of a command with a given `name`, and its value; None if there is no such option."""
     for parameter in command.params:
         if parameter.name == name:
             value = parsed.get(name, parameter.default)
@@ -101,18 +101,18 @@ def _parameter(command: click.Command, parsed: Mapping[str, Any], name: str) -> 
 
 
 def _written(parameter: click.Parameter, value: Any) -> str:
-    """Name of an option as on the command line; of a switch that is off, ``--no-...``."""
+    """Name of an option as written on the command line; ``--no-...`` for a switch that is off."""
     off = value is False and parameter.secondary_opts
     return (parameter.secondary_opts if off else parameter.opts)[-1]
 
 
 def option(*names: str, needs: Sequence[Needs] = (), **more: Any) -> Callable[[Command], Command]:
-    """Declare an option that is refused if its conditions `needs` are not met, see `Dependent`."""
+    """Declare an option of a command; it is refused if its conditions `needs` are not met."""
     return click.option(*names, cls=Dependent, needs=needs, **more)
 
 
 def flag(name: str, help_text: str, needs: Sequence[Needs] = ()) -> Callable[[Command], Command]:
-    """Declare an option without a value, which switches something on."""
+    """Declare an option without a value: it is true if it is on the command line, else false."""
     return option(name, is_flag=True, help=help_text, needs=needs)
 
 
@@ -156,7 +156,10 @@ NOT_FINITE = ("nan", "inf", "-inf")
 
 
 class Measured(click.ParamType):
-    """Type of an option: a number, or one with a unit, ``5 kN``; the help text ends with [unit]."""
+    """Type of an option: a number in the unit of the help text, or with its own unit, ``5 kN``.
+
+    The help text ends with the unit in brackets, ``[N]``.
+    """
 
     name = "float"
 
@@ -188,9 +191,9 @@ def setting_options(
 ) -> Callable[[Command], Command]:
     """Declare one option for each setting of a class, with the setting's help text and unit.
 
-    Settings named in `without` get no option. If `defaults` is false, options that are not given
-    are None. All options have the conditions `needs`; conditions of the settings themselves are
-    checked when the settings are made.
+    Settings named in `without` get no option. If `defaults` is false, the value of an option that
+    is not on the command line is None. All options have the conditions `needs`, see `Dependent`;
+    conditions that the class declares are checked when the settings are made.
     """
 
     def add(command: Command) -> Command:
@@ -228,7 +231,7 @@ def _setting_option(
 
 
 def _without_cache(context: click.Context, _option: click.Parameter, chosen: bool) -> None:
-    """Switch the cache off for a command and the processes that it starts."""
+    """Switch the cache of reduced bodies off, for a command and the processes that it starts."""
     if not chosen:
         return
     former = os.environ.get(CACHE_VARIABLE)
@@ -263,12 +266,14 @@ UNPRINTABLE = re.compile(r"(?<=\S)(?<! in) +[-+]?(nan|inf)(?=[\s,;%)]|$)")
 
 
 def answer(result: Mapping[str, Any], text: str, as_json: bool) -> None:
-    """Print a result as text, or as JSON with null for numbers that are not finite.
+    """Print a result: its values as JSON if `as_json` is true, otherwise the text.
+
+    In JSON, a number that is not finite is printed as null. In a text it is refused.
 
     Raises
     ------
     VerificationError
-        The text has a number that is not finite; the message names the keys of such numbers.
+        The text has a number that is not finite; the message has the keys of all such numbers.
     """
     unknown = [] if as_json else [line.strip() for line in text.split("\n") if _unknown(line)]
     keys = sorted(set(_not_finite(result))) if unknown else []
@@ -282,7 +287,10 @@ def _unknown(line: str) -> bool:
 
 
 def _not_finite(result: Any, key: str = "") -> Iterator[str]:
-    """Keys of all numbers in a result that are not finite; `key` is that of the result."""
+    """Keys of the numbers in a nested result that are not finite.
+
+    A number in a list has the key of the list; `key` is the key of the result itself.
+    """
     if isinstance(result, Mapping):
         for name, value in result.items():
             yield from _not_finite(value, str(name))
@@ -296,7 +304,10 @@ def _not_finite(result: Any, key: str = "") -> Iterator[str]:
 def aligned(
     rows: Sequence[Sequence[str]], words: Collection[int] = (0,), indent: str = ""
 ) -> list[str]:
-    """Lines of a table from rows of cells; columns `words` are left-aligned, others right."""
+    """Lines of a table from rows of cells.
+
+    Columns whose indices are in `words` are aligned on the left, all others on the right.
+    """
     columns = enumerate(zip(*rows, strict=True))
     forms = [f"{'<' if k in words else '>'}{max(map(len, cells))}" for k, cells in columns]
     return [(indent + "  ".join(map(format, row, forms))).rstrip() for row in rows]
@@ -310,7 +321,7 @@ def output_option(
     required: bool = False,
     needs: Sequence[Needs] = (),
 ) -> Callable[[Command], Command]:
-    """Declare ``-o``: the path of a folder or file, passed to the command as argument `name`."""
+    """Declare option ``-o``, the path of an output; the command has it as its argument `name`."""
     path = FOLDER if folder else FILE
     names = "-o", "--output", name
     return option(*names, type=path, help=help_text, required=required, needs=needs)

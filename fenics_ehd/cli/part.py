@@ -112,7 +112,7 @@ def part(
     FILE is a drawing (STEP, IGES) or a mesh of tetrahedra or hexahedra (Gmsh, Abaqus,
     CalculiX, Nastran and other formats of meshio). Without -o the faces are listed with their
     numbers. With -o and --bore a .msh file is written, in metres and with the bore's axis along z.
-    The material is that of the file, if it has one, except for values given by options.
+    Values of the material that no option gives are read from FILE, if it has a material.
     """
     from mpi4py import MPI
 
@@ -196,7 +196,9 @@ def model_figures(
 def _write_model(
     target: str, opened: OpenedPart, placed: PlacedPart, material: Material, checked: int
 ) -> dict[str, Any]:
-    """Write a model, and check it if `checked` is not 0; `checked` is the number of cells around.
+    """Write a model; if `checked` is not 0, also estimate its mesh error, see `_checked`.
+
+    `checked` is the number of cells around a bore.
 
     Returns
     -------
@@ -239,12 +241,12 @@ def _material_from(opened: OpenedPart, chosen: Mapping[str, float]) -> str:
 
 
 def _left_out(opened: OpenedPart) -> list[str]:
-    """Line that names contents of the file outside the solid; an empty list if there are none."""
+    """List of one line that names all contents of the file besides the solid; empty without any."""
     return [f"left out of the file: {opened.left_out}"] if opened.left_out else []
 
 
 def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
-    """Faces as written by the user, by name, from values ``[NAME=]FACE`` of an option.
+    """Texts FACE by NAME, from the values ``[NAME=]FACE`` that a user gave to an option.
 
     A value without NAME gets the name `default`.
     """
@@ -266,7 +268,7 @@ def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
 def _named(
     opened: OpenedPart, bores: Sequence[str], points: Sequence[str], held: str | None
 ) -> NamedFaces:
-    """Numbers of the faces named by the options; repeated names or numbers are refused."""
+    """Numbers of the faces that options name; a name or number that is repeated is refused."""
     from fenics_ehd.fem.drawn_part import NamedFaces
 
     named = NamedFaces(
@@ -286,17 +288,18 @@ def _named(
 def _checked(
     opened: OpenedPart, placed: PlacedPart, path: Path, around: float, material: Material
 ) -> dict[str, Any]:
-    """Mass, number of unknowns, and mesh error of the bores' flexibility.
+    """Figures of a model: mass, number of unknowns, and mesh error of the bores' flexibility.
 
-    The error is estimated from a second mesh. For a drawing it is finer, or coarser if a finer one
-    has too many unknowns; for a mesh, every cell is divided into eight. The error is also stored in
-    the file.
+    The error is estimated from a second mesh, and also stored in the file of the model. The second
+    mesh of a drawing is finer, or coarser if a finer mesh has too many unknowns. The second mesh of
+    a foreign mesh has eight cells in place of each cell. `around` is the number of cells around the
+    bores of a drawing at a relative cell size of 1.
     """
     from tempfile import TemporaryDirectory
 
     from fenics_ehd.fem.drawn_part import place_part, write_part
     from fenics_ehd.fem.models import store_mesh_error
-    from fenics_ehd.fem.structure import part_answers
+    from fenics_ehd.fem.structure import part_responses
     from fenics_ehd.reduction.mesh_error import FINER, MOST_REFINED
     from fenics_ehd.reduction.reductor import rigid
     from fenics_ehd.scenes.part import missed
@@ -304,7 +307,7 @@ def _checked(
     bores = tuple(placed.named.bores)
     points = tuple(placed.named.points)
     clamped = "held" if placed.named.held else None
-    structure, answers = part_answers(path, material, bores, clamped, points=points)
+    structure, answers = part_responses(path, material, bores, clamped, points=points)
     figures: dict[str, Any] = {
         "mass_kg": rigid(structure).inertia.total_mass,
         "degrees_of_freedom": structure.size,
@@ -319,7 +322,7 @@ def _checked(
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         write_part(file, other.solid, other.surfaces())
-        other_answers = part_answers(file, material, bores, clamped, points=points)
+        other_answers = part_responses(file, material, bores, clamped, points=points)
     errors, moved = missed(structure, answers, *other_answers)
     error = max(errors.values())
     store_mesh_error(path, bores, points, error, material.youngs_modulus * moved)
@@ -387,7 +390,7 @@ def _face_row(group: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Text of ascending numbers with ranges, ``3-7, 9``."""
+    """Text of ascending numbers, in which consecutive numbers are a range: ``3-7, 9``."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][1] + 1:

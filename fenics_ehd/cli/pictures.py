@@ -229,9 +229,10 @@ def stress(
     """Compute stresses of flexible bodies over the last cycle of a run.
 
     DIRECTORY holds a complete run. The parts are meshed again, and reduced again if their bodies
-    are not in the cache. The command writes stress.json and vtk/BODY_stress.vtu. They contain the
-    half-range of the stress tensor with the largest von Mises stress over all pairs of instants,
-    the mean stress of that pair, and the largest principal stress.
+    are not in the cache. The command writes stress.json and vtk/BODY_stress.vtu. The half-range of
+    the stress tensor is half the difference between the stresses of two instants. Both files
+    contain the half-range with the largest von Mises stress over all pairs of instants, the mean
+    stress of the same pair, and the largest principal stress.
     """
     from mpi4py import MPI
 

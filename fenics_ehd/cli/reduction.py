@@ -48,7 +48,8 @@ def reduce_part(
 ) -> None:
     """Reduce a part on all ranks; the first rank writes the body.
 
-    `options` are settings of [reduction]; a value of None means that the option is not given.
+    `options` are values of the settings in ``[reduction]``, by key. A value of None does not change
+    the setting of the scene.
     """
     targets = {form: str(Path(path).with_suffix(f".{form}")) for form in exports}
     outputs = {"-o": path, "--basis": basis_path or ""}
@@ -94,7 +95,9 @@ def reduce_part(
 
 
 def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
-    """Scene that has the part, and the part's name in it; `part` is a body's name or its model.
+    """Read the scene that has a part; return it with the name of the part's flexible body.
+
+    `part` is the name of the body or the name of its model.
 
     Raises
     ------
@@ -122,7 +125,7 @@ KINDS = {"-o": BODY_KIND, "--basis": BASIS_KIND, "--export npz": EXPORT_KIND}
 
 
 def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path]) -> None:
-    """Refuse output files that cannot be written, would replace other files, or share a path."""
+    """Refuse an output file that cannot be written, has the path of another, or replaces inputs."""
     taken: dict[Path, str] = {}
     for option, file in outputs.items():
         if not file:
@@ -212,7 +215,7 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
 
 
 def _group(name: str, modes: list[ModeRecord]) -> list[str]:
-    """Heading and first rows of a group of modes, and the number of modes that are not shown."""
+    """Printed lines of a group of modes: heading, first modes, and number of modes not shown."""
     if not modes:
         return []
     lines = [f"  {name}: {len(modes)}, {100 * sum(m.participation for m in modes):.3g} %"]

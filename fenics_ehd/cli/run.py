@@ -67,14 +67,17 @@ MEANING = (
 
 
 def share(value: float | str) -> str:
-    """Text of a relative error in per cent, or of the word that a missing error has instead."""
+    """Text of a relative error in per cent; an error that is a word is returned as this word."""
     if isinstance(value, str):
         return "-" if value == NOT_APPLICABLE else value
     return f"{100 * value:.2g} %"
 
 
 def total(errors: Mapping[str, Any]) -> str:
-    """Sum of the known errors as text, ``1.9 %``; ``> 0.5 %`` if a component is not estimated."""
+    """Text of the sum of the estimated error components, ``1.9 %``.
+
+    If a component is not estimated, the text has the form ``> 0.5 %``.
+    """
     lacking = isinstance(errors["total"], str) and not isinstance(errors["known"], str)
     return "> " * lacking + share(errors["known"])
 
@@ -126,7 +129,7 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
 
 
 def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """Distinct values of a dictionary by component, each with the names of its components."""
+    """Distinct values of a dictionary by error component, each with the names of its components."""
     names: dict[Any, list[str]] = {}
     for key, value in by_component.items():
         names.setdefault(value, []).append(COMPONENTS[key])
@@ -134,13 +137,16 @@ def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:
 
 
 def _span(summary: Mapping[str, Any]) -> str:
-    """Word for the time span that the results are for: ``cycle``, or ``run`` without a cycle."""
+    """Word for the time span of the results: ``cycle``, or ``run`` if no cycle is complete."""
     cycle = Cycle.of_summary(summary)
     return "cycle" if cycle is None or cycle.complete or cycle.periodic else "run"
 
 
 def say_next(search: Search) -> None:
-    """Print the largest error of the last run of a search, and the changes for the next run."""
+    """Print the largest error of the last run, and the settings that change for the next run.
+
+    `search` is the search for settings that meet a required accuracy.
+    """
     run = search.runs[-1]
     changes = ", ".join(f"{key} = {choice_text(value)}" for key, value in search.wanted.items())
     echo(
@@ -151,7 +157,10 @@ def say_next(search: Search) -> None:
 
 
 def choice_text(value: Any) -> str:
-    """Text of a setting that a search chose: cells, a reduction, a geometry or a number."""
+    """Text of a value that the search for an accuracy chose for a setting.
+
+    The value has numbers of cells, a reduction, the parameters of a model, or one number.
+    """
     if isinstance(value, list):
         return " x ".join(map(str, value))
     if isinstance(value, Mapping) and "method" in value:
@@ -224,7 +233,10 @@ def run(
     options: RunOptions,
     inputs: Collection[Path] = (),
 ) -> None:
-    """Run a scene, read from the files `inputs`; all ranks build the machine, the first runs it."""
+    """Run a scene that was read from the files `inputs`.
+
+    All ranks build the mechanism; the first rank alone integrates its motion.
+    """
     if options.multiplier and not scene.time.periodic:
         raise SettingsError(
             f"--multiplier: scene {scene.name} has no periodic solution: set time.periodic = true"
@@ -317,7 +329,9 @@ def _finish(
     former: Checkpoint | None = None,
     parts: Mapping[str, PartFields] = MappingProxyType({}),
 ) -> None:
-    """Integrate, draw pictures, write a ParaView series of `parts`, and print the report.
+    """Integrate the motion of a scene, draw pictures, write a ParaView series, print the report.
+
+    `parts` are the meshes and bases of the parts that were reduced in this run, for ParaView.
 
     Raises
     ------
@@ -353,7 +367,7 @@ def _finish(
 def _write_series(
     scene: Scene, built: Machine, directory: Path, parts: Mapping[str, PartFields]
 ) -> None:
-    """Write a ParaView series; a body that was not reduced in this run is drawn by lines."""
+    """Write a ParaView series of a run, with the meshes in `parts`; other bodies are lines."""
     from fenics_ehd.multibody.history import load_history
     from fenics_ehd.results.paraview import write_run
 
@@ -407,7 +421,10 @@ RUN_LINES = {
 
 
 def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
-    """Printed lines of the results of a joint; `span` is ``cycle`` or ``run``, flows come last."""
+    """Printed lines of the results of a joint, the flows last.
+
+    `span` is the word for the time span of the results: ``cycle`` or ``run``.
+    """
     figures = {}
     for key, value in joint.items():
         if isinstance(value, int | float):
@@ -437,7 +454,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
 
 
 def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = None) -> str:
-    """Printed report of a run; `seconds` is the duration of the command, if it ran alone."""
+    """Printed report of a run; `seconds` is the duration of the command [s], None if unknown."""
     joints = summary["joints"]
     lines = [
         f"{summary['scene']}: {summary['steps']} steps, "
@@ -463,7 +480,7 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
 
 
 def _rest(summary: Mapping[str, Any], seconds: float | None) -> str:
-    """Text with the time for everything but reduction and integration, and with the total time."""
+    """Text with the time that neither reduction nor integration took, and with the total time."""
     if seconds is None:
         return ""
     rest = seconds - summary["reduction_time_s"] - summary["wall_time_s"]

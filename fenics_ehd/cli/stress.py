@@ -53,11 +53,11 @@ def cycle_stresses(
     chosen
         Names of bodies; empty for all flexible bodies.
     damping
-        Whether the stress includes the part carried by material damping, and balances the loads.
+        Whether the stress of material damping is included; the sum balances the loads.
     complete
-        Whether the static response that the basis lacks is added.
+        Whether the static response that the basis of the modes lacks is added.
     programs
-        Models of the run that are programs, and that the user allows to be executed.
+        Paths of models that are programs, and that the user allows to be executed.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def cycle_stresses(
 def _bodies(
     scene: Scene, run: RecordedMotion, folder: Path, chosen: tuple[str, ...]
 ) -> tuple[list[str], dict[str, str]]:
-    """Names of the bodies to compute stresses of, and reasons why other bodies have no stresses.
+    """Names of the bodies whose stresses are computed, and reasons why others have none, by name.
 
     Raises
     ------
@@ -153,7 +153,10 @@ def _why_none(body: object, has_model: bool) -> str:
 
 
 def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
-    """Times in the cycle [s] and rotation angles of the reference body [degrees], by name."""
+    """Instants of a history, as arrays by column: times since the start of the cycle [s], angles.
+
+    The angles are those of the scene's reference body [degrees], if it has one.
+    """
     instants = {"time_s": result.run.time - result.cycle.start}
     angle = result.angle_of(scene.time.of)
     if angle is not None:
@@ -186,7 +189,7 @@ def report(result: Mapping[str, Any], folder: Path) -> str:
 
 
 def _row(name: str, value: float, more: str = "") -> str:
-    """Printed row of a stress [Pa], in MPa."""
+    """Printed row of a stress; `value` is in Pa, the row has it in MPa."""
     return f"    {name:52}{value * 1e-6:9.2f}{more}"
 
 

@@ -42,7 +42,7 @@ Shown = Sequence[tuple[str, str, float, str]]
 
 
 def table_lines(names: Sequence[str], rows: Sequence[Mapping[str, Any]], shown: Shown) -> list[str]:
-    """Lines of a printed table of cases: columns `names`, results in printed units, status."""
+    """Lines of a printed table of cases: swept keys `names`, results in printed units, status."""
     heads = [*names, *(heading for _, heading, _, _ in shown), "status"]
     cells = [
         [*(_value(row[name]) for name in names), *_figures(row, shown), _shortened(row["status"])]
@@ -270,7 +270,7 @@ def sensitivity(
 
 
 def _with_joint(name: str, joints: Sequence[str]) -> str:
-    """Add the joint to a quantity without one, if the scene has one joint: ``JOINT.QUANTITY``."""
+    """Full name of a quantity, ``JOINT.QUANTITY``; the joint is added if the scene has only one."""
     if len(joints) != 1 or name.partition(".")[0] in joints:
         return name
     full = f"{joints[0]}.{name}"
@@ -278,27 +278,27 @@ def _with_joint(name: str, joints: Sequence[str]) -> str:
     return full
 
 
-def _document(scene: str, found: SceneSensitivity) -> dict[str, Any]:
+def _document(scene: str, result: SceneSensitivity) -> dict[str, Any]:
     return {
         "scene": scene,
         "quantities": {
             f"{objective.joint}.{objective.name}": {
-                "value": found.values[objective],
+                "value": result.values[objective],
                 "along": {
                     parameter.key: {
                         "at": parameter.value,
-                        "derivative": found.derivatives[objective, parameter.key],
+                        "derivative": result.derivatives[objective, parameter.key],
                         "units": _units(objective, parameter),
-                        "elasticity": found.elasticity(objective, parameter),
-                        "on_finer_film": found.finer.get((objective, parameter.key)),
-                        "method": METHODS[parameter.key in found.reduced],
+                        "elasticity": result.elasticity(objective, parameter),
+                        "on_finer_film": result.finer.get((objective, parameter.key)),
+                        "method": METHODS[parameter.key in result.reduced],
                     }
-                    for parameter in found.parameters
+                    for parameter in result.parameters
                 },
             }
-            for objective in found.objectives
+            for objective in result.objectives
         },
-        "processor_time_s": dict(found.seconds),
+        "processor_time_s": dict(result.seconds),
     }
 
 
@@ -311,27 +311,27 @@ def _units(objective: Objective, parameter: ParameterPath) -> str:
     return f"{unit}/({along})" if re.search("[ /]", along) else f"{unit}/{along}"
 
 
-def _finer(found: SceneSensitivity, objective: Objective, parameter: ParameterPath) -> str:
+def _finer(result: SceneSensitivity, objective: Objective, parameter: ParameterPath) -> str:
     """Relative change of a derivative on a finer film as text; empty if it is unknown."""
-    slope = found.derivatives.get((objective, parameter.key))
-    fine = found.finer.get((objective, parameter.key))
+    slope = result.derivatives.get((objective, parameter.key))
+    fine = result.finer.get((objective, parameter.key))
     return f"{100 * (fine / slope - 1):+.2g} % on a finer film, " if fine and slope else ""
 
 
-def _table(scene: str, found: SceneSensitivity) -> str:
-    width = max(len(parameter.key) for parameter in found.parameters)
+def _table(scene: str, result: SceneSensitivity) -> str:
+    width = max(len(parameter.key) for parameter in result.parameters)
     lines = [f"{scene}: derivatives d q / d p, elasticities d ln q / d ln p"]
-    for objective in found.objectives:
-        lines.append(f"  {objective.joint}.{objective.name} = {found.values[objective]:.6g}")
-        for parameter in found.parameters:
-            elasticity = found.elasticity(objective, parameter)
+    for objective in result.objectives:
+        lines.append(f"  {objective.joint}.{objective.name} = {result.values[objective]:.6g}")
+        for parameter in result.parameters:
+            elasticity = result.elasticity(objective, parameter)
             relative = "        -" if elasticity is None else f"{elasticity:9.4f}"
             lines.append(
                 f"    {parameter.key:{width}} = {parameter.value:<12.6g} "
-                f"{found.derivatives[objective, parameter.key]:12.5g} "
+                f"{result.derivatives[objective, parameter.key]:12.5g} "
                 f"{_units(objective, parameter):12} "
-                f"{relative}  {_finer(found, objective, parameter)}"
-                f"{METHODS[parameter.key in found.reduced]}"
+                f"{relative}  {_finer(result, objective, parameter)}"
+                f"{METHODS[parameter.key in result.reduced]}"
             )
-    seconds = ", ".join(f"{name} {value:.1f} s" for name, value in found.seconds.items() if value)
+    seconds = ", ".join(f"{name} {value:.1f} s" for name, value in result.seconds.items() if value)
     return "\n".join([*lines, f"  time: {seconds}"])

@@ -4,12 +4,12 @@ The first run is a pilot on coarse films, with a tolerance that usually gives er
 size. If its error budget (`fenics_ehd.analysis.error_budget`) exceeds the accuracy, the settings of
 the largest error components are refined by their orders of convergence. The errors are of order
 
-    step size   tolerance^(k / (k + 1)),
-    film mesh   cells^-3 in each direction, of 4-node cells cells^-2: between the orders of a film's
-                solution and of the error between its nodes,
+    step size   tolerance^(k / (k + 1)) for steps of order k,
+    film mesh   cells^-3 in each direction, cells^-2 with 4-node cells: a compromise between the
+                orders of the nodal pressures and of their interpolation between the nodes,
     basis       1 / modes,
     part mesh   cells^-2,
-    start       periodicity.
+    start       periodicity: largest change of a film over a cycle.
 
 The components are reduced to a common level, at which their sum leaves a margin to the accuracy.
 The next run is judged in the same way.
@@ -65,7 +65,7 @@ ROUNDING = 1e-6
 
 
 def rounded(value: float) -> float:
-    """Round a number down to two digits."""
+    """Round a number down to two significant digits."""
     digits = 10.0 ** (int(np.floor(log10(value))) - 1)
     return float(f"{np.floor(value / digits * (1 + ROUNDING)) * digits:.1e}")
 
@@ -104,14 +104,15 @@ class Search:
     asked
         Required relative accuracy.
     kept
-        Full keys that the search must not change.
+        Full keys of the settings that the search must not change.
     chosen
-        Values of the current run that the search chose, by full key.
+        Values that the search chose for the settings of the current run, by full key.
     runs
-        Entries of all runs, the pilot first: values ``chosen``, ``estimate`` of the error, largest
-        error of every component as ``errors``, ``status``, ``processor_time_s``.
+        Entries of every run, the pilot run first: ``chosen``; ``estimate``, the largest total
+        error; ``errors``, the largest error by component; ``status``; ``processor_time_s``.
     wanted
-        Values for the next run by full key; empty if the search has ended.
+        Values that the search chose for the settings of the next run, by full key; empty if there
+        is no next run.
     """
 
     asked: float
@@ -122,12 +123,12 @@ class Search:
 
     @property
     def met(self) -> bool:
-        """True if the last run meets the accuracy and can be trusted."""
+        """True if the last run meets the required accuracy and its status is complete."""
         last = self.runs[-1]
         return bool(last["estimate"] <= self.asked and last["status"] == "complete")
 
     def continue_search(self, scene: Scene) -> Scene:
-        """Choose the settings of the next run, and return the scene with them."""
+        """Begin the next run: return the scene with the values that the search chose for it."""
         values = self.wanted
         self.chosen = {**self.chosen, **values}
         self.wanted = {}
@@ -145,7 +146,7 @@ class Search:
         write_whole(directory / ACCURACY, to_json(contents) + "\n")
 
     def figures(self) -> dict[str, Any]:
-        """Entries of ``summary.json`` on the search."""
+        """Entries of ``summary.json`` about the search: requirement, estimates, chosen values."""
         seconds = [run["processor_time_s"] for run in self.runs]
         return {
             "asked": self.asked,
@@ -160,13 +161,15 @@ class Search:
 
 
 def start_search(scene: Scene) -> tuple[Scene, Search | None]:
-    """Scene of the pilot run, and its search; the scene itself and None if no accuracy is set.
+    """Scene of the pilot run, and the search for the accuracy that the scene requires.
+
+    Without a required accuracy, the result is the given scene and None.
 
     Raises
     ------
     SettingsError
         The scene has no film or no error budget, the accuracy is too small, or
-        `accuracy_keeps` names a key that is not chosen.
+        `accuracy_keeps` names a setting that no search chooses.
     """
     output = scene.output
     asked = output.accuracy
@@ -229,7 +232,11 @@ def choosable(scene: Scene) -> tuple[str, ...]:
 
 
 def _kept(scene: Scene) -> tuple[str, ...]:
-    """Full keys that the search keeps; `accuracy_keeps` has ends of keys, or their sections."""
+    """Full keys of the settings that the search must not change, from ``accuracy_keeps``.
+
+    An entry of ``accuracy_keeps`` is the end of a full key, such as ``tolerance``, or the full key
+    of one value within a setting, such as ``bodies.rod.reduction.method``.
+    """
     known = choosable(scene)
     kept = []
     for name in scene.output.accuracy_keeps:
@@ -248,7 +255,7 @@ def _kept(scene: Scene) -> tuple[str, ...]:
 
 
 def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
-    """Values for the pilot run by full key."""
+    """Values of settings for the pilot run, by full key, for the required accuracy `asked`."""
     order = scene.time.order
     tolerance = 1e-3 * (PILOT_SHARE * asked / STEP_ERROR) ** ((order + 1.0) / order)
     values: dict[str, Any] = {
@@ -269,10 +276,10 @@ def _pilot(scene: Scene, asked: float, kept: Collection[str]) -> dict[str, Any]:
 
 
 def _pilot_cells(scene: Scene, name: str, asked: float) -> tuple[int, int]:
-    """Numbers of cells around and along a film of the pilot run.
+    """Numbers of cells around and along a film in the pilot run.
 
-    They are smaller than the scene's, in the same proportion. A film with grooves or supplies keeps
-    the scene's cells, which were chosen for their edges.
+    Both numbers are at most those of the scene, in the same ratio. A film with grooves or supplies
+    has the numbers of the scene, because they were chosen for the edges of grooves and supplies.
     """
     joint = scene.joints[name]
     around, along = planned_cells(scene, name)
@@ -299,23 +306,23 @@ def account(
     budgets: Mapping[str, Mapping[str, Any]],
     entries: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Add a run with its errors to its search, and choose the settings of the next run.
+    """Add a run with its errors to a search for an accuracy; choose the settings of the next run.
 
     Parameters
     ----------
     search, scene
-        Search, and scene of the run.
+        The search, and the scene of the run.
     recorded
-        The run.
+        Recorder of the run.
     budgets
-        Error budgets by joint.
+        Error budgets of the run, by joint.
     entries
-        Entries of ``summary.json`` on the error budgets, and the status of the run.
+        Entries of ``summary.json`` about the error budgets, and the status of the run.
 
     Returns
     -------
     dict
-        Entries of ``summary.json`` on the accuracy.
+        Entries of ``summary.json`` about the accuracy.
 
     Raises
     ------
@@ -359,7 +366,7 @@ def account(
 def _errors(
     search: Search, budgets: Mapping[str, Mapping[str, Any]], notes: Mapping[str, str]
 ) -> Errors:
-    """Estimated error components of a run, for every joint and quantity."""
+    """Estimated errors of a run by component, for every pair of a joint and a quantity."""
     errors: dict[tuple[str, str], dict[str, float]] = {}
     for joint, budget in budgets.items():
         for quantity in QUANTITIES:
@@ -379,7 +386,11 @@ def _errors(
 
 
 def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -> dict[str, Any]:
-    """Values by full key that reduce all errors to the aim of the search, within its limits."""
+    """Values of settings for the next run, by full key, from the errors of the last run.
+
+    With these values, the total error of every result should be below the required accuracy by the
+    margin of `AIM`. Every value is within the limits of a search.
+    """
     films = {film.name: film for film in recorded.run.equations.system.films}
     trusted = search.runs[-1]["status"] == "complete"
     free = set(choosable(scene)) - set(search.kept)
@@ -411,7 +422,10 @@ def _refined(search: Search, scene: Scene, recorded: Recorder, errors: Errors) -
 
 
 def water_filling_level(errors: Collection[float], total: float) -> float:
-    """Limit for each error with which their sum is `total`; infinite if the sum is smaller."""
+    """Limit to which larger errors are reduced, so that the sum of all errors is `total`.
+
+    The limit is infinite if the sum is already smaller.
+    """
     for count, error in zip(range(len(errors), 0, -1), sorted(errors), strict=True):
         if count * error > total:
             return total / count
@@ -431,7 +445,7 @@ SETTINGS = {
 
 
 def _settings(component: str, film: FilmBinding) -> set[str]:
-    """Full keys of the settings that reduce a component of a joint's error."""
+    """Full keys of the settings on which an error component of a joint's film depends."""
     elastic = [bound.body for bound in film.surfaces if bound.surface.elastic]
     key = SETTINGS[component]
     return {key.format(joint=film.name, body=body) for body in elastic or [""]}
@@ -446,7 +460,10 @@ def _value(
     component: str,
     film: FilmBinding,
 ) -> Any:
-    """Value of a setting that reduces an error component by the factor `share`, within limits."""
+    """Value of the setting `key` with which an error component is multiplied by `share`.
+
+    The value is within the limits of a search.
+    """
     if component == "step_size":
         order = recorded.run.control.order
         tolerance = scene.time.tolerance
@@ -471,7 +488,7 @@ def _value(
 
 
 def _not_met(search: Search) -> str:
-    """Warning that the accuracy is not met, with the largest component and the reason."""
+    """Warning that the accuracy is not met, with the largest error component and the reason."""
     run = search.runs[-1]
     worst = max(run["errors"], key=run["errors"].__getitem__)
     keys = [key for key in search.kept if f".{key}".endswith(f".{KEYS[worst]}")]

@@ -1,8 +1,9 @@
 """One rigid bearing as a scene: a massless journal in a massless bore with a fixed axis.
 
-The scene is built as that of any machine, with two exceptions. The film's mesh is graded by the gap
-and made again if the journal moves (`fenics_ehd.analysis.bearing_mechanism`). The shape of the bore
-may be a Python object. `fenics_ehd.analysis.bearing` computes the equilibrium.
+The scene is built as the scene of any machine, with two exceptions. The film's mesh is finer where
+the film is thin, and is made again if the journal moves (`fenics_ehd.analysis.bearing_mechanism`).
+The shape of the bore may be a Python object. `fenics_ehd.analysis.bearing` computes the
+equilibrium.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ def bearing_scene(settings: BearingSettings, angle: float) -> Scene:
     settings
         Settings of the bearing.
     angle
-        Angle from the load line to the film's frame, at which the bore is at the start [rad].
+        Angle from the load line to the x axis of the film's frame [rad]; the bore starts at this
+        angle.
     """
     squeeze_rate = float(np.hypot(*settings.squeeze)) / settings.clearance
     return Scene(
@@ -87,7 +89,10 @@ def _joint(settings: BearingSettings, angle: float) -> schema.LubricatedSettings
 
 
 def _contact(settings: BearingSettings) -> schema.ContactSettings:
-    """Contact of two equal materials without lateral contraction, of the given contact modulus."""
+    """Contact settings that give a contact modulus [Pa].
+
+    Both surfaces have the same Young's modulus, and a Poisson's ratio of 0.
+    """
     roughness = {field.name: getattr(settings, field.name) for field in attrs.fields(Roughness)}
     youngs_modulus = 2 * settings.contact_modulus
     return schema.ContactSettings(
@@ -105,7 +110,7 @@ def build_bearing(settings: BearingSettings, angle: float, mesh: MeshMaker) -> M
     Parameters
     ----------
     settings, angle
-        As of `bearing_scene`.
+        Settings of the bearing and angle of the film's frame, see `bearing_scene`.
     mesh
         Function that makes the film's mesh, see `MeshMaker`.
 
@@ -156,9 +161,8 @@ def bearing(
 ) -> BearingResult:
     """Compute the operating point of a bearing whose settings are keyword arguments.
 
-    They are the fields of `BearingSettings` and the parameters of `solve_bearing`.
-
-    The load may have a unit: ``"5 kN"``.
+    The keyword arguments are the fields of `BearingSettings` and the parameters of `solve_bearing`.
+    A load may have a unit: ``"5 kN"``.
     """
     require_names("bearing", settings, attrs.fields_dict(BearingSettings))
     size = as_float(load, "N")

@@ -75,7 +75,7 @@ def surface_shape(
     Parameters
     ----------
     settings
-        Deviations of the surface; a `Shape` made in Python is returned.
+        Deviations of the surface; a `Shape` made in Python is returned unchanged.
     path
         Section of the settings followed by a dot, for messages.
     width, clearance
@@ -105,7 +105,7 @@ def surface_shape(
 
 
 def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[HoleSupply, ...]:
-    """Holes in the mesh of a bore without a supply, which the film treats as closed recesses."""
+    """Closed recesses of a film: the holes in the mesh of its bore at which there is no supply."""
     in_bore = [s for s in supplies if isinstance(s, HoleSupply) and not s.on_journal]
     return tuple(
         _in_mesh(HoleSupply(), hole)
@@ -115,7 +115,7 @@ def recesses(supplies: Sequence[Supply], holes: Sequence[BoreHole]) -> tuple[Hol
 
 
 def _in_mesh(supply: HoleSupply, hole: BoreHole) -> HoleSupply:
-    """A supply with the angle, height and diameter of a hole in the mesh of the bore."""
+    """Copy of a supply that has the angle, height and diameter of a hole in the bore's mesh."""
     return attrs.evolve(
         supply,
         angle=float(np.degrees(hole.angle)),
@@ -155,7 +155,10 @@ FIT = 0.01
 
 
 def reference_rate(scene: Scene) -> float:
-    """Largest angular speed in a scene [rad/s]; it scales equations and changes round-off only."""
+    """Largest angular speed in a scene [rad/s], by which equations are scaled.
+
+    The scale changes only the round-off of results.
+    """
     speeds = [2 * np.pi / scene.span]
     for table in (scene.bodies, scene.drives, scene.forces):
         speeds += [abs(getattr(settings, "speed", 0.0)) for settings in table.values()]
@@ -163,7 +166,7 @@ def reference_rate(scene: Scene) -> float:
 
 
 def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
-    """Refuse a film that is not thin, and sizes of film or journal that do not fit the bore.
+    """Refuse a film that is not thin, or whose size or journal does not fit the bore.
 
     Parameters
     ----------
@@ -238,11 +241,12 @@ def build_film(
     bore
         Bore of a flexible body; None for a rigid bore.
     rate
-        Reference angular speed, see `FilmParameters` [rad/s].
+        Reference angular speed [rad/s], see `FilmParameters`.
     supplies
         Supplies of the joint, see `supplies_of`.
     mesh
-        Function that makes the film's mesh; None: equal cells, or those of the bore.
+        Function that makes the film's mesh from the angles of groove edges; by default the mesh
+        is that of `film_mesh`.
 
     Raises
     ------
@@ -296,12 +300,12 @@ def build_film(
 def _aligned_mesh(
     joint: schema.LubricatedSettings, bore: BoreSurface | None, edges: np.ndarray
 ) -> FilmGrid:
-    """Mesh of a joint, see `film_mesh`, with lines at the edges of grooves [rad]."""
+    """Film mesh of a joint, see `film_mesh`, with cell boundaries at the angles `edges` [rad]."""
     return aligned_grid(film_mesh(joint, bore), edges)
 
 
 def film_mesh(joint: schema.LubricatedSettings, bore: BoreSurface | None) -> FilmGrid:
-    """Mesh with the cells that a joint specifies, or else with those of its flexible bore.
+    """Film mesh of a joint: with the cells in its settings, or with those of its flexible bore.
 
     Raises
     ------
@@ -329,14 +333,14 @@ def lubricated_joint(
     Parameters
     ----------
     scene, name, bore, rate, mesh
-        As of `build_film`.
+        See `build_film`.
     inputs
         Supplies and measured shapes of the scene.
 
     Raises
     ------
     SettingsError
-        The journal does not fit its bore, the film is not thin, or for reasons of `build_film`.
+        The journal does not fit its bore, the film is not thin, or `build_film` refuses the film.
     """
     check_fit(scene, name, bore)
     joint = scene.joints[name]

@@ -111,7 +111,7 @@ def imposed_angles(scene: Scene) -> dict[str, AngleOverTime]:
 
 
 def forces(scene: Scene) -> dict[str, Force]:
-    """Forces by name, without gravity; torques of drives are included."""
+    """Forces of a scene by name, including the torques of its drives, but without gravity."""
     acting: dict[str, Force] = {}
     for name, entry in scene.forces.items():
         key = f"forces.{name}"
@@ -139,12 +139,12 @@ def forces(scene: Scene) -> dict[str, Force]:
 
 
 def _constant(size: float) -> Table:
-    """Constant function of time: the force [N] and its derivative, 0."""
+    """Constant function of time, whose values are a force [N] and its derivative, 0 N/s."""
     return lambda _: (size, 0.0)
 
 
 def _curve(read: Callable[..., Curve], file: str, key: str, column: str, unit: str) -> Curve | None:
-    """Curve from the table file of a setting; None if the setting is "none"."""
+    """Curve that `read` makes from the table file of a setting; None if the setting is "none"."""
     if file == NONE:
         return None
     return read(table_file(file, key), key, {column: {unit: 1.0}})
@@ -205,7 +205,7 @@ def _shapes(scene: Scene) -> dict[str, ShapeTable]:
 
 
 def _bodies(scene: Scene, given: Mapping[str, ReducedBody]) -> dict[str, ReducedBody]:
-    """Reduced bodies that exist already, by name; for other bodies the model file must exist."""
+    """Reduced bodies of a scene that exist already, by name; other bodies need a model file."""
     bodies: dict[str, ReducedBody] = {}
     for name in flexible(scene):
         settings = scene.bodies[name]

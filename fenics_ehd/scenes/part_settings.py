@@ -91,7 +91,7 @@ class ReductionSettings:
 
 
 def method_keys(method: str) -> tuple[str, ...]:
-    """Keys of [reduction] that this method reads and that other methods do not all read."""
+    """Keys of ``[reduction]`` that this method reads, but that some other method ignores."""
     conditions = (
         (field.name, condition)
         for field in attrs.fields(ReductionSettings)
@@ -106,7 +106,7 @@ def method_keys(method: str) -> tuple[str, ...]:
 
 @attrs.frozen
 class OutputSettings:
-    """Files that a run writes besides history and summary, error estimates, required accuracy."""
+    """Output of a run: files besides history and summary, error estimates, required accuracy."""
 
     plots: bool = flag(True, "whether curves are drawn as pictures")
     error_budget: bool = flag(True, "whether errors of the results are estimated")

@@ -122,7 +122,7 @@ class Scene:
         return {name: joint for name, joint in self.joints.items() if isinstance(joint, lubricated)}
 
     def elastic_surfaces(self, joint: schema.LubricatedSettings) -> list[ElasticSurface]:
-        """Surfaces of a joint that deform; an empty list if both are rigid."""
+        """Surfaces of a joint that deform; an empty list if bore and journal are rigid."""
         surfaces = []
         for side in ELASTIC_SIDES:
             name, _, point = getattr(joint, side).partition(".")
@@ -132,10 +132,10 @@ class Scene:
         return surfaces
 
     def film_element(self, body: str) -> str:
-        """Element of the pressures on a flexible body, from the films in its bores.
+        """Element family in which the pressures on a flexible body are interpolated.
 
-        It is the element of the film in the first bore that has a film; for a film with bilinear
-        elements it is 9-node. The pressures of the other films are transferred to it.
+        The family is that of the film in the first bore that has a film, or 9-node elements if that
+        film has bilinear elements. The pressures of the other films are transferred to this family.
         """
         by_point = {
             (surface.body, surface.point): joint.element
@@ -147,10 +147,11 @@ class Scene:
         return element if element in ELEMENTS else "lagrange"
 
     def film_edges(self, body: str) -> dict[str, tuple[float, ...]]:
-        """Heights at which pressures on a flexible body have edges along z, by name of its surface.
+        """Heights z at which the film pressures on a flexible body may change abruptly [m].
 
-        Edges are those of supplies, and infinite ones for the ends of rough surfaces, see
-        `fenics_ehd.reduction.pressure_family` [m]. Holes in the mesh of a bore are left out.
+        Heights are listed by the name of the surface: the edges of oil supplies, and -inf and inf
+        for the ends of rough surfaces, see `fenics_ehd.reduction.pressure_family`. Holes in the
+        mesh of a bore are not included.
         """
         edges: dict[str, tuple[float, ...]] = {}
         for joint in self.films.values():
@@ -165,7 +166,7 @@ class Scene:
 
     @property
     def span(self) -> float:
-        """End of the run, or period of a periodic run [s]."""
+        """End time of a run [s]; in a periodic run, the period."""
         time = self.time
         duration = time.period if time.periodic else time.end
         return duration or time.revolutions * 2 * np.pi / abs(self.speed_of(time.of))
@@ -190,7 +191,7 @@ def meshed(scene: Scene) -> tuple[str, ...]:
 
 
 def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant:
-    """Oil of a joint; with a heat balance, at its supply temperature."""
+    """Oil of a joint; if the joint has a heat balance, at the temperature of the supplied oil."""
     if joint.lubricant == NONE:
         return Lubricant(joint.viscosity)
     settings = scene.lubricants[joint.lubricant]
@@ -200,7 +201,9 @@ def joint_lubricant(scene: Scene, joint: schema.LubricatedSettings) -> Lubricant
 
 
 def check_lubricants(scene: Scene) -> None:
-    """Refuse oils whose settings are incomplete; with heat balances they need no temperature.
+    """Refuse oils whose settings are incomplete.
+
+    An oil needs no temperature if all joints with this oil have a heat balance.
 
     Raises
     ------
@@ -285,7 +288,7 @@ def check_names(scene: Scene) -> None:
 
 
 def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> None:
-    """Refuse a part without a model or a file, or with both, and a bore that is listed twice."""
+    """Refuse a flexible body that has neither a model nor a file, or both, or equal bore names."""
     key = f"bodies.{name}"
     if not body.bores or len(set(body.bores)) < len(body.bores):
         raise SettingsError(f"{key}.bores = {list(body.bores)} must be one or more different names")
@@ -294,7 +297,7 @@ def _check_source(scene: Scene, name: str, body: schema.FlexibleSettings) -> Non
 
 
 def points_of(body: Any) -> tuple[str, ...] | None:
-    """Names of a body's points; None if only the file of the reduced body has them."""
+    """Names of a body's points; None if they are only in the file of the reduced body."""
     if isinstance(body, schema.FlexibleSettings):
         return None if body.body != NONE else (*body.bores, *body.points)
     return tuple(body.points)
@@ -355,7 +358,11 @@ def _check_contact(joint: schema.LubricatedSettings, key: str) -> None:
 
 
 def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> None:
-    """Refuse elements that cannot conserve mass, and a massless journal in a part-filled gap."""
+    """Refuse settings of a joint that exclude mass-conserving cavitation.
+
+    These are film elements that cannot conserve mass, and a massless journal in a gap that is not
+    filled with oil at the start.
+    """
     if joint.cavitation != "mass-conserving":
         return
     from fenics_ehd.film.oil_balance import require_monotone  # slow to import
@@ -390,7 +397,10 @@ def notices(scene: Scene) -> list[str]:
 
 
 def _turbulent(scene: Scene, name: str, joint: schema.LubricatedSettings) -> list[str]:
-    """A line if the Reynolds number of a film at the start is above that of laminar flow."""
+    """Notice, as a list of one line, if the flow of a film at the start is not laminar.
+
+    The list is empty if the Reynolds number is at most `LAMINAR`.
+    """
     lubricant = joint_lubricant(scene, joint)
     radius = joint.radius
     if not radius and (elastic := scene.elastic_surfaces(joint)):
@@ -539,7 +549,7 @@ def changed(scene: Scene, values: Mapping[str, Any], optional: Collection[str] =
     values
         New values by full key; files are relative to the working directory.
     optional
-        Those of the keys that are dropped instead of refused if other new values leave them without
+        Keys in `values` that are dropped, not refused, if other new values leave them without
         effect.
 
     Raises
@@ -656,7 +666,7 @@ def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
 
 
 def _hint(tables: Mapping[str, Any], key: str) -> str:
-    """Hint for an unknown key: a similar key, or another kind or table that has this key."""
+    """Hint for an unknown key: a similar key, or the kinds or tables that have this key."""
     table, *entry = key.split(".")
     name = entry[-1]
     kinds = schema.KINDS.get(table)

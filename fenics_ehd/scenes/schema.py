@@ -107,7 +107,7 @@ SUPPLIES: Mapping[str, type] = {
 
 @attrs.frozen
 class GroundSettings:
-    """The frame at rest, which every scene has, whether it lists it or not."""
+    """The frame at rest, which every scene has, even if the scene file does not list it."""
 
     points: dict = places("points of the frame at rest [m]")
 

@@ -39,10 +39,10 @@ def assembled_bodies(
     mechanism
         Mechanism whose elastic parts are replaced by rigid bodies.
     turning
-        Angles over time of the bodies that are driven by torques. A body starts with its angle and
-        speed if the joints do not determine them.
+        Angle over time of each body that a torque drives, by body name. The body starts at this
+        angle with its speed, unless joints or other drives determine its angle.
     span
-        End or period of the run [s].
+        End time of the run, or its period [s].
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _require_passage(system: System, z: np.ndarray, span: float) -> None:
 
 
 def _with_start(body: Body, z: np.ndarray, rates: np.ndarray) -> Body:
-    """Body with the given coordinates and rates as its state at the start."""
+    """Copy of a body with the given coordinates and rates as its state at the start."""
     if isinstance(body, ShaftBody):
         return attrs.evolve(body, angle=degrees(z[0]), speed=float(rates[0]))
     if not isinstance(body, PlanarBody) or not body.size:

@@ -73,7 +73,7 @@ FEWEST_ROWS = 3
 
 
 def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
-    """Entries of each line that has data, with the name of the file and line for messages.
+    """Texts between the commas of each line with data, and a name of the line for messages.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
 
 
 def _finite(where: str, entry: str) -> float:
-    """Convert an entry to a number; refuse texts, and numbers of size `LARGEST` or more.
+    """Convert an entry to a number; refuse a text, or a magnitude of `LARGEST` or more.
 
     Raises
     ------
@@ -125,9 +125,9 @@ def read_columns(
     *,
     ascending: bool = True,
 ) -> tuple[list[str], np.ndarray]:
-    """Read a CSV file: names of its rows for messages, and its numbers in SI units.
+    """Read a CSV file; return a name of each row for messages, and the numbers in SI units.
 
-    The numbers have the shape (rows, columns), with the columns in the order of `units`.
+    The numbers have the shape (rows, columns); the columns have the order of `units`.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def _columns(
 
 
 def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
-    """Refuse a periodic table whose last row differs from the first; `values` has the shape (n, k).
+    """Refuse a periodic table whose last row differs from the first; `values` has shape (n, k).
 
     Raises
     ------
@@ -219,7 +219,7 @@ ANGLE_TOLERANCE = 1e-3
 
 
 def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
-    """Periodic curve over an angle, with the limited slopes of `limited`.
+    """Periodic cubic curve over an angle, whose slopes `limited` keeps within limits.
 
     Parameters
     ----------
@@ -237,12 +237,13 @@ def angle_table(angles: np.ndarray, values: np.ndarray) -> Curve:
 
 
 def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
-    """Slopes limited so that a cubic curve stays between neighbouring rows of a periodic table.
+    """Limit the slopes of a cubic curve, so that it stays between neighbouring rows of a table.
 
     Parameters
     ----------
     slopes
-        Slopes of a spline, the last one equal to the first, shape (n,).
+        Slopes of a spline at the rows of a periodic table, the last one equal to the first,
+        shape (n,).
     chords
         Slopes of the straight lines between neighbouring rows, shape (n - 1,).
     """

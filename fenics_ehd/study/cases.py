@@ -32,7 +32,7 @@ from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
 
 
 def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
-    """Values of a scene's settings by dotted key, and keys of tables with free names."""
+    """Values of a scene's settings by full key, and keys of tables whose entries the user names."""
     values: dict[str, Any] = {}
     free: list[str] = []
     for key, attribute, value in walk(scene):
@@ -45,13 +45,13 @@ def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
 
 
 def resolve_key(scene: Scene, name: str) -> str:
-    """Full key of a setting from the end of its key, which must be unique.
+    """Full key of the only setting whose key ends with a name.
 
     Raises
     ------
     SettingsError
-        No key or several keys end with the name; or the key is a table, and the name of an entry
-        in it is missing.
+        No key or several keys end with the name; or the key is that of a table, without the name of
+        an entry in the table.
     """
     values, free = scene_values(scene)
     name = today(name)
@@ -70,12 +70,12 @@ def resolve_key(scene: Scene, name: str) -> str:
 
 
 def _ending(keys: Any, name: str) -> list[str]:
-    """The key that is equal to a name, or all keys that end with it."""
+    """List with the key that is equal to a name; without such a key, all keys that end with it."""
     return [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
 
 
 def with_values(scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()) -> Scene:
-    """Replace values of a scene by their full keys, check it, and round it as its file does.
+    """Scene with other values of some settings, checked, and rounded to the digits of its text.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def _number(item: str) -> float | None:
 
 
 def _plain(number: float, like: object) -> float | int:
-    """Convert a whole number to int if the value `like` of its key is an int."""
+    """Convert a whole number to int if `like`, another value of the same setting, is an int."""
     return int(number) if isinstance(like, int) and number.is_integer() else number
 
 
@@ -249,7 +249,7 @@ class Case:
 def make_case(
     name: str, scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()
 ) -> Case:
-    """Make a case of a scene, with values replaced by their full keys, see `with_values`.
+    """Make a case: a scene with other values of some settings, by full key, see `with_values`.
 
     Raises
     ------

@@ -90,7 +90,7 @@ class StoredRun:
         return load_history(self.directory)
 
     def estimates(self) -> dict[str, float]:
-        """Largest error of the gap by joint [m], as the run itself estimated it after the start."""
+        """Largest estimate of the gap's basis error by joint [m], after the time `start`."""
         joints = self.result.joints
         return {
             joint: float(joints[joint].basis_error_estimate[self.counted].max(initial=0.0))
@@ -99,7 +99,11 @@ class StoredRun:
         }
 
     def gaps(self, motion: History, films: Scene) -> dict[str, np.ndarray]:
-        """Gap [m] by joint, shape (steps, points), for a motion, on the film meshes of a scene."""
+        """Gaps of all joints during a motion, at the observed points of film meshes [m].
+
+        `motion` is a history with the coordinates of this run's mechanism. The film meshes are
+        those of the scene `films`. Every joint has an array of shape (steps, points).
+        """
         meshes: dict[str, Any] = {}
         for name in self.joints:
             joint = films.joints[name]
@@ -113,7 +117,7 @@ class StoredRun:
     def differences(
         self, run: StoredRun
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
-        """Errors of another run relative to this one, at the other run's steps after the start.
+        """Errors of another run relative to this run, at the other run's steps after `start`.
 
         Returns
         -------
@@ -148,12 +152,13 @@ class StoredRun:
                 off = (values - true) / (peak if name == "pressure" else true)
                 curves[f"{joint}.{name}_error"] = off
                 errors[joint][f"{name}_max"] = float(np.abs(off).max())
-                errors[joint][f"{name}_l2"] = _mean(times, values - true) / _mean(times, true)
+                sizes = [_root_mean_square(times, each) for each in (values - true, true)]
+                errors[joint][f"{name}_l2"] = sizes[0] / sizes[1]
         return curves, errors
 
 
-def _mean(times: np.ndarray, values: np.ndarray) -> float:
-    """Root mean square of values over time, for steps of any size."""
+def _root_mean_square(times: np.ndarray, values: np.ndarray) -> float:
+    """Root mean square over time of values at given times, whose distances may differ."""
     return float(np.sqrt(trapezoid(values**2, times) / (times[-1] - times[0])))
 
 
@@ -163,7 +168,10 @@ def errors_path(directory: Path, against: str) -> Path:
 
 
 def write_errors(path: Path, curves: Mapping[str, np.ndarray]) -> None:
-    """Write errors at the steps of a run; the file is complete or absent, and reproducible."""
+    """Write the errors of a run over time to a file, which is complete or absent.
+
+    Equal errors give equal files.
+    """
     content = io.BytesIO()
     np.savez(content, **curves)
     claim(path.parent, [path.name])
@@ -235,7 +243,7 @@ class StudyFolder(RunsFolder):
         super().__init__(directory, study.cases.values(), MADE, about, overwrite=overwrite)
 
     def take_stock(self) -> list[Case]:
-        """Read complete runs, and remove stored errors; returns the cases that are not complete."""
+        """Read the complete runs, and remove former errors; return the cases still to be run."""
         self.runs.clear()
         self._errors.clear()
         for name in self.cases:
@@ -257,7 +265,7 @@ class StudyFolder(RunsFolder):
         return self.outcomes[name].status if name in self.outcomes else "not run"
 
     def errors(self, run: str, against: str) -> Errors | None:
-        """Errors of a run relative to another run, which are also stored in a file.
+        """Errors of the run `run` relative to the run `against`; they are also stored in a file.
 
         The result is None if one of the runs is not complete, or if both are the same run.
         """
@@ -288,10 +296,11 @@ class StudyFolder(RunsFolder):
         self.write("reference.json", describe_reference(self))
 
     def floor(self, row: Row, joint: str) -> tuple[float | None, float | None]:
-        """Pressure and film error below which the errors of a row have no meaning; None if unknown.
+        """Limits below which pressure and film errors of a row have no meaning; None if unknown.
 
-        On the film mesh of the reference, this is the larger known one of the reference's step and
-        basis errors. On other film meshes, it is the error of the second finest mesh.
+        For errors relative to the reference, a limit is the largest known step or basis error of
+        the reference itself. For errors relative to the finest film mesh, it is the error of the
+        second finest mesh.
         """
         if row.against == REFERENCE:
             candidates = [self.own_error(kind) for kind in LIMITING]
@@ -414,7 +423,7 @@ def table_row(row: Row, joint: str, folder: StudyFolder) -> dict[str, Any]:
 
 
 def _settings(case: Case, joint: str) -> dict[str, Any]:
-    """Columns of the table that follow from settings; of the reduction only those that are used."""
+    """Columns of the table with settings of a case, except settings that its method ignores."""
     reduction = next(iter(case.bodies.values())).settings.reduction
     time = case.scene.time
     cells = case.scene.joints[joint].cells
@@ -450,7 +459,7 @@ def describe_study(study: Study) -> dict[str, object]:
 
 
 def machine() -> dict[str, object]:
-    """Processor, number of cores that this process may use, memory [GB], and operating system."""
+    """Description of this machine: processor, cores for this process, memory [GB], system."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
     return {

@@ -30,32 +30,32 @@ M4_TOLERANCE = ReductionSettings().flexibility_tolerance
 
 @dataclass(frozen=True)
 class Variant:
-    """A name, which is also a file name, and settings that differ from those of the scene.
+    """Variant of a scene: its name, which is also a file name, and its changed settings.
 
-    Keys of `values` are full keys, ``reduction.KEY`` for all parts of the scene, or `FILM` for the
-    film meshes of all joints.
+    `values` has the changed settings by key. A key is a full key, ``reduction.KEY`` for all parts
+    of the scene, or `FILM` for the film meshes of all joints.
     """
 
     name: str
     values: Mapping[str, Any]
 
     def but(self, suffix: str, values: Mapping[str, Any]) -> Variant:
-        """The variant with additional settings, and a suffix to its name."""
+        """Copy of the variant with further settings, and with a suffix after its name."""
         return Variant(f"{self.name}-{suffix}", {**self.values, **values})
 
 
 def m1(modes: int) -> Variant:
-    """Variant with method M1, Craig-Bampton, with a number of fixed-boundary modes."""
+    """Variant with method M1, Craig-Bampton; `modes` is the number of fixed-boundary modes."""
     return _reduction(f"m1-{modes}", method="m1", modes=modes)
 
 
 def m2(modes: int) -> Variant:
-    """Variant with method M2, two Craig-Bampton steps, with a number of modes after the second."""
+    """Variant with method M2, two Craig-Bampton steps; `modes` remain after the second step."""
     return _reduction(f"m2-{modes}", method="m2", modes=modes)
 
 
 def m3(pressure_set: str, selection: str, modes: int) -> Variant:
-    """Variant with method M3, load-dependent reduction, with a number of residual modes."""
+    """Variant with method M3, load-dependent reduction; `modes` is the number of residual modes."""
     return _reduction(
         f"m3-{pressure_set}-{selection}-{modes}",
         method="m3",
@@ -67,7 +67,10 @@ def m3(pressure_set: str, selection: str, modes: int) -> Variant:
 
 
 def m4(vibration_modes: int, tolerance: float = M4_TOLERANCE) -> Variant:
-    """Variant with method M4, residual flexibility; tolerance 0: with every nodal pressure."""
+    """Variant with method M4, residual flexibility; `tolerance` is that of the flexibility.
+
+    With a tolerance of 0, the flexibility includes the response to every nodal pressure.
+    """
     return _reduction(
         f"m4-{vibration_modes}-{tolerance:.0e}",
         method="m4",
@@ -77,7 +80,7 @@ def m4(vibration_modes: int, tolerance: float = M4_TOLERANCE) -> Variant:
 
 
 def full(vibration_modes: int) -> Variant:
-    """Variant with the full interface: every column of ``P_c1`` (34)."""
+    """Variant with the full interface: static modes for all columns of P_c1, equation (34)."""
     return _reduction(f"full-{vibration_modes}", method="full", vibration_modes=vibration_modes)
 
 
@@ -101,7 +104,7 @@ def film(factor: float) -> dict[str, Any]:
 
 
 def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of a variant by full key of the scene."""
+    """Settings of a variant by full key of a scene, from `values` as in `Variant`."""
     by_key: dict[str, Any] = {}
     for key, value in values.items():
         if key.startswith("reduction."):
@@ -115,7 +118,7 @@ def values_in(scene: Scene, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _times(scene: Scene, joint: str, factor: float) -> list[int]:
-    """Numbers of film cells around and along, times a factor; as in the scene for a factor of 1."""
+    """Numbers of film cells around and along a joint: those of the scene, times a factor."""
     if factor == 1.0:
         return list(scene.joints[joint].cells)
     scene_cells = planned_cells(scene, joint)
@@ -147,15 +150,16 @@ class Scope:
     finest_steps
         Settings for very fine steps, with which `stepped` variants are run to show step errors.
     reference, reference_steps
-        Variant of the reference, the full interface, and its steps.
+        Variant of the reference, which has the full interface, and settings of its steps.
     step_check, film_check
-        Settings with which the reference is run again, to show its own step and film error.
-        If `step_check` is None, the run of `basis_check` shows the sum of step and basis error.
+        Settings with which the reference is run again, to show its own step error and film mesh
+        error. If `step_check` is None, the run of `basis_check` shows the sum of step and basis
+        error.
     basis_check
-        Variant with another basis for the reference's parts, and its settings.
+        Variant that differs from the reference in the basis of its parts, and its settings.
     loose
-        Further variants, run only with the first of the tolerances, because their errors are too
-        large to need finer steps.
+        Further variants, which are run only with the first of the tolerances, because their errors
+        are too large to need finer steps.
     settings
         Settings that replace those of the scene in all runs.
     """
@@ -176,9 +180,10 @@ class Scope:
 
 
 def usual_scope(scene: Scene, *, quick: bool) -> Scope:
-    """Scope for any scene, made from its number of vibration modes, its M3 and its tolerance.
+    """Scope of a study of any scene.
 
-    If the scene has several parts, the settings of the first one are used.
+    It depends on the scene's number of vibration modes, its settings of M3 and its step tolerance.
+    If the scene has several parts, the settings of the first part are used.
     """
     reduction = scene.bodies[meshed(scene)[0]].reduction
     n = reduction.vibration_modes
@@ -267,16 +272,17 @@ OWN = "reference"
 
 @dataclass(frozen=True)
 class Row:
-    """Row of the table: one run in one group.
+    """Row of the table of a study: one run in one group.
 
     Attributes
     ----------
     run, group
-        Name of the run; ``"methods"``, ``"tolerance"``, ``"film"`` or ``"reference"``.
+        Name of the run; group, ``"methods"``, ``"tolerance"``, ``"film"`` or ``"reference"``.
     against
-        Run to which errors are relative; empty for the finest run.
+        Name of the run to which errors are relative; empty for the finest run.
     fine_run
-        Run of the same bodies with very fine steps, which shows the step error; empty if none.
+        Name of the run of the same bodies with very fine steps, which shows the step error; empty
+        if there is none.
     """
 
     run: str

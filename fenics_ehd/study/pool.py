@@ -96,9 +96,9 @@ def outcomes(
     tasks: Iterable[T],
     check: Callable[[], None],
 ) -> Iterator[tuple[T, R | Outcome]]:
-    """Run tasks, and yield each with its result in the order in which they end.
+    """Run tasks, and yield each task with its result, in the order in which the tasks end.
 
-    An exception in a task gives a failed `Outcome` as its result.
+    The result of a task that raises an exception is a failed `Outcome`.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def outcomes(
 
 
 def _result(future: Future[R]) -> R | Outcome:
-    """Result of a task that has ended; an exception gives a failed `Outcome`."""
+    """Result of a task that has ended; a failed `Outcome` if the task raised an exception."""
     try:
         return future.result()
     except BrokenExecutor:
@@ -160,7 +160,7 @@ class ProcessPool(Executor):
         self._others = set(multiprocessing.active_children())
 
     def submit(self, function: Callable[..., R], /, *arguments: Any, **keywords: Any) -> Future[R]:
-        """Call a function in the next free process; returns the future result."""
+        """Call a function in the next free process; return a `Future` of its result."""
         future = self._threads.submit(self._call, function, *arguments, **keywords)
         self._futures.append(future)
         return future
@@ -178,7 +178,7 @@ class ProcessPool(Executor):
         return future.result()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after their tasks, or at once if these are cancelled."""
+        """End the processes after their tasks; with `cancel_futures`, end them at once."""
         self._threads.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
         while cancel_futures and not all(future.done() for future in self._futures):
             # PETSc prints a page of advice if it is only terminated, so the process is killed.
@@ -193,9 +193,9 @@ class ProcessPool(Executor):
 
 
 def _block_interrupts() -> None:
-    """Block signals of Ctrl-C and of a closed terminal in processes that this thread starts.
+    """Block the signals of Ctrl-C and of a closed terminal in processes that this thread starts.
 
-    A terminal signals all processes, but the parent process must end its workers itself.
+    A terminal sends these signals to workers as well, but the parent process must end its workers.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
 
@@ -203,7 +203,10 @@ def _block_interrupts() -> None:
 def reduce_missing(
     cases: Iterable[Case], directory: Path, pool: Executor, check: Callable[[], None]
 ) -> Mapping[str, Outcome]:
-    """Reduce bodies whose files are missing or damaged; outcomes of failed ones, by file name."""
+    """Reduce bodies whose files are missing or damaged.
+
+    Returns the outcomes of reductions that failed, by the checksum that names the body's file.
+    """
     needed = {body.name: body for case in cases for body in case.bodies.values()}
     parts: dict[str, list[NeededBody]] = {}
     for body in needed.values():
@@ -228,7 +231,7 @@ def reduce_missing(
 
 
 def in_turn(bodies: Iterable[NeededBody]) -> Sequence[NeededBody]:
-    """Sort bodies so that reductions that share most are neighbours, see `Reductor`."""
+    """Sort bodies of a part so that neighbours share most intermediate results, see `Reductor`."""
 
     def order(body: NeededBody) -> Any:
         r = body.settings.reduction
@@ -323,7 +326,7 @@ class RunsFolder(ExitStack):
             self.push(held.pop_all())
 
     def write_tables(self) -> None:
-        """Write the tables for the runs that have ended; subclasses define it."""
+        """Write the tables of the runs that have ended; subclasses define the method."""
 
     def _require_same(self, path: Path, about: Mapping[str, Any]) -> None:
         """Refuse the folder if its JSON file describes another study or sweep."""
@@ -353,10 +356,10 @@ class RunsFolder(ExitStack):
         write_whole(self.path / name, to_json(values) + "\n")
 
     def read(self, name: str) -> None:
-        """Read files of a complete run for the tables; subclasses define it."""
+        """Read the files of a complete run that the tables need; subclasses define the method."""
 
     def stored(self, name: str) -> Outcome | None:
-        """Outcome of a former run; None without a readable one of the same settings and version."""
+        """Outcome of a former run with the same settings and version; None without such a run."""
         try:
             record = read_json(self.run(name) / OUTCOME)
             if record["identity"] != self.cases[name].identity:
@@ -369,14 +372,14 @@ class RunsFolder(ExitStack):
         return outcome
 
     def take_stock(self) -> list[Case]:
-        """Read the outcomes of former runs; returns the cases that are not complete."""
+        """Read the outcomes of former runs; return the cases still to be run."""
         stored = {name: self.stored(name) for name in self.cases}
         self.outcomes = {name: outcome for name, outcome in stored.items() if outcome is not None}
         complete = {name for name, outcome in self.outcomes.items() if outcome.complete}
         return [case for name, case in self.cases.items() if name not in complete]
 
     def tasks(self, cases: Iterable[Case], keep: bool, *, travel: bool) -> Iterator[CaseTask]:
-        """Make the tasks of cases; if they travel to other machines, bodies are sent as bytes.
+        """Make the tasks of cases; with `travel`, they contain the bytes of their reduced bodies.
 
         The file of each body is read once.
         """
@@ -391,7 +394,7 @@ class RunsFolder(ExitStack):
             yield CaseTask(case, bodies, self.command, keep)
 
     def add(self, case: Case, result: CaseResult) -> None:
-        """Store a run that has ended; a run whose files cannot be read has failed."""
+        """Store the result of a run that has ended; if its files cannot be read, it has failed."""
         outcome = result.outcome
         try:
             self._write_run(case, result.files)
@@ -431,9 +434,10 @@ def run_cases(
     executor: Executor | None = None,
     keep: bool = True,
 ) -> None:
-    """Run cases as ``fenics-ehd run`` does; cases whose body could not be reduced are failed first.
+    """Run cases as ``fenics-ehd run`` does.
 
-    Ctrl-C takes effect between two cases.
+    Bodies are reduced first. A case whose body could not be reduced has failed. Ctrl-C takes effect
+    between two cases.
 
     Parameters
     ----------
@@ -474,7 +478,10 @@ def run_cases(
 
 
 def _share(file: Path, copy: Path) -> None:
-    """Link a body's file into the folder of a run, since many runs share a body; else copy it."""
+    """Link a body's file into the folder of a run, because many runs share a body.
+
+    If the file system has no links, the file is copied.
+    """
     link = new_part(copy)
     link.unlink()
     try:

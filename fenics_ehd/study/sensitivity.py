@@ -53,7 +53,8 @@ class ParameterPath:
     value
         Value in the scene.
     scale
-        Size that changes are relative to, in the unit of the value; of a pair, its length.
+        Size to which changes are relative, in the unit of the value; for a component of a pair,
+        the length of the pair as a vector.
     setting
         Full key of the setting, without a component.
     component
@@ -75,7 +76,7 @@ class ParameterPath:
         return self.unit not in SCALES
 
     def change(self, scene: Scene, share: float) -> Scene:
-        """Change the number in a scene by `share` times its scale; returns the changed scene."""
+        """Copy of a scene in which the number is larger by `share` times its scale."""
         value = self.value + share * self.scale
         if self.component is None:
             return changed(scene, {self.setting: value})
@@ -97,15 +98,16 @@ class SceneSensitivity:
     parameters
         Numbers of the scene with respect to which the objectives are differentiated.
     derivatives
-        Derivatives by objective and key of the parameter, on the scene's film meshes.
+        Derivatives on the film meshes of the scene, by objective and key of the parameter.
     finer
-        Derivatives on finer film meshes, likewise; those that could not be computed are missing.
+        Derivatives on finer film meshes, by the same keys; a derivative that could not be computed
+        is missing.
     reduced
         Keys of the parameters for which a body was reduced again.
     seconds
-        Processor time [s] of the ``"run"`` and of the ``"derivatives"``.
+        Processor times [s] of the ``"run"`` and of the ``"derivatives"``.
     trajectory
-        Trajectory of the scene's run; of a periodic run, of its last cycle.
+        Trajectory of the scene's run, or of the last cycle of a periodic run.
     """
 
     objectives: Sequence[Objective]
@@ -177,7 +179,7 @@ def _unit(scene: Scene, key: str) -> str:
 
 
 def reduced_anew(scene: Scene, parameter: ParameterPath) -> str:
-    """Elastic body that must be reduced again for a parameter, by name; empty if none."""
+    """Name of the elastic body that must be reduced again if a parameter changes; empty if none."""
     table, _, rest = parameter.setting.partition(".")
     name, _, setting = rest.partition(".")
     if table != "bodies" or setting in MOVING:
@@ -261,10 +263,16 @@ def mechanism_parameter(
     parts: Mapping[str, ReducedBody],
     build: Callable[..., Machine] = build,
 ) -> Parameter:
-    """Parameter for `derivatives`, from a number of a scene.
+    """Parameter of a scene's mechanism for `derivatives`, from a number in the scene.
 
-    `parts` are the reduced bodies of the scene; those that do not depend on the number are reused.
-    Other scenes are built by the function `build`.
+    Parameters
+    ----------
+    scene, path
+        The scene, and the number in it.
+    parts
+        Reduced bodies of the scene by name; a body that does not depend on the number is reused.
+    build
+        Function that builds the mechanism of a changed scene.
     """
     touched = reduced_anew(scene, path)
     kept = {name: body for name, body in parts.items() if name != touched}

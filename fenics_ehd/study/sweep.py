@@ -102,7 +102,7 @@ def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]
 
 
 def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
-    """Cases for all combinations of values; a value may be without effect in some of them.
+    """Cases for all combinations of values; in some cases, a value may have no effect.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
 def _made(
     name: str, scene: Scene, values: Mapping[str, Any], optional: Sequence[str] = ()
 ) -> Case | str:
-    """Make a case; if it cannot run, the result is the reason as text."""
+    """Make a case of a sweep; if the case cannot run, return the reason as text."""
     try:
         return make_case(name, scene, values, optional)
     except InputError as error:
@@ -165,7 +165,7 @@ OWN = ("sweep.json", "sweep.csv", "runs/")
 
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
-    """Columns of results in a sweep's table; columns of a lubricated joint begin with its name."""
+    """Names of the result columns in a sweep's table: ``JOINT.COLUMN``, and columns of the run."""
     return (*(f"{joint}.{name}" for joint in joints for name in JOINT_FIGURES), *FIGURES)
 
 

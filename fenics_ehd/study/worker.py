@@ -9,9 +9,9 @@ scene refers, such as tables, are read on the machine that runs the case.
 Errors are returned as one line of text, because exceptions may not survive pickling, and the error
 of a film holds arrays.
 
-The time that a reduction took is stored in the body's provenance. That of a part's first body
+The time that a reduction took is stored in the body's provenance. The time of a part's first body
 includes mesh and matrices; later bodies of the part reuse factors, modes and responses. If all
-bodies of a part are in the cache, they are read from there.
+bodies of a part are in the cache, they are read from the cache.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class Outcome:
 
     @property
     def complete(self) -> bool:
-        """True if the run is complete and its results can be trusted."""
+        """True if the run has reached its end and its results are valid."""
         return self.status == COMPLETE
 
 
 def failed(error: BaseException) -> Outcome:
-    """Outcome of a run that an exception ended; the status is its class and message."""
+    """Outcome of a run that ended with an exception; the status has its class and message."""
     return Outcome("failed: " + " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split()))
 
 
@@ -94,7 +94,7 @@ class Reductions:
 
 
 def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> Reductions:
-    """Reduce bodies of one part in this process, and save each of them to a file.
+    """Reduce bodies of one part in this process, or read all from the cache; save each to a file.
 
     Parameters
     ----------
@@ -222,7 +222,10 @@ def run_case(task: CaseTask) -> CaseResult:
 
 
 def _summary(task: CaseTask, directory: Path) -> dict[str, Any]:
-    """Run a case; its summary, together with results on its bodies and film meshes."""
+    """Run a case; return its summary with results about its bodies and film meshes.
+
+    `directory` is the folder of the run.
+    """
     scene = task.case.scene
     bodies = {name: body.load(directory.parent) for name, body in task.bodies.items()}
     built = build(scene, bodies=bodies)
@@ -251,9 +254,9 @@ def part_figures(bodies: Collection[ReducedBody]) -> dict[str, float]:
     Returns
     -------
     dict
-        Number of ``coordinates``, ``highest_frequency_Hz``, processor time ``offline_s`` of the
-        reductions, numbers of ``pressure_columns`` and of ``dropped_columns``, which depend on
-        others.
+        ``coordinates``: number of modes; ``highest_frequency_Hz``; ``offline_s``: processor time of
+        the reductions; ``pressure_columns``: number of nodal pressures in all bores;
+        ``dropped_columns``: number of static modes that were dropped as linearly dependent.
     """
     return {
         "coordinates": sum(body.modes for body in bodies),

@@ -90,12 +90,12 @@ def sized(row: StudyRow) -> str:
 
 
 def selection(row: StudyRow) -> tuple[str, Any]:
-    """Selection of the residual modes of M3: name in words, and line style."""
+    """Name in words and line style of the rule by which M3 selects residual modes in a run."""
     return SELECTIONS.get(row["selection"], (row["selection"], "-"))
 
 
 def tightened(row: StudyRow) -> bool:
-    """True if a run by M4 has a smaller tolerance than by default."""
+    """True if M4 has a smaller flexibility tolerance in a run than by default."""
     return row["method"] == "m4" and row["flexibility_tolerance"] < TOLERANCE
 
 
@@ -117,7 +117,10 @@ def line_style(row: StudyRow) -> dict[str, Any]:
 def families(
     rows: Iterable[StudyRow], name: Callable[[StudyRow], str] = family
 ) -> dict[str, list[StudyRow]]:
-    """Runs by the name of their family, sorted by coordinates, tolerance and number of cells."""
+    """Lists of runs by the name of their family.
+
+    A list is sorted by the numbers of coordinates, step tolerances and numbers of film cells.
+    """
 
     def order(row: StudyRow) -> tuple[str, float, float, int]:
         return name(row), row["coordinates"], row["tolerance"], cells(row)
@@ -134,7 +137,7 @@ def colour(row: StudyRow) -> str:
 
 
 def percent_axes(axes: Axes, xlabel: str, ylabel: str) -> None:
-    """Set logarithmic axes with labels; errors in per cent are along y."""
+    """Make both axes of a panel logarithmic, with labels; y has errors in per cent."""
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
     plain_figures(axes.yaxis)
 
@@ -161,7 +164,7 @@ def joint_figure(
 ) -> Figure | None:
     """Figure with a row of panels for each joint, one panel for each curve.
 
-    None if there is no joint, or if a joint has no data.
+    The result is None if there is no joint, or if a joint has no data.
 
     Parameters
     ----------
@@ -241,9 +244,9 @@ def lower_left(points: Sequence[Point]) -> list[Point]:
 
 
 def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
-    """Draw the errors of both curves against a cost; against a time with the Pareto front.
+    """Draw the errors of pressure and film against a cost: a column of time or of coordinates.
 
-    None if there are no runs to show.
+    If the cost is a time, the Pareto front is drawn as well. The result is None without runs.
     """
     groups = ("methods", "tolerance") if cost == ONLINE else ("methods",)
 
@@ -260,7 +263,9 @@ def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
 
 
 def _draw_points(axes: Axes, rows: Sequence[StudyRow], cost: str, curve: Curve) -> None:
-    """Draw runs as lines from few modes to many, and small markers for runs at other tolerances.
+    """Draw the errors of runs against a cost, with lines from few modes to many.
+
+    Runs at other step tolerances have small markers.
 
     A run whose error is below the reference's own error is drawn at the edge of the grey band, with
     the marker `BOUND`.
@@ -322,10 +327,10 @@ Points = list[tuple[float, float]]
 
 
 def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow, Points]]:
-    """First run of each model with several runs, and points (tolerance, step error) of its runs.
+    """Step errors against tolerance, for every model that is run with several tolerances.
 
-    Step errors are relative to the same model with very fine steps. Errors below the reference's
-    own step error are replaced by it.
+    A model has its first run, and points (tolerance, step error). A step error is relative to a run
+    of the same model with very fine steps; it is at least the step error of the reference.
     """
     column = f"own_{curve.key}_error_max"
     floor = joint.own_error("step", curve)
@@ -417,10 +422,10 @@ def cells(row: StudyRow) -> int:
 
 
 def gap_floor(joint: JointData) -> float:
-    """Largest error of the reference's own gap, over all points and times [m]; 0 if unknown.
+    """Error of the gap in the reference itself, largest over all points and times [m].
 
-    It is computed from the runs that check the reference, except the run on another film mesh,
-    whose error is common to all runs.
+    The error is computed from the runs that check the reference. The run on another film mesh is
+    excluded, because its error is common to all runs. The result is 0 if the error is unknown.
     """
     film = (joint.study.reference.get("film") or {}).get("run")
     rows = [row for row in joint.measured("reference") if row["run"] != film]
@@ -472,13 +477,13 @@ BUILD_UP = 0.1
 
 
 def best(study: StudyData, method: str) -> list[StudyRow]:
-    """Run of a method with the smallest worst error, as a list; empty without such runs."""
+    """List of one run: the run of a method whose largest error is smallest; empty without runs."""
     rows = study.joints[0].measured("methods", method=method)
     return sorted(rows, key=lambda row: study.worst_error(row["run"]))[:1]
 
 
 def alike(study: StudyData) -> list[StudyRow]:
-    """A run of each method with similar numbers of coordinates, and the best run of M4."""
+    """One run of every method: runs with similar numbers of coordinates, and the best run of M4."""
     methods = sorted(COLOURS.keys() - {"m4"})
     runs = [study.joints[0].measured("methods", method=method) for method in methods]
     size = float(np.median([row["coordinates"] for members in runs for row in members] or [0.0]))
@@ -490,7 +495,10 @@ def alike(study: StudyData) -> list[StudyRow]:
 
 
 def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
-    """Draw curves of some runs and of the reference over time; None without a reference."""
+    """Draw pressure and film curves of some runs and of the reference over time.
+
+    The result is None without a run of the reference.
+    """
     runs = [study.history(row["run"]) for row in rows]
 
     def draw(axes: Axes, reference: History, joint: JointData, curve: Curve) -> None:
@@ -517,7 +525,10 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
 
 
 def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
-    """Draw errors of some runs over time that exceed the reference's own; None without runs."""
+    """Draw the errors of some runs over time; None without runs.
+
+    Errors below the reference's own error are not drawn.
+    """
 
     def draw(
         axes: Axes, errors: list[tuple[StudyRow, Columns]], joint: JointData, curve: Curve
@@ -591,10 +602,10 @@ def best_bodies(study: StudyData) -> dict[str, dict[str, ReducedBody]]:
 
 
 def first_shapes(body: ReducedBody, kind: str) -> tuple[np.ndarray, list[str]]:
-    """Displacements of the bore, shape (m, 3, c), in the first modes of a kind, and a note on each.
+    """Displacements of a bore's m nodes in the first c modes of a kind, and a note on each mode.
 
-    Modes are sorted by frequency. Quasi-static patterns have no frequency and are sorted by
-    flexibility.
+    The displacements have the shape (m, 3, c). Modes are sorted by frequency. Quasi-static patterns
+    have no frequency and are sorted by their largest displacement.
     """
     if kind == "quasi-static":
         patterns = body.residual.displacement if body.residual else np.empty((0, 3, 0))
@@ -634,10 +645,10 @@ def draw_mode_shapes(bodies: Mapping[str, ReducedBody]) -> Figure | None:
 
 
 def _circles(body: ReducedBody, shapes: np.ndarray) -> np.ndarray:
-    """Radial displacements, shape (3, a, c), of the circles of `RINGS` at the angles `ANGLES`.
+    """Radial displacements of three circles of a bore, in c modes, without its rigid motion.
 
-    They are computed from displacements `shapes` of the bore's nodes, shape (m, 3, c); the rigid
-    motion of the bore is subtracted.
+    The circles are those of `RINGS`, evaluated at the a angles `ANGLES`: shape (3, a, c). `shapes`
+    are the displacements of the bore's m nodes in the modes, shape (m, 3, c).
     """
     bore = body.bore
     rigid = rigid_fields(bore.coordinates)
@@ -652,7 +663,7 @@ def _circles(body: ReducedBody, shapes: np.ndarray) -> np.ndarray:
 
 
 def _draw_shape(axes: Axes, circles: np.ndarray, colour: str) -> None:
-    """Draw the bore in one mode, from radial displacements of its circles, shape (3, a)."""
+    """Draw a bore in one mode; `circles` are radial displacements of its circles, shape (3, a)."""
     axes.plot(*NORMALS, color="0.75", linewidth=0.8)
     radii = 1 + DEFLECTION * circles / np.abs(circles).max()
     for radius, (label, style) in zip(radii, RINGS.items(), strict=True):

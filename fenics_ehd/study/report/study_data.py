@@ -53,11 +53,11 @@ CURVES = (PRESSURE, FILM)
 
 
 class StudyRow(dict[str, Any]):
-    """Row of ``table.csv``: one lubricated joint in one run.
+    """Row of ``table.csv``: one lubricated joint in one run, as a dictionary by column.
 
-    Values by column are text or numbers in SI units, nan for an empty cell. Errors are relative:
-    pressure errors to the reference's peak, film errors to the film thickness. Errors in columns
-    ``own_...`` are relative to a run of the same model with very fine steps.
+    Values are text or numbers in SI units, nan for an empty cell. Pressure errors are divided by
+    the peak pressure of the reference, film errors by the film thickness. Columns ``own_...`` have
+    errors relative to a run of the same model with very fine steps.
     """
 
     @property
@@ -70,7 +70,7 @@ class StudyRow(dict[str, Any]):
         return float(self[f"{curve.key}_error_max"])
 
     def floor(self, curve: Curve) -> float:
-        """Error of the reference's curve itself; 0 if it is unknown."""
+        """Error of the reference itself for a curve, relative; 0 if it is unknown."""
         value = float(self[f"{curve.key}_floor"])
         return value if math.isfinite(value) else 0.0
 
@@ -79,12 +79,12 @@ class StudyRow(dict[str, Any]):
         return max(self.error(curve), self.floor(curve))
 
     def bounded(self, curve: Curve) -> bool:
-        """True if the reference's own error is larger, so that it is only an upper limit."""
+        """True if the error to show is only an upper limit: the reference's own error is larger."""
         return self.error(curve) < self.floor(curve)
 
     @property
     def worst_error(self) -> float:
-        """Larger one of the errors to show for peak pressure and film thickness."""
+        """Larger value of the errors to show for peak pressure and film thickness."""
         return max(self.visible_error(curve) for curve in CURVES)
 
     @property
@@ -153,7 +153,10 @@ class JointData:
     name: str
 
     def planned(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Rows of the joint in some groups, with the values `wanted` in their columns."""
+        """Rows of the table for the joint, in the given groups.
+
+        `wanted` has required values of some columns, by column.
+        """
         return [
             row
             for row in self.study.rows
@@ -163,12 +166,18 @@ class JointData:
         ]
 
     def measured(self, *groups: str, **wanted: Any) -> list[StudyRow]:
-        """Rows as `planned` that have errors relative to a reference, sorted by coordinates."""
+        """Rows that have errors relative to a reference, sorted by the number of coordinates.
+
+        The arguments are those of `planned`.
+        """
         chosen = [row for row in self.planned(*groups, **wanted) if row.measured]
         return sorted(chosen, key=lambda row: row["coordinates"])
 
     def own_error(self, kind: str, curve: Curve, norm: str = "max") -> float:
-        """Error of the reference's curve by step, film or basis; nan if it is unknown."""
+        """Error of the reference itself for a curve, relative; nan if it is unknown.
+
+        `kind` is the cause, ``"step"``, ``"film"`` or ``"basis"``; `norm` is ``"max"`` or ``"l2"``.
+        """
         entry = self.study.reference.get(kind) or {}
         value = entry.get("joints", {}).get(self.name, entry).get(f"{curve.key}_{norm}")
         return math.nan if value is None else float(value)

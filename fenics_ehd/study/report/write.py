@@ -93,12 +93,15 @@ def percent(value: float) -> str:
 
 
 def bounded(row: StudyRow, curve: Curve) -> str:
-    """Text of a run's largest error; an upper limit if the reference's own error is larger."""
+    """Text of a run's largest error of a curve; an upper limit has the form ``≤ 2 %``.
+
+    The error is an upper limit if the reference's own error is larger.
+    """
     return "≤ " * row.bounded(curve) + percent(row.visible_error(curve))
 
 
 def cost_table(joint: JointData) -> Table:
-    """Table of the fastest run of each method, for each limit of both errors."""
+    """Table of the fastest runs: by method, and by the limit that both of their errors meet."""
     runs = {method: joint.measured("methods", "tolerance", method=method) for method in COLOURS}
     runs = {method: rows for method, rows in runs.items() if rows}
     table = [
@@ -120,7 +123,7 @@ def _fastest(rows: list[StudyRow], limit: float) -> str:
 
 
 def run_table(study: StudyData) -> Table:
-    """Table of all runs with their results; a failed run has the reason."""
+    """Table of all runs with their results; for a failed run, the reason is given."""
     errors = (f"{curve.key} error" for curve in CURVES)
     heads = ("run", "joint", "method", "tolerance", "coordinates", *errors,
              *(head for _, head, _ in RUN_FIGURES))  # fmt: skip
@@ -150,7 +153,7 @@ def unknown_floors(study: StudyData) -> list[str]:
 
 
 def film_mesh_errors(joint: JointData) -> list[str]:
-    """Texts of the film mesh error of both curves; empty list if it was not computed."""
+    """Texts of the film mesh error of both curves, as a list; empty if it was not computed."""
     shared = [joint.own_error("film", curve) for curve in CURVES]
     return [] if any(map(math.isnan, shared)) else [*map(percent, shared)]
 
