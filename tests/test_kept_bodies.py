@@ -367,7 +367,7 @@ def test_a_damaged_basis_is_made_again(cache, tmp_path, reductions, capfd, damag
     damage(basis)
     assert "cannot be used" not in capfd.readouterr().err
     ehd.build(scene)
-    assert f"{basis} cannot be used: the part is reduced" in capfd.readouterr().err
+    assert f"{basis} cannot be used: reduced anew" in capfd.readouterr().err
     assert reductions == ["m3", "m3"]
     ehd.build(scene)
     assert reductions == ["m3", "m3"]

@@ -345,9 +345,8 @@ class Entry:
         share = self.comm.scatter([None] * self.comm.size if shares is None else shares)
         usable = share is not None and np.array_equal(share[0], structure.coordinates)
         if not self.comm.allreduce(usable, op=MPI.LAND):
-            self._on_first(
-                lambda path: report(f"{path / self.name}{BASIS} cannot be used: the part is reduced")
-            )
+            basis = f"{self.name}{BASIS}"
+            self._on_first(lambda path: report(f"{path / basis} cannot be used: reduced anew"))
             return None
         return body, share[1].reshape(-1, body.modes)
 
