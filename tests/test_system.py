@@ -264,7 +264,7 @@ def test_joints_that_cannot_be():
             bodies,
             {n: ehd.LubricatedJoint(j, "ground", oil) for n, j in zip("ab", bodies, strict=True)},
         )
-    with pytest.raises(ehd.errors.SettingsError, match=r"one and one\.tip are points of one"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"one and one\.tip belong to the same"):
         run(bodies, {"a": ehd.LubricatedJoint("one", "one.tip", oil)})
     with pytest.raises(ehd.errors.SettingsError, match=r"eccentricity = 1.5 of the clear"):
         ehd.LubricatedJoint("one", "ground", oil, eccentricity=(3e-5, 0.0))

@@ -112,7 +112,7 @@ def read_deck(path: Path) -> ForeignMesh:
     except (ValueError, OverflowError):
         types = dict.fromkeys(section.options["TYPE"] for section in scope.solids)
         raise MeshError(
-            f"{path}: the lines of its nodes must have coordinates, and those of "
+            f"{path}: every line of *NODE must have the coordinates of a node, and every line of "
             f"{', '.join(types)} the numbers of all nodes of an element"
         ) from None
     blocks = [(_cell(section), cells) for section, cells in zip(scope.solids, nodes, strict=True)]
@@ -191,7 +191,7 @@ def _require_numbers(rows: Sequence[str], characters: str) -> None:
         If a line has a character other than `characters`, commas, blanks and minus signs.
     """
     if re.search(rf"[^{characters},\s-]", "\n".join(rows)):
-        raise ValueError("rows are no numbers")
+        raise ValueError("a row has characters that are not part of a number")
 
 
 def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
@@ -204,7 +204,7 @@ def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """
     indices = np.minimum(np.searchsorted(numbers, nodes), len(numbers) - 1)
     if not len(numbers) or (numbers[indices] != nodes).any():
-        raise ValueError("a node is not there")
+        raise ValueError("an element has a node that is not in the deck")
     return indices
 
 

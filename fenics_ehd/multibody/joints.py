@@ -57,7 +57,7 @@ def require_body(key: str, name: str, points: PointNames) -> None:
     """
     if name not in points:
         known = ", ".join(sorted(points))
-        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
+        raise SettingsError(f"{key}: there is no body {name!r}: choose from {known}")
 
 
 def require_point(key: str, marker: str, points: PointNames) -> None:
@@ -88,7 +88,9 @@ def require_two_bodies(key: str, markers: Sequence[str]) -> None:
     for marker in markers:
         other = first.setdefault(marker.partition(".")[0], marker)
         if other is not marker:
-            raise SettingsError(f"{key}: {other} and {marker} are points of one body")
+            raise SettingsError(
+                f"{key}: {other} and {marker} belong to the same body: give points of two bodies"
+            )
 
 
 def require_single_bores(bores: Mapping[str, str]) -> None:
@@ -110,7 +112,7 @@ def require_single_bores(bores: Mapping[str, str]) -> None:
         if other != name:
             raise SettingsError(
                 f"joints.{name}.bore = {bore!r} is the bore of joints.{other} already: a bore "
-                "holds one journal; give the second a point of its own"
+                "holds one journal; give one of the joints another bore"
             )
 
 

@@ -36,7 +36,8 @@ class Quantities(Mapping[str, Quantity]):
         # A copy under construction has no attribute `quantities` yet.
         quantities = self.__dict__.get("quantities", {})
         if name not in quantities:
-            raise AttributeError(f"no {name!r} here, only {', '.join(quantities) or 'nothing'}")
+            known = ", ".join(quantities) or "none"
+            raise AttributeError(f"there is no quantity {name!r}: choose from {known}")
         return quantities[name]
 
     def __dir__(self) -> list[str]:

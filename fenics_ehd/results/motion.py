@@ -177,8 +177,8 @@ class RecordedMotion:
                     continue
                 if bound.surface.mortar:
                     raise SettingsError(
-                        f"joints.{binding.name}.transfer = 'mortar': forces on the bore are known "
-                        "of 'conservative' alone"
+                        f"joints.{binding.name}.transfer = 'mortar': nodal forces on the bore are "
+                        "computed only with 'conservative'"
                     )
                 pressure = self.motion.pressures[binding.name].T
                 nodal = bound.surface.nodal_forces(pressure, self._contact_forces(i), angles)
