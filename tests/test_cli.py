@@ -18,6 +18,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.extremes import FilmRows, over_time
 from fenics_ehd.cli import check
 from fenics_ehd.cli.options import answer
+from fenics_ehd.multibody.recorder import COUNTS, STEP_COUNTS
 from fenics_ehd.multibody.trust import SIGNS
 from fenics_ehd.reduction.part_files import BasisFile
 
@@ -78,7 +79,12 @@ def test_run_writes_everything_it_promises(tmp_path, capfd):
     }  # fmt: skip
     assert promised <= set(summary)
     assert summary["status"] == "complete"
-    assert summary["counts"] == {}
+    counts = summary["counts"]
+    assert set(counts) == set(COUNTS)
+    assert all(counts[name] == summary[name] for name in STEP_COUNTS)
+    # An iteration evaluates the equations once, and every solve once more at its start.
+    assert counts["evaluations"] > counts["newton_iterations"] >= counts["film_factorisations"] > 0
+    assert counts["triangular_solves"] > counts["newton_iterations"]
     entries = summary["joints"]["big_end"]
     assert entries["basis_error_estimate_m"] is None
     history = read_history(tmp_path)

@@ -18,7 +18,7 @@ from fenics_ehd.fem.foreign_mesh import ForeignMesh
 from fenics_ehd.fem.gmsh_session import gmsh, session
 from fenics_ehd.fem.solid import Solid, inside_out, second_order
 from fenics_ehd.fem.solid_file import read_mesh, read_part
-from fenics_ehd.fem.structure import part_answers
+from fenics_ehd.fem.structure import part_responses
 from fenics_ehd.reduction.mesh_error import compliance_errors
 from fenics_ehd.reduction.reductor import rigid
 
@@ -563,7 +563,7 @@ def test_first_order_ring_yields_as_the_second_order_one(kind, around, most, tmp
     write_part(tmp_path / "first.msh", part.solid, part.surfaces())
     write_part(tmp_path / "second.msh", exact, {"bore": surfaces(exact)["bore"]})
     parts = [
-        part_answers(tmp_path / f"{n}.msh", STEEL, ["bore"], None) for n in ("first", "second")
+        part_responses(tmp_path / f"{n}.msh", STEEL, ["bore"], None) for n in ("first", "second")
     ]
     masses = [rigid(structure).inertia.total_mass for structure, _ in parts]
     assert masses[0] == pytest.approx(masses[1], rel=1e-12)

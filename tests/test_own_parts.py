@@ -26,7 +26,7 @@ from fenics_ehd.fem.drawn_part import NamedFaces, open_part, place_part, write_p
 from fenics_ehd.fem.faces import fit_cylinder
 from fenics_ehd.fem.models import stored_mesh_error
 from fenics_ehd.fem.solid import Solid, corner_volumes, raised, refined
-from fenics_ehd.fem.structure import part_answers
+from fenics_ehd.fem.structure import part_responses
 from fenics_ehd.film.transfer import Surface
 from fenics_ehd.reduction.bore import bore_holes
 from fenics_ehd.reduction.elements import SOLIDS
@@ -155,7 +155,7 @@ def reference():
     """The shipped rod on a fine mesh."""
     given = {"bore_cells_around": 40, "bore_cells_along": 10, "shank_cells": 24}
     given |= {"big_end_layers": 4, "small_end_layers": 4}
-    structure, answers = part_answers(ehd.model_path("conrod"), STEEL, ["bore"], None, given)
+    structure, answers = part_responses(ehd.model_path("conrod"), STEEL, ["bore"], None, given)
     assert rigid(structure).inertia.total_mass == pytest.approx(MASS, rel=1e-4)
     return answers
 
@@ -167,7 +167,7 @@ def test_bores_yield_as_that_of_the_shipped_rod(parts, reference, tmp_path, figu
         stated = made(parts / name, tmp_path / "part.msh")
         assert stated["mass_kg"] == pytest.approx(MASS, rel=1e-4)
         assert 0.05 < stated["worst_cell"] < 1.0
-        _, ours = part_answers(tmp_path / "part.msh", STEEL, ["bore"], None)
+        _, ours = part_responses(tmp_path / "part.msh", STEEL, ["bore"], None)
         off = difference(ours.compliance, reference.compliance)
         worst = max(worst, off / stated["flexibility_mesh_error"])
     figure(
@@ -215,12 +215,12 @@ def made(path, target):
 def test_mesh_with_an_oil_hole_yields_as_its_drawing(parts, tmp_path, figure):
     drawn = placed(parts / "drilled.step", 40)
     write_part(tmp_path / "drawn.msh", drawn.solid, drawn.surfaces())
-    structure, reference = part_answers(tmp_path / "drawn.msh", STEEL, ["bore"], None)
+    structure, reference = part_responses(tmp_path / "drawn.msh", STEEL, ["bore"], None)
     stated = made(parts / "drilled.msh", tmp_path / "part.msh")
     # Nodes on the rim of the hole are nodes of the finer mesh, too.
     assert np.isfinite(stored_mesh_error(tmp_path / "part.msh", ["bore"], ["pin"])[1]).all()
     assert stated["mass_kg"] == pytest.approx(rigid(structure).inertia.total_mass, rel=1e-3)
-    _, ours = part_answers(tmp_path / "part.msh", STEEL, ["bore"], None)
+    _, ours = part_responses(tmp_path / "part.msh", STEEL, ["bore"], None)
     off = difference(ours.compliance, reference.compliance)
     figure(
         "part and reduction",

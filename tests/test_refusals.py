@@ -61,7 +61,7 @@ def bearing(**names):
         ),
         (
             {"film": bearing(journal="rod", bore="rod.tip")},
-            "joints.film: rod and rod.tip belong to the same body: give points of two bodies",
+            "joints.film: rod and rod.tip are points of one body: choose points of two bodies",
         ),
         (
             {

@@ -380,8 +380,8 @@ OF_A_LINKAGE = [
     ({"bodies.crank.kind": None}, "bodies.crank.kind is missing"),
     ({"bodies.coupler.mass": None}, r"bodies.coupler.mass is missing: \[kg\]"),
     ({"outputs": {"plots": True}}, r"unknown table \[outputs\]: did you mean output\?"),
-    ({f"{JOURNAL}.journal": "coupler"}, "belong to the same body"),
-    ({"joints.left.between": ["crank.tip", "crank"]}, "belong to the same body"),
+    ({f"{JOURNAL}.journal": "coupler"}, "points of one body"),
+    ({"joints.left.between": ["crank.tip", "crank"]}, "points of one body"),
     # names
     ({"bodies.ground.mass": 1.0}, "ground"),
     ({CRANK_TO: ["crank.tp", "coupler"]}, "body crank has no point 'tp', its points"),
@@ -405,7 +405,7 @@ OF_A_LINKAGE = [
     ({"time.smallest_step": 1e-3}, "must be below time.first_step"),
     # what cannot be put together
     ({"joints.again": {"kind": "revolute", "between": ["ground.hook", "rocker"]}}, "repeats or co"),
-    ({"joints.stop": {"kind": "fixed", "between": ["ground", "ground.hook"]}}, "to the same body"),
+    ({"joints.stop": {"kind": "fixed", "between": ["ground", "ground.hook"]}}, "points of one bod"),
     (WHEEL, "body wheel can move or turn freely without inertia"),
     ({"bodies.ghost": {"kind": "massless"}}, "body ghost can move or turn freely without inertia"),
     ({"joints.b": FILM}, "joints.b.bore = 'coupler.tip' is the bore of joints.rocker_end already"),

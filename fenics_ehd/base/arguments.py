@@ -15,12 +15,12 @@ from fenics_ehd.base.printed import key_hint, shown
 
 
 def require_word(name: str, value: Any, words: tuple[str, ...]) -> None:
-    """Refuse a value that is not one of some words.
+    """Refuse an argument that is not one of the accepted words.
 
     Raises
     ------
     SettingsError
-        If the value is another one; the message lists the accepted words.
+        If the argument is none of these words; the message lists them.
     """
     one_of(words)(name, value)
 
@@ -48,7 +48,8 @@ def require_count(name: str, value: Any, least: int = 0) -> int:
     Raises
     ------
     SettingsError
-        If it is not; the message has the limit. Whole numbers of NumPy are accepted.
+        If the argument is not whole or is below `least`; the message has the limit. Whole numbers
+        of NumPy are accepted.
     """
     number: int = value.tolist() if hasattr(value, "tolist") else value
     whole_number(least)(name, number)
@@ -56,7 +57,7 @@ def require_count(name: str, value: Any, least: int = 0) -> int:
 
 
 def require_pair(name: str, value: Any, *, zero: bool = True) -> tuple[float, float]:
-    """Return a vector of the plane, x and y, after a check of its two numbers.
+    """Return a vector in the plane as two floats, x and y, after a check of both numbers.
 
     Raises
     ------
@@ -69,12 +70,12 @@ def require_pair(name: str, value: Any, *, zero: bool = True) -> tuple[float, fl
 
 
 def require_class(name: str, value: Any, *classes: type, optional: bool = False) -> None:
-    """Refuse an argument that is not of one of some classes; None is accepted if it is optional.
+    """Refuse an argument that is not an instance of an accepted class; None passes if `optional`.
 
     Raises
     ------
     SettingsError
-        If the class is another one; the message has it and the accepted classes.
+        If the argument is of another class; the message has this class and the accepted ones.
     """
     if isinstance(value, classes) or (optional and value is None):
         return
@@ -85,7 +86,7 @@ def require_class(name: str, value: Any, *classes: type, optional: bool = False)
 
 
 def require_callable(name: str, value: Any, *, optional: bool = False) -> None:
-    """Refuse a value that cannot be called; None is accepted if it is optional.
+    """Refuse an argument that cannot be called; None passes if `optional`.
 
     Raises
     ------
@@ -113,7 +114,8 @@ def copied(
     values
         Dictionary to be copied.
     check
-        Function of the full name (``bodies['rod']``) and value of an entry that raises an error.
+        Function that is called with the full name (``bodies['rod']``) and the value of each entry;
+        it raises SettingsError for a wrong value.
 
     Raises
     ------
@@ -127,7 +129,7 @@ def copied(
 
 
 def require_names(function: str, names: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse keyword arguments that a function does not have.
+    """Refuse names of keyword arguments that a function does not accept.
 
     Raises
     ------

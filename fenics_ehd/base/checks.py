@@ -27,7 +27,7 @@ LARGEST = 1e30
 def unless(holds: Callable[[Any], bool], wanted: str) -> Callable[[str, Any], None]:
     """Make a check that refuses values for which `holds` is false.
 
-    `wanted` describes the accepted values; messages have it behind "must be".
+    `wanted` describes the accepted values; the message puts it after "must be".
     """
 
     def check(name: str, value: Any) -> None:
@@ -52,13 +52,13 @@ def limits(
     Parameters
     ----------
     above, below
-        Lower and upper limit, which are not accepted themselves.
+        Lower and upper limit; the limits themselves are refused.
     least, most
-        Lower and upper limit, which are accepted.
+        Lower and upper limit; the limits themselves are accepted.
     unit, hint
         Unit of the number, and text at the end of the message about a number beyond a limit.
     sized
-        Whether magnitudes outside `SMALLEST` to `LARGEST` are refused, too.
+        Whether numbers other than 0 with magnitudes outside `SMALLEST` to `LARGEST` are refused.
     """
 
     def check(name: str, value: Any) -> None:
@@ -88,8 +88,8 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
     Raises
     ------
     SettingsError
-        If it is not. For a text that could not be converted to a number, the message has the
-        unit.
+        If the value is not a finite number. If it is a text that could not be converted to a
+        number, the message has the unit.
     """
     if isinstance(value, str):
         try:
@@ -147,7 +147,7 @@ def plane_vector(
     unit
         Unit of the numbers.
     below
-        Limit of their magnitudes, which is not accepted itself.
+        Upper limit of the magnitude of each number; the limit itself is refused.
     zero
         Whether both numbers may be 0.
     """

@@ -35,8 +35,8 @@ def start_command() -> None:
 
     Child processes do not search the current folder for modules. Matplotlib uses its defaults.
     Libraries use one BLAS thread unless the user has set a number. For a single process, Open MPI
-    starts no daemon, which would need files, a path and free space on a disk; the process can then
-    not spawn others by MPI. Ranks of a launcher have a daemon already.
+    does not start its daemon, which would need files, a path and free space on a disk; without the
+    daemon, the process cannot spawn others by MPI. Ranks that a launcher starts have a daemon.
     """
     from fenics_ehd.base.processes import THREADS, is_rank
 

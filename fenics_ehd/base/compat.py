@@ -54,7 +54,7 @@ def model_to_mesh(
 
 
 def _cell(name: str, dimension: int = 3) -> ufl.Cell:
-    """UFL cell with its geometric dimension, which elements of the old UFL need."""
+    """Make a UFL cell that has a geometric dimension, because elements of the old UFL need one."""
     return ufl.Cell(name, geometric_dimension=dimension)
 
 
@@ -196,7 +196,7 @@ def _load_or_begin(
     begin
         FFCx's function, which loads a module or writes its first file.
     name, objects, folder
-        Arguments of this function.
+        Arguments of `begin`: name of the module, names of its objects, and folder of the files.
     timeout
         Seconds to wait for another process that compiles the module.
 
@@ -211,9 +211,9 @@ def _load_or_begin(
 
 
 def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function of FFCx so that it locks the folder and is silent while it compiles.
+    """Wrap a compiling function of FFCx: it locks the folder of the files and prints nothing.
 
-    Compiled modules are loaded without a lock.
+    Modules that are compiled already are loaded without a lock.
     """
 
     @wraps(compile_objects)
@@ -273,9 +273,9 @@ def plane_mesh(cells: np.ndarray, x: np.ndarray) -> mesh.Mesh:
 
 
 class Coefficient(ufl.Coefficient):
-    """Coefficient that is independent of a mesh.
+    """UFL coefficient of a form that is independent of a mesh.
 
-    The old FFCx uses the text of a coefficient as a name in C.
+    The old FFCx uses ``str(coefficient)`` as the name of a variable in C.
     """
 
     def __str__(self) -> str:
@@ -323,7 +323,10 @@ def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
 
 
 def coefficient_positions(compiled: Any) -> list[int]:
-    """Indices in the form of the coefficients that its kernel reads, in the kernel's order."""
+    """Indices of the coefficients that the kernel of a compiled form reads, in the kernel's order.
+
+    An index counts all coefficients of the form.
+    """
     name = "original_coefficient_position"
     positions = getattr(compiled[1], name if hasattr(compiled[1], name) else f"{name}s")
     return [positions[i] for i in range(compiled[1].num_coefficients)]

@@ -53,7 +53,7 @@ def orphans(folder: Path) -> list[Path]:
 def compiling(folder: Path, notice: float = NOTICE, limit: float = LIMIT) -> Iterator[None]:
     """Lock a folder for compiling, and remove the files of compilations that were not completed.
 
-    The lock ends with the block, or with the process.
+    The lock is released at the end of the ``with`` block, or of the process.
 
     Parameters
     ----------

@@ -35,10 +35,10 @@ EQUAL = 1e-9
 def between_points(
     positions: np.ndarray, values: np.ndarray, period: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Largest values of curves between their points, and the positions of these values.
+    """Largest values of interpolated curves, and the positions of these values.
 
-    The largest value is that of a point if there are fewer than three points, or if the curve does
-    not repeat and the largest point is its first or last one.
+    With fewer than three points, the largest value of a curve is its largest value at a point; so
+    it is if the curve does not repeat and this point is the first or the last.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ def _peak(
 
 
 def _beyond(x: list[float], v: list[float]) -> tuple[float, float]:
-    """Position and value of a point that continues three points on the parabola through them.
+    """Extrapolate the parabola through three points by one point; return its position and value.
 
-    Its distance from the last point is that between the last two.
+    The new point is as far from the third point as the third from the second.
     """
     a, b, c = x
     beyond = c + (c - b)
@@ -127,7 +127,13 @@ def _beyond(x: list[float], v: list[float]) -> tuple[float, float]:
 
 
 def _between(x: list[float], v: list[float]) -> tuple[float, float]:
-    """Largest value of a curve through five points, the third of which is largest; its position."""
+    """Largest value of a curve through five points, the third of them largest, and its position.
+
+    Parameters
+    ----------
+    x, v
+        Positions of the points, and values of the curve there.
+    """
     widths = [x[i + 1] - x[i] for i in range(4)]
     secants = [(v[i + 1] - v[i]) / widths[i] for i in range(4)]
     # Slopes at the three middle points, each of the parabola through the point and its neighbours.
@@ -151,12 +157,12 @@ def _between(x: list[float], v: list[float]) -> tuple[float, float]:
 
 
 def _highest(change: float, first: float, last: float) -> tuple[float, float]:
-    """Largest value of a cubic within the unit interval, and its position; its value at 0 is 0.
+    """Largest value, and its position, of a cubic on the interval from 0 to 1.
 
     Parameters
     ----------
     change, first, last
-        Value of the cubic at 1, and its slopes at 0 and 1.
+        Value of the cubic at 1, and its slopes at 0 and 1; its value at 0 is 0.
     """
     cubic = first + last - 2.0 * change
     square = 3.0 * change - 2.0 * first - last
@@ -173,7 +179,7 @@ def _highest(change: float, first: float, last: float) -> tuple[float, float]:
 def over_time(
     times: np.ndarray, values: np.ndarray, period: float | None, sign: int = 1
 ) -> tuple[float, float]:
-    """Extreme of a quantity between the steps of a run, and its time.
+    """Extreme of a quantity over a run, interpolated between steps, and the time of the extreme.
 
     Parameters
     ----------
@@ -226,7 +232,7 @@ class FilmRows:
         return cls(nodes, turn[nodes[0]], height[nodes[:, 0]])
 
     def largest(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Largest values of a field between the nodes of the film, and their positions.
+        """Largest values of a field, interpolated between nodes of the film, and their positions.
 
         Parameters
         ----------

@@ -146,9 +146,9 @@ def table(
     converter: Callable[[Any], Any],
     kept: Callable[[str], bool] = lambda key: False,
 ) -> Any:
-    """Field for a table with free names, whose values are converted and checked one by one.
+    """Field for a table with free keys, whose values are converted and checked one by one.
 
-    Values of keys for which `kept` returns true are not converted.
+    A value is not converted if `kept` returns true for its key.
     """
 
     def check_all(name: str, value: Any) -> None:
@@ -316,7 +316,7 @@ def places(help_text: str) -> Any:
 
 
 def names(help_text: str, default: Any = (), *, count: int | None = None) -> Any:
-    """Field for a list of names, `count` of them, or any number if it is None."""
+    """Field for a list of `count` names, or of any number of names if `count` is None."""
 
     def listed(value: Any) -> bool:
         words = isinstance(value, tuple) and all(isinstance(n, str) and n for n in value)
@@ -351,14 +351,14 @@ def speed(default: float, help_text: str) -> Any:
 
 
 def metres(default: float, help_text: str, *, below: float = LARGEST_LENGTH) -> Any:
-    """Field for a length of a machine [m]; 0, if it is the default, means that none is set."""
+    """Field for a length of a machine [m]; if `default` is 0, 0 means that no length is set."""
     return number(
         default, help_text, **_above_zero(default), below=below, example="0.025 for 25 mm"
     )
 
 
 def viscosity(default: float, help_text: str) -> Any:
-    """Field for a dynamic viscosity [Pa s]; 0, if it is the default, means that none is set."""
+    """Field for a dynamic viscosity [Pa s]; if `default` is 0, 0 means that none is set."""
     return number(
         default,
         help_text,
@@ -370,7 +370,7 @@ def viscosity(default: float, help_text: str) -> Any:
 
 
 def _above_zero(default: float) -> dict[str, Any]:
-    """Lower limit of a positive quantity: 0, which is itself accepted only if it is the default."""
+    """Lower limit 0 of a positive quantity; the value 0 is accepted only if it is the default."""
     return {"above": 0.0} if default else {"least": 0.0}
 
 
@@ -382,7 +382,7 @@ def radial_clearance(default: float) -> Any:
 
 
 def deviation(help_text: str) -> Any:
-    """Field for a deviation of a surface from the round one [m], of either sign."""
+    """Field for the deviation of a surface from a round one [m], of either sign."""
     return number(
         0.0,
         help_text,
@@ -399,7 +399,7 @@ def require_thin_film(clearance: float, radius: float, key: str) -> None:
     Raises
     ------
     SettingsError
-        If it is outside; the message has `key` and both lengths.
+        If the ratio is outside these limits; the message has `key` and both lengths.
     """
     least, most = CLEARANCE_RATIOS
     # A clearance at the limit may be rounded down.

@@ -278,8 +278,8 @@ FIELDS_ENDING = ".vtu"
 def made_by(directory: Path) -> str:
     """Command that made a folder, from the key or the file names in its manifest.
 
-    The text is empty if the command is unknown. If a folder has no manifest but the manifest of the
-    folder above lists it, the command is that of the folder above.
+    The text is empty if the command is unknown. A folder without a manifest that is listed in the
+    manifest of its parent folder was made by the command of the parent folder.
 
     Raises
     ------
@@ -306,7 +306,7 @@ def made_by(directory: Path) -> str:
 
 
 def is_part(directory: Path) -> bool:
-    """Whether the manifest of the folder above lists a folder."""
+    """Whether a folder is listed in the manifest of its parent folder."""
     absolute = Path(os.path.abspath(directory))
     if absolute == absolute.parent:
         return False
@@ -331,7 +331,7 @@ def require_made_by(directory: Path, command: str) -> None:
 
 
 def _entries(directory: Path) -> dict[str, str]:
-    """Values of the keys in a folder's manifest; for a repeated key, that of the first line."""
+    """Values of the keys in a folder's manifest; the first line of a repeated key counts."""
     pairs = (line.partition(": ") for line in _lines(directory) if _is_entry(line))
     entries: dict[str, str] = {}
     for key, _, value in pairs:
@@ -481,7 +481,10 @@ def clear(directory: Path, names: Collection[str] | None = None) -> None:
 
 
 def let_go(directory: Path, *, folder: bool = True) -> None:
-    """Remove the manifest of a folder if none of its files exists; then the folder if empty."""
+    """Remove the manifest of a folder if no listed file exists.
+
+    If `folder` is true and the folder is then empty, the folder is removed, too.
+    """
     if not any((directory / name).exists() for name in listed(directory)):
         (directory / MANIFEST).unlink(missing_ok=True)
         if folder:
@@ -593,7 +596,7 @@ class Kind:
 
 
 def beginning_with(words: str, *signatures: bytes, at: int = 0) -> Kind:
-    """Make a kind of files that have one of some signatures, `at` bytes after their start."""
+    """Make the kind of files that have one of the `signatures` at byte `at`, counted from 0."""
 
     def holds(path: Path) -> bool:
         with open(path, "rb") as file:
@@ -709,7 +712,7 @@ def require_complete(directory: Path) -> dict[str, Any]:
 
 
 def _summary(directory: Path) -> dict[str, Any]:
-    """Summary in a folder; empty if there is none."""
+    """Summary of the run in a folder; empty if the folder has no summary."""
     with suppress(OSError, ValueError):
         summary = read_json(directory / SUMMARY)
         if isinstance(summary, dict):
@@ -724,13 +727,12 @@ def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
 
 @contextmanager
 def keeping_failed_film(directory: str | Path) -> Iterator[None]:
-    """Save the film of a `CavitationError` that ends the block, directly or as a cause.
+    """Save the film of a `CavitationError` that the block raises, or that causes its error.
 
     Raises
     ------
     EhdError
-        If the block raises an error with such a film: the same error, with the path of the saved
-        film in its message.
+        The error of the block again, with the path of the saved film at the end of its message.
     """
     try:
         yield
@@ -759,7 +761,7 @@ def keeping_failed_film(directory: str | Path) -> Iterator[None]:
 
 
 def _is_film(path: Path) -> bool:
-    """Whether `keeping_failed_film` wrote a file."""
+    """Whether a file is a film that `keeping_failed_film` saved."""
     import h5py
 
     with suppress(OSError, RuntimeError), h5py.File(path, "r") as file:

@@ -62,7 +62,7 @@ class Value:
     least
         Smallest number allowed.
     empty
-        Whether the value may be unknown: an array with the right number of axes, one of size 0.
+        Whether the value may be unknown; an array with an axis of size 0 is an unknown value.
     attribute
         Whether the value is an HDF5 attribute of its group, not a dataset.
     member
@@ -193,7 +193,7 @@ class Group:
         Raises
         ------
         ValueError
-            If an entry is missing, unknown, or of another kind or shape; the message names it.
+            If an entry is missing, unknown, or of another kind or shape; the message has its path.
         """
         if not isinstance(item, Mapping | h5py.Group):
             raise ValueError(f"{path or '/'} is no group")
@@ -213,7 +213,10 @@ class Group:
                 raise ValueError(f"{path}/{name} is not known")
 
     def value_at(self, path: str) -> Value:
-        """Layout of the value at a path such as ``state/rates``, in a group that was checked."""
+        """Layout of the value at a path in the group, such as ``state/rates``.
+
+        The path must exist in the layout: the group of the file was checked before.
+        """
         entry: Entry | None = self
         for name in path.split("/"):
             assert isinstance(entry, Group)
@@ -255,14 +258,14 @@ Entry = Value | Group
 
 
 def _tree(entry: Entry | None, value: Any) -> Any:
-    """Return a value unchanged, or the tree of an object whose layout is a group."""
+    """Convert an object whose layout is a group to its tree; return other values unchanged."""
     return entry.tree(value) if isinstance(entry, Group) else value
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
-    """Check an entry that has symbols of its own.
+    """Check an entry whose symbols, the names of axis sizes, are its own, not those of the file.
 
-    For an entry of a state, its symbols are added to `sizes` with the path before their names.
+    Sizes of its symbols are added to `sizes` under names that begin with the path of the entry.
     """
     if isinstance(item, h5py.Group | h5py.Dataset):
         entry.check(item, path, dict(sizes))
@@ -365,9 +368,9 @@ def _parsed(axis: str) -> tuple[int, str, int]:
 class Stateful:
     """Base class of objects with a state: attributes that are carried from step to step.
 
-    The state is a dictionary with the keys of `carried`. An attribute that is stateful itself, or a
-    dictionary of stateful objects, is represented by its state. A state that was read remains
-    constant, because the object replaces arrays and dictionaries and does not modify them.
+    The state is a dictionary with the keys of `carried`. An attribute that is itself a stateful
+    object, or a dictionary of stateful objects, is represented by its state. A state remains
+    constant after it is read: in a step, the object replaces its arrays and does not modify them.
     """
 
     #: Layout of the state, by key, in memory and in files.
@@ -379,7 +382,7 @@ class Stateful:
         Raises
         ------
         ValueError
-            If a value has another kind or shape than in this object; the message names it.
+            If a value has another kind or shape than in this object; the message names the value.
         """
         layout = Group(self.carried)
         start = self.state
@@ -392,12 +395,12 @@ class Stateful:
         layout.check(layout.tree(state), "", sizes)
 
     def known_sizes(self) -> Sizes:
-        """Sizes of symbols in `carried` that the initial state does not determine."""
+        """Sizes of the axes with symbols in `carried` that the initial state does not determine."""
         return {}
 
     @property
     def state(self) -> dict[str, Any]:
-        """Values with which a resumed run continues: attributes by the keys of `carried`."""
+        """Values from which a resumed run continues: attributes that `carried` lists, by key."""
         return {
             key: _state_of(getattr(self, entry.member or key))
             for key, entry in self.carried.items()

@@ -56,7 +56,7 @@ def version_of(name: str) -> str:
 
 
 def library_fault() -> str:
-    """Message about the first library that does not work, with its path; empty if all work."""
+    """Message about the first library that does not work, with its path; empty if all are sound."""
     for name in ARRAYS:
         try:
             with redirect_stderr(io.StringIO()):  # NumPy 2 prints a page there
@@ -67,7 +67,7 @@ def library_fault() -> str:
 
 
 def _tried(module: ModuleType) -> None:
-    """Use a library as other libraries do at import, so that an incomplete installation fails."""
+    """Call a function of NumPy that other libraries use at import: fails if files are missing."""
     if module.__name__ == "numpy":
         module.zeros(1, dtype=module.dtype(float))
 

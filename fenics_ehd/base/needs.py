@@ -1,8 +1,7 @@
 """Conditions of settings that have an effect only together with, or without, another setting.
 
 The field of a setting, or an option of a command, declares its conditions once. If a condition
-fails, the setting is refused unless its value is the default, as complete scene files list all
-defaults.
+fails, the setting is refused. Defaults are accepted, because complete scene files list them all.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ NO_TEMPERATURE = -273.15
 
 
 def is_given(value: Any) -> bool:
-    """Whether a setting is set: not zero, false, empty, `NONE` or `NO_TEMPERATURE`."""
+    """Whether a value counts as set: it is not zero, false, empty, `NONE` or `NO_TEMPERATURE`."""
     if isinstance(value, (list, tuple)):
         return any(map(is_given, value))
     return bool(value) and value not in (NONE, NO_TEMPERATURE)
@@ -46,12 +45,12 @@ class Needs:
     Attributes
     ----------
     keys
-        Keys of other settings, in the same table or in a table around it; one of them must be set.
+        Keys of other settings, in the same table or in an enclosing table, see `absent`.
         Unknown keys are ignored; the condition holds if all keys are unknown.
     among
-        Values that count as set; if empty, every value for which `is_given` is true.
+        Values of these settings that count as set; if empty, all for which `is_given` is true.
     absent
-        Whether none of the keys may be set, instead of at least one that must be.
+        True if none of the keys may be set; false if at least one of them must be set.
     words
         Text behind "without" or "with" in messages, in place of the keys.
     notice
@@ -66,7 +65,7 @@ class Needs:
     notice: bool = False
 
     def failure(self, look_up: LookUp) -> str:
-        """Why the setting has no effect, as "without ..." or "with ..."; else an empty text."""
+        """Why the setting has no effect, "without ..." or "with ..."; empty if it has an effect."""
         known = [setting for setting in map(look_up, self.keys) if setting is not None]
         met = [setting for setting in known if self._holds(setting.value)]
         if self.absent and met:
@@ -103,7 +102,7 @@ def _with(field: Any, condition: Needs) -> Any:
 
 
 def missing_need(conditions: Iterable[Needs], look_up: LookUp) -> str:
-    """Failure of the first condition that fails, see `Needs.failure`; empty if all hold."""
+    """Text of the first condition that fails, see `Needs.failure`; empty if all conditions hold."""
     failures = (condition.failure(look_up) for condition in conditions)
     return next(filter(None, failures), "")
 

@@ -61,7 +61,7 @@ def configured(
 def configure(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]
 ) -> None:
-    """Set a solver as `configured` does; `defaults` must not have options of its parts."""
+    """Set a solver as `configured` does, without options of multigrid levels or of MUMPS."""
     with configured(solver, prefix, defaults):
         pass
 

@@ -97,7 +97,7 @@ def without_launcher() -> dict[str, str]:
 
 
 def begin_worker() -> None:
-    """Set up a worker process of a pool: not a rank, one BLAS thread, ends with its parent.
+    """Set up a worker process of a pool: it is no rank, has one BLAS thread, ends with its parent.
 
     The function must be called before MPI starts: the process would otherwise act as the rank of
     its parent.
@@ -140,7 +140,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
-    """Functions that set and return the number of threads of every loaded OpenBLAS."""
+    """For every loaded OpenBLAS, the function that sets its number of threads, and its query."""
     functions = []
     for library in map(ctypes.CDLL, _loaded("blas")):
         for write, read in THREAD_FUNCTIONS:
@@ -164,9 +164,10 @@ LINEAR_ALGEBRA = ("blas", "lapack", "mkl_", "dmumps", "petsc", "slepc")
 
 
 def blas_kernels() -> list[str]:
-    """Loaded libraries of linear algebra; of an OpenBLAS its version, kernel and threads, too.
+    """Names of loaded libraries of linear algebra, then configurations of loaded OpenBLAS.
 
-    The last bits of all results depend on them.
+    A configuration has version, kernel and number of threads; the last bits of all results depend
+    on them.
     """
     paths = [path for path in _loaded(*LINEAR_ALGEBRA) if Path(path).name.startswith("lib")]
     kernels = {text for path in paths for text in _kernels(ctypes.CDLL(path))}
@@ -174,7 +175,7 @@ def blas_kernels() -> list[str]:
 
 
 def _kernels(library: ctypes.CDLL) -> Iterator[str]:
-    """Version, kernel and number of threads of an OpenBLAS, on which a library may depend."""
+    """Version, kernel and number of threads of the OpenBLAS that a library is or depends on."""
     for _, read in THREAD_FUNCTIONS:
         configuration = read.replace("get_num_threads", "get_config")
         if hasattr(library, configuration):
@@ -224,9 +225,9 @@ pathlib.Path(sys.argv[1]).write_bytes(pickle.dumps(answer))
 
 
 def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
-    """Call a function in another Python process, whose output is dropped, and return its result.
+    """Call a function in a child process of Python, and return its result.
 
-    The other process is not a rank, even if this process is one.
+    The child process is not a rank, even if this process is one. Its output is discarded.
 
     Parameters
     ----------
@@ -235,7 +236,7 @@ def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
     arguments
         Arguments of the function; they and the result must be picklable.
     lost
-        Error that is raised if the other process ends without a result.
+        Error that is raised if the child process ends without a result.
     """
     request = pickle.dumps(sys.path) + pickle.dumps((function, arguments))
     with TemporaryDirectory() as folder:
@@ -311,11 +312,11 @@ def _restore(handlers: dict[signal.Signals, Any]) -> None:
 
 @contextmanager
 def interrupt_between_steps() -> Iterator[Callable[[], None]]:
-    """Defer the first signal until the yielded function is called.
+    """Yield a function that raises `KeyboardInterrupt` if a signal has arrived in the block.
 
-    This function then raises `KeyboardInterrupt`. A second signal acts at once. Only signals with a
-    Python handler are deferred, see `ending_signals_raise`. In other threads than the main thread,
-    signals are not changed.
+    The first signal has no other effect; a second one acts at once. Only signals with a Python
+    handler are deferred, see `ending_signals_raise`. In other threads than the main thread,
+    handlers of signals are not changed.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None
@@ -368,7 +369,7 @@ POLL = 0.01
 
 @contextmanager
 def all_ranks() -> Iterator[MPI.Comm | None]:
-    """Yield a communicator that is used only in `agreed`; None for a single process."""
+    """Yield a communicator of all ranks, for `agreed` only; None for a single process."""
     if all(os.environ.get(name, "1") == "1" for name in SIZES):
         yield None
         return
@@ -380,12 +381,14 @@ def all_ranks() -> Iterator[MPI.Comm | None]:
 
 
 def require_alike(name: str, value: str) -> None:
-    """Refuse a value that differs between ranks, as they would wait for each other; collective.
+    """Refuse a value that differs between ranks; all ranks must call this function.
+
+    Ranks with different values would wait for each other.
 
     Raises
     ------
     SettingsError
-        If it differs; the error is raised on all ranks.
+        If the value differs; the error is raised on all ranks.
     """
     from mpi4py import MPI
 
@@ -400,16 +403,16 @@ def require_alike(name: str, value: str) -> None:
 def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
     """Agree on the end of all ranks: return the exit status and the message of this rank.
 
-    The status is that of the first failed rank, which alone has a message. Every rank calls this
-    function at its end. If a rank has failed and the others wait for it in a collective call, which
-    no exception can interrupt, it prints its message and aborts all ranks.
+    Every rank calls this function at its end. The returned status is that of the first failed rank;
+    the returned message is empty on all other ranks. No exception can interrupt ranks that wait for
+    a failed rank in a collective call: the failed rank then prints its message and aborts all.
 
     Parameters
     ----------
     comm
         Communicator from `all_ranks`.
     status, message
-        Exit status and message of this rank before; 0 and empty if it has not failed.
+        Exit status and message of this rank; 0 and an empty text if the rank has not failed.
     """
     if comm is None:
         return status, message
@@ -432,7 +435,7 @@ def agreed(comm: MPI.Comm | None, status: int, message: str) -> tuple[int, str]:
 
 @contextmanager
 def printing_kept() -> Iterator[io.StringIO]:
-    """Collect the output of Python code, and drop the standard output of compiled code.
+    """Collect the output of Python code, and discard the standard output of compiled code.
 
     Yields
     ------

@@ -52,7 +52,7 @@ def warn_renamed(former: str, name: str, depth: int = 1) -> None:
 def joint_of_bare_name(
     name: str, quantities: Mapping[str, Container[str]], depth: int = 1, before: str = ""
 ) -> str | None:
-    """Find the joint of a quantity whose name has no joint, as in versions before 0.4.
+    """Find the joint of a quantity that is named without its joint, as in versions before 0.4.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def joint_of_bare_name(
     Returns
     -------
     str or None
-        Name of the joint if exactly one has such a quantity, after a warning; else None.
+        Name of the joint, after a warning, if only one joint has this quantity; else None.
     """
     fitting = [joint for joint, names in quantities.items() if name in names]
     if len(fitting) != 1:
@@ -128,10 +128,10 @@ def renamed_attributes(**names: str) -> Callable[[Cls], Cls]:
 
 
 def accept_former_parameter(cls: type, method: str, former: str, name: str) -> None:
-    """Let a class define a method with the former name of a keyword parameter.
+    """Accept a class whose method has the former name of a keyword parameter, with a warning.
 
-    It is meant for ``__init_subclass__`` of classes that users derive from, because the method
-    is called with the new name. A method that has the new name already is left unchanged.
+    Base classes call this function in ``__init_subclass__``. The package calls the methods of
+    derived classes with the new name of the parameter. A method with the new name is not changed.
 
     Parameters
     ----------

@@ -236,7 +236,7 @@ def stored_as(words: str, kind: str) -> Kind:
 def named(error: type[InputError], label: str) -> Iterator[None]:
     """Convert exceptions from reading a file to an error of this package.
 
-    Its message is one line that begins with `label`.
+    The message of this error is one line that begins with `label`.
     """
     try:
         yield
@@ -272,8 +272,8 @@ def open_sealed(
     Raises
     ------
     ValueError, OSError
-        If the file cannot be opened, has another format or version, or has a broken or no seal;
-        `named` converts these errors.
+        If the file cannot be opened, if its format or version is another, or if its seal is broken
+        or missing; `named` converts these errors.
     """
     sealed = _sealed(path)
     file = open_hdf5(path)
@@ -318,7 +318,8 @@ def _texts(item: h5py.Dataset) -> str | tuple[str, ...]:
     Raises
     ------
     ValueError
-        If the texts have more characters than the file has bytes, as many entries share one text.
+        If the texts have more characters than the file has bytes: many entries could refer to one
+        stored text.
     """
     if not item.shape:
         return str(item.asstr()[()])
@@ -347,8 +348,8 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     Raises
     ------
     ValueError
-        If the item is not a dataset, if its numbers are not of one of the `kinds` (NumPy's f, i,
-        u, b), or if it is larger than its file can hold. Texts are accepted if `text` is true.
+        If the item is not a dataset, if its data type is not one of the `kinds` (NumPy's f, i, u,
+        b), or if it is larger than its file can hold. Texts are accepted if `text` is true.
     """
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         raise ValueError(f"{item.name} is no array")

@@ -19,7 +19,7 @@ from fenics_ehd.base.printed import key_hint
 
 
 def declared(cls: type) -> list[attrs.Attribute]:
-    """Fields of a settings class that a scene file may have, those with metadata."""
+    """Fields of a settings class that are keys of scene files: fields with metadata."""
     return [attribute for attribute in attrs.fields(cls) if attribute.metadata]
 
 
@@ -101,7 +101,7 @@ def _required(cls: type) -> list[str]:
 
 
 def _entry(about: Mapping[str, Any], section: str, name: str, table: Any) -> Any:
-    """Make the settings object of a named table, whose class ``kind`` selects, see `entries`.
+    """Make the settings object of a named table; the key ``kind`` selects its class, see `entries`.
 
     Raises
     ------
@@ -183,7 +183,7 @@ def _default(attribute: attrs.Attribute) -> Any:
 
 
 def _setting(tables: tuple[tuple[str, Any], ...], key: str) -> Setting | None:
-    """Setting of a key in the first table that has the key; None if no table has it."""
+    """Setting of a key, from the first table that has the key; None if no table has it."""
     for path, table in tables:
         value = table
         for name in key.split("."):
@@ -254,7 +254,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def _bare_words(content: str) -> list[str]:
-    """Keys with their dots, and values, of a TOML text; quoted texts and comments are removed."""
+    """Dotted keys and unquoted values of a TOML text; quoted texts and comments are removed."""
     bare = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'|#.*|[ \t]", "", content)
     return re.split(r"[][{}=,\n]", bare)
 

@@ -91,8 +91,8 @@ ROUGH = "journal_roughness or bore_roughness"
 class OilSettings:
     """Settings of an oil.
 
-    Its viscosity is given directly, or follows from a temperature and either a grade or two
-    kinematic viscosities.
+    The viscosity of the oil is set directly, or it follows from a temperature together with either
+    a grade or two kinematic viscosities.
     """
 
     viscosity: float = viscosity(0.0, "dynamic [Pa s]; 0: by a grade or kinematic viscosities")
@@ -181,7 +181,7 @@ class OilSettings:
 
     @property
     def graded(self) -> bool:
-        """Whether the viscosity follows from a grade or from two kinematic viscosities."""
+        """Whether the viscosity follows from a grade or from kinematic viscosities."""
         return self.grade != NONE or bool(self.viscosity_40 or self.viscosity_100)
 
 
@@ -256,8 +256,8 @@ class Roughness:
 class Deviations:
     """Settings of the deviations of a bore or journal from a round surface, positive outward.
 
-    All deviations are added. They are in the frame of the body, so that a journal's shape rotates
-    with the journal.
+    The deviations are added. They are given in the frame of the body: the shape of a journal
+    rotates with the journal.
     """
 
     ovality: float = deviation("amplitude of a wave around [m]")

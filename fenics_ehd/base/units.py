@@ -36,16 +36,16 @@ PREFIXES = {"n": -9, "u": -6, "\u00b5": -6, "\u03bc": -6, "m": -3, "c": -2, "k":
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit, expressed by kg, m, s, K and rad.
+    """A unit in terms of base units, ``factor pi^turns kg^a m^b s^c K^d rad^e``.
 
     Attributes
     ----------
     factor, turns
-        The unit is `factor`, times pi to the power `turns`, times the powers of the base units.
+        Rational factor and exponent of pi.
     powers
-        Exponents of kg, m, s, K and rad.
+        Exponents of the base units by name, a to e.
     zero
-        Zero of a temperature scale [K]; 0 for other units.
+        Temperature of the zero of a temperature scale [K]; 0 for other units.
     """
 
     factor: Fraction
@@ -62,7 +62,7 @@ _SYMBOL = re.compile(r"([^\W\d_]+|[%\u00b0])\^?(-?[0-9])?")
 
 
 def _unit(factor: str, powers: str = "", turns: int = 0, zero: str = "0") -> Unit:
-    """Make a unit; its exponents are written as ``kg m s-2``."""
+    """Make a unit from a factor and a text with the exponents of the base units, ``kg m s-2``."""
     by_symbol = {m[1]: int(m[2] or 1) for m in map(_SYMBOL.fullmatch, powers.split()) if m}
     return Unit(Fraction(factor), Counter(by_symbol), turns, Fraction(zero))
 
@@ -106,7 +106,7 @@ SCALES = {
 
 
 def _symbol(symbol: str) -> Unit | None:
-    """Unit of a symbol, with or without a prefix; None if unknown.
+    """Unit of a symbol such as ``mm`` or ``s``, with or without a prefix; None if it is unknown.
 
     A unit without a prefix has precedence: ``min`` is a minute, not a milli-inch.
     """
@@ -170,8 +170,8 @@ def in_unit(written: str, wanted: str) -> float:
     written
         Number and unit, for instance ``"20 um"``.
     wanted
-        Unit of the setting, for instance ``"m"``; empty if it has no unit: per cent are then
-        accepted.
+        Unit of the setting, for instance ``"m"``; empty if the setting has no unit. A number
+        without unit may be written in per cent.
 
     Raises
     ------

@@ -301,7 +301,7 @@ def _checked(
 
     from fenics_ehd.fem.drawn_part import place_part, write_part
     from fenics_ehd.fem.models import store_mesh_error
-    from fenics_ehd.fem.structure import part_answers
+    from fenics_ehd.fem.structure import part_responses
     from fenics_ehd.reduction.mesh_error import FINER, MOST_REFINED
     from fenics_ehd.reduction.reductor import rigid
     from fenics_ehd.scenes.part import missed
@@ -309,7 +309,7 @@ def _checked(
     bores = tuple(placed.named.bores)
     points = tuple(placed.named.points)
     clamped = "held" if placed.named.held else None
-    structure, answers = part_answers(path, material, bores, clamped, points=points)
+    structure, answers = part_responses(path, material, bores, clamped, points=points)
     figures: dict[str, Any] = {
         "mass_kg": rigid(structure).inertia.total_mass,
         "degrees_of_freedom": structure.size,
@@ -324,7 +324,7 @@ def _checked(
     with TemporaryDirectory() as folder:
         file = Path(folder, "other.msh")
         write_part(file, other.solid, other.surfaces())
-        other_answers = part_answers(file, material, bores, clamped, points=points)
+        other_answers = part_responses(file, material, bores, clamped, points=points)
     errors, moved = missed(structure, answers, *other_answers)
     error = max(errors.values())
     store_mesh_error(path, bores, points, error, material.youngs_modulus * moved)

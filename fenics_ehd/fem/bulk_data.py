@@ -76,12 +76,12 @@ def _text(path: Path, opened: list[Path]) -> str:
 
 
 def _bulk(text: str, path: Path) -> list[str]:
-    """Lines of the bulk data section of a deck, or of a file that has nothing else.
+    """Lines of the bulk data section of a deck; all lines of a file without section marks.
 
     Raises
     ------
     MeshError
-        If the deck has several such sections.
+        If the deck has several bulk data sections.
     """
     parts = re.split(r"^\s*BEGIN\b.*$", text, flags=re.I | re.M)
     if len(parts) > 2:
@@ -108,7 +108,7 @@ def _cards(lines: Sequence[str]) -> Iterator[Card]:
 
 
 def _fields(line: str) -> tuple[str, list[str]]:
-    """First field of a line, and its eight data fields, or four of double width."""
+    """First field of a line, and its data fields: eight, or four of double width."""
     if "," in line:
         first, *fields = (field.strip() for field in line.split(","))
         count = 4 if "*" in first else 8
@@ -120,7 +120,7 @@ def _fields(line: str) -> tuple[str, list[str]]:
 
 
 def _number(text: str) -> float:
-    """Convert a field to a real number; its exponent may lack the letter, empty means zero.
+    """Convert a field to a real number: ``1.5-3`` is 1.5e-3, and an empty field is 0.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray
 def _cells(
     cards: Mapping[str, list[list[str]]], numbers: np.ndarray, path: Path
 ) -> tuple[list[tuple[str, np.ndarray]], set[str]]:
-    """Blocks of solid cells, and the property numbers that occur.
+    """Blocks of solid cells of the same kind, and the property numbers that these cells have.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def _cells(
 
 
 def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
-    """Count elements that are not solid, and cards that connect nodes, by card name."""
+    """Count, by card name, elements that are not solid, and cards that connect nodes."""
     counts: Counter[str] = Counter()
     for name, rows in cards.items():
         element = name.startswith("C") and not name.startswith(_NO_ELEMENT)
@@ -220,7 +220,7 @@ def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
 def _materials(
     cards: Mapping[str, list[list[str]]], properties: set[str], factor: float
 ) -> list[FileMaterial]:
-    """Materials of the solid cells from their property numbers; densities times `factor`."""
+    """Materials of the properties of solid cells; their densities are multiplied by `factor`."""
     layered = {fields[0]: name for name in _LAYERED for fields in cards.get(name, [])}
     materials = {
         number: FileMaterial(f"of {layered[number]} {number}", {}, _problem(layered[number]))
@@ -235,7 +235,7 @@ def _materials(
 
 
 def _problem(text: str) -> dict[str, str]:
-    """Use a text as the reason why a material has none of its values."""
+    """Problems of a material that has none of its values, each with the same text as reason."""
     return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
 
 

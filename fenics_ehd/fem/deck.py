@@ -1,8 +1,8 @@
 """Reader of Abaqus and CalculiX decks: nodes, elements of all types, materials of solids.
 
-The module replaces meshio's reader. That reader drops all nodes before a second ``*NODE``, for
-instance of reference points, knows type names only in capitals, and refuses unknown element types.
-Messages do not quote lines of a deck, as it may include any file.
+The module replaces meshio's reader. If a deck has a second ``*NODE``, for instance for reference
+points, meshio's reader drops all nodes before it. It knows type names only in capitals, and refuses
+unknown element types. Messages do not quote lines of a deck, because a deck may include any file.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _JOINING = {
 
 @dataclass(eq=False)
 class _Section:
-    """A keyword of a deck with its options, in capitals, and its data lines."""
+    """Section of a deck: a keyword and its options, both in capitals, and the data lines."""
 
     keyword: str
     options: Mapping[str, str]
@@ -69,12 +69,12 @@ class _Scope:
     sections: list[_Section] = field(default_factory=list)
 
     def of(self, keyword: str) -> list[_Section]:
-        """Sections with a keyword."""
+        """Sections of the scope with a keyword."""
         return [section for section in self.sections if section.keyword == keyword]
 
     @property
     def solids(self) -> list[_Section]:
-        """Sections of solid elements."""
+        """Sections of the scope that contain solid elements."""
         return [s for s in self.of("ELEMENT") if _SOLID.fullmatch(s.options.get("TYPE", ""))]
 
 
@@ -86,8 +86,8 @@ def read_deck(path: Path) -> ForeignMesh:
     Parameters
     ----------
     path
-        Path of a deck. If it has parts and instances, only one of them may have solid cells; the
-        position of an instance is ignored. Files of ``*INCLUDE`` and ``INPUT=`` are read.
+        Path of a deck. In a deck with parts and instances, only one of them may have solid cells;
+        the position of an instance is ignored. Files of ``*INCLUDE`` and ``INPUT=`` are read.
 
     Raises
     ------
@@ -191,27 +191,27 @@ def _require_numbers(rows: Sequence[str], characters: str) -> None:
         If a line has a character other than `characters`, commas, blanks and minus signs.
     """
     if re.search(rf"[^{characters},\s-]", "\n".join(rows)):
-        raise ValueError("a row has characters that are not part of a number")
+        raise ValueError("a data line has characters that no number has")
 
 
 def _looked_up(numbers: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Indices of node numbers in an ascending array of numbers.
+    """Indices of the node numbers `nodes` in the ascending array `numbers`.
 
     Raises
     ------
     ValueError
-        If a node is not among the numbers.
+        If a node number is not in the array.
     """
     indices = np.minimum(np.searchsorted(numbers, nodes), len(numbers) - 1)
     if not len(numbers) or (numbers[indices] != nodes).any():
-        raise ValueError("an element has a node that is not in the deck")
+        raise ValueError("an element has a node that the deck does not define")
     return indices
 
 
 def _cell(section: _Section) -> str:
-    """Meshio's name of the cells in a section, followed by the type if it is not C3D.
+    """Meshio's name of the cells in a section of solid elements.
 
-    Parts cannot consist of such cells.
+    The element type is appended if it does not begin with C3D; such cells cannot make up a part.
     """
     type_name = section.options["TYPE"]
     family = _SOLID.fullmatch(type_name)
@@ -221,7 +221,7 @@ def _cell(section: _Section) -> str:
 
 
 def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
-    """Count elements that are not solid, sets, and constraints and connections, by name."""
+    """Count, by name, elements that are not solid, sets, constraints and connections."""
     counts: Counter[str] = Counter()
     for section in (section for scope in scopes for section in scope.sections):
         if section.keyword == "ELEMENT":
@@ -239,15 +239,15 @@ def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
 def _materials(
     scopes: Sequence[_Scope], solid: _Scope, elements: Sequence[np.ndarray]
 ) -> list[FileMaterial]:
-    """Materials of the solid elements, which ``*SOLID SECTION`` assigns to element sets.
+    """Materials that ``*SOLID SECTION`` assigns to sets with solid elements.
 
-    Without such a section, all materials of the deck.
+    A deck without such a section must have at most one material, which is then the result.
     """
     known = _all_materials(section for scope in scopes for section in scope.sections)
     names = [
         section.options.get("MATERIAL", "")
         for section in solid.of("SOLIDSECTION")
-        if _holds(solid, section.options.get("ELSET", ""), elements)
+        if _has_solid(solid, section.options.get("ELSET", ""), elements)
     ]
     if not names and len(known) > 1:
         problem = f"no *SOLID SECTION that names one of {len(known)} materials"
@@ -257,8 +257,8 @@ def _materials(
     return [known.get(name, FileMaterial(name)) for name in dict.fromkeys(names)]
 
 
-def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
-    """Whether an element set contains a solid element, or is not defined in the deck."""
+def _has_solid(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
+    """Whether an element set contains a solid element; true for a set that is not defined."""
     pending = [name]
     seen: set[str] = set()
     while pending:
@@ -268,7 +268,7 @@ def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
                 return True
         for section in scope.of("ELSET"):
             if section.options.get("ELSET") == name:
-                if any(_lists(section, numbers) for numbers in elements):
+                if any(_has_element(section, numbers) for numbers in elements):
                     return True
                 pending += _words(section) - seen
     sets = {s.options.get("ELSET", "") for s in scope.sections if s.keyword in ("ELEMENT", "ELSET")}
@@ -276,13 +276,13 @@ def _holds(scope: _Scope, name: str, elements: Sequence[np.ndarray]) -> bool:
 
 
 def _words(section: _Section) -> set[str]:
-    """Entries in the data lines of a set, in capitals without blanks."""
+    """Entries in the data lines of a set: element numbers and set names, in capitals."""
     rows = re.sub(r"[^\S\n]", "", "\n".join(section.rows)).upper()
     return {word for word in re.split(r"[,\n]", rows) if word}
 
 
-def _lists(section: _Section, elements: np.ndarray) -> bool:
-    """Whether a section of a set contains one of some element numbers, listed or in a range."""
+def _has_element(section: _Section, elements: np.ndarray) -> bool:
+    """Whether a section of a set contains one of the `elements`, in a list or in a range."""
     if "GENERATE" in section.options:
         for row in section.rows:
             first, last, step = [*map(int, re.findall(r"\d+", row)[:3]), 1, 1, 1][:3]
@@ -339,7 +339,7 @@ def _material(name: str, parts: Mapping[str, _Section]) -> FileMaterial:
 
 
 def _numbers(row: str) -> list[float]:
-    """Numbers at the beginning of a line, up to the first field that is not a number."""
+    """Numbers of a data line, up to its first field that is not a number."""
     numbers = []
     for text in row.split(","):
         try:

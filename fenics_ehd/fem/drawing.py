@@ -94,12 +94,13 @@ class DrawnFace(Face):
 class CellSizes:
     """Cell size of a drawing as a function of the position.
 
-    It is set on every cylinder and grows with the distance from the cylinder.
+    On every cylinder, the size follows from the number of cells around it. The size grows with the
+    distance from the cylinders.
 
     Attributes
     ----------
     around
-        Cylinders with the number of cells around each of them.
+        Cylinders, each with the number of cells around its circumference.
     largest
         Largest cell size [m], before multiplication by `coarser`.
     coarser
@@ -141,12 +142,13 @@ class MeshedDrawing:
     Attributes
     ----------
     solid
-        Second-order tetrahedra, with positions in [m].
+        Second-order tetrahedra; node positions in [m].
     surfaces
-        Number of the drawing's surface on which each of the solid's `facets` lies.
+        For each of the solid's `facets`, number of the drawing's surface on which it lies, shape
+        (f,).
     size
-        Cell size over the requested one; below 1 if the part was meshed again more finely, because
-        cells were inside out.
+        Ratio of the cell size to the requested one; below 1 if the part was meshed again more
+        finely, because cells were inside out.
     """
 
     solid: Solid
@@ -189,8 +191,8 @@ class Drawing:
         Raises
         ------
         MeshError
-            If Gmsh cannot mesh the solid, or if cells are inside out for every size of
-            `TRIED_SIZES`.
+            If Gmsh cannot mesh the solid, or if cells are inside out with every factor of the
+            cell size in `TRIED_SIZES`.
         """
         return called("mesh", _mesh, self.path, self.shape, self.scale, sizes)
 
@@ -276,7 +278,7 @@ def _read(path: Path, scale: float, merge: bool) -> Drawing:
             shape = _merged(path, shape) or shape
         extent, pieces = _listed(path, shape, scale)
     # OpenCASCADE does not merge all pieces of a cylinder: the others are joined here.
-    faces = in_order(with_joined_cylinders(pieces, _both))
+    faces = in_order(with_joined_cylinders(pieces, _joined))
     return Drawing(path, shape, scale, extent, faces, notices)
 
 
@@ -302,7 +304,7 @@ def _sew(path: Path) -> None:
 
 
 def _encloses(area: float) -> bool:
-    """Whether the current model is one closed solid whose surfaces have a given total area."""
+    """Whether the current model is one closed solid, and its surfaces have a given total area."""
     volumes = gmsh.model.getEntities(3)
     if len(volumes) != 1 or gmsh.model.occ.getMass(*volumes[0]) <= 0:
         return False
@@ -313,7 +315,7 @@ def _encloses(area: float) -> bool:
 
 
 def _keep(volume: int) -> None:
-    """Remove all entities except one solid: construction lines, loose surfaces, other solids."""
+    """Remove all entities that do not belong to a solid: lines, loose surfaces, other solids."""
     parts = [(3, volume)]
     belonging = set(parts)
     for _ in range(3):
@@ -326,9 +328,9 @@ def _keep(volume: int) -> None:
 
 
 def _merged(path: Path, shape: bytes) -> bytes | None:
-    """Merge surfaces of a solid that are on the same plane or cylinder.
+    """Merge surfaces of a solid that are on the same plane or cylinder; return the solid as text.
 
-    The result is the solid as text; None if no surfaces can be merged.
+    The result is None if no surfaces can be merged.
     """
     volume = _opened(path, shape)
     before = gmsh.model.occ.getMass(3, volume)
@@ -346,9 +348,9 @@ def _merged(path: Path, shape: bytes) -> bytes | None:
 
 
 def _fused(volume: int) -> int:
-    """Number of the solid after a boolean union, in which OpenCASCADE merges its surfaces.
+    """Unite a solid with a distant box; return the number of the solid in the result.
 
-    The union is with a distant box, which is removed afterwards.
+    In a boolean union, OpenCASCADE merges surfaces of a solid that are on one plane or cylinder.
     """
     box = np.array(gmsh.model.getBoundingBox(3, volume)).reshape(2, 3)
     side = np.ptp(box, axis=0).max()
@@ -411,8 +413,9 @@ def _cylindrical(
 ) -> DrawnFace:
     """Convert a face to a cylinder if its points and normals fit one, or return it unchanged.
 
-    On a cylinder, points are ``x = c + r n + h a``, where the axis a is perpendicular to all
-    normals n, and r is negative for a bore.
+    Points of a cylinder are ``x = c + r n + h a`` with a point c of the axis, the radius r, outward
+    normals n, the height h and the axis a, which is perpendicular to all n. For a bore, r is
+    negative.
     """
     axis, across = axis_across(normals)
     if np.abs(normals @ axis).max() > ACROSS:
@@ -442,18 +445,21 @@ def _cylindrical(
         centre=on_axis,
         axis=axis,
         cylinder=cylinder,
-        angle=_turn(rays),
+        angle=_covered_angle(rays),
     )
 
 
-def _turn(rays: np.ndarray) -> float:
-    """Angle that rays to a grid of `SAMPLES` x `SAMPLES` points cover, at most a turn [rad]."""
+def _covered_angle(rays: np.ndarray) -> float:
+    """Angle around the axis that a cylindrical face covers [rad], at most a full turn.
+
+    `rays` are vectors from the axis to a grid of `SAMPLES` x `SAMPLES` points of the face.
+    """
     grid = np.arctan2(rays[:, 1], rays[:, 0]).reshape(SAMPLES, SAMPLES)
     unwrapped = np.unwrap(np.unwrap(grid, axis=0), axis=1)
     return min(float(np.ptp(unwrapped)), 2 * np.pi)
 
 
-def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
+def _joined(one: DrawnFace, other: DrawnFace) -> DrawnFace:
     """Join two pieces of a cylinder to one face."""
     a = one.cylinder
     b = other.cylinder
@@ -475,12 +481,12 @@ def _both(one: DrawnFace, other: DrawnFace) -> DrawnFace:
 
 
 def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDrawing:
-    """Mesh a solid with the sizes of `TRIED_SIZES` in turn until no cell is inside out.
+    """Mesh a solid with the size factors of `TRIED_SIZES` in turn until no cell is inside out.
 
     Raises
     ------
     MeshError
-        If the mesh fails for every size.
+        If meshing fails, or cells are inside out, for every factor.
     """
     with session():
         _opened(path, shape)
@@ -490,10 +496,10 @@ def _mesh(path: Path, shape: bytes, scale: float, sizes: CellSizes) -> MeshedDra
             finer = replace(sizes, coarser=sizes.coarser * size)
             try:
                 _generate(scale, finer)
-                solid, wrong = _judged(scale)
+                solid, wrong = _tetrahedra(scale)
                 if 0 < wrong <= FEW:
                     gmsh.model.mesh.optimize("HighOrder")
-                    solid, wrong = _judged(scale)
+                    solid, wrong = _tetrahedra(scale)
             except Exception:  # Gmsh raises plain Exception if facets intersect
                 failure = "Gmsh cannot fill its surface with tetrahedra"
                 gmsh.option.setNumber("Mesh.Algorithm", DELAUNAY)
@@ -521,8 +527,11 @@ def _generate(scale: float, sizes: CellSizes) -> None:
     gmsh.model.mesh.optimize("HighOrderFastCurving")
 
 
-def _judged(scale: float) -> tuple[Solid, int]:
-    """Tetrahedra of the current model, with positions in [m], and the number of inverted cells."""
+def _tetrahedra(scale: float) -> tuple[Solid, int]:
+    """Solid of the tetrahedra in the current model, and the number of cells that are inside out.
+
+    `scale` is the length unit of the model [m].
+    """
     points, row = numbered_nodes()
     solid = Solid(scale * points, row[nodes_of_cells(TETRAHEDRON_10)], "tet")
     if not len(solid.cells):

@@ -1,7 +1,7 @@
 """Unit of length that a STEP or IGES file declares.
 
-OpenCASCADE converts every file to millimetres by its declared unit. If this unit is wrong, lengths
-are multiplied by the ratio of the unit that the user gives to the declared one.
+OpenCASCADE converts the lengths of every file from the declared unit to millimetres. If the
+declared unit is wrong, lengths are multiplied by the ratio ``user's unit / declared unit``.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def unit_ratio(path: Path, unit: str) -> float:
 
 
 def _step_unit(text: str) -> float | None:
-    """Length of the unit of a STEP file [m]; None unless all its contexts have the same unit."""
+    """Length of the unit of a STEP file [m]; None if no unit is declared, or several are."""
     contexts = re.findall(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)", text)
     numbers = {number for context in contexts for number in re.findall(r"#\s*(\d+)", context)}
     lengths = {_step_length(text, number, 3) for number in numbers} - {None}
@@ -90,9 +90,9 @@ def _iges_unit(text: str) -> float | None:
 
 
 def _hollerith(text: str) -> list[str]:
-    """Parameters of a section of an IGES file.
+    """Split the text of a section of an IGES file into its parameters.
 
-    A string begins with its length, as in ``2HMM``, and may contain delimiters.
+    A string begins with its number of characters and H, as in ``2HMM``, and may contain delimiters.
     """
     delimiters = ",;"
     delimited = re.match(r"\s*1H(.)(.)\s*(?:1H(.))?", text)

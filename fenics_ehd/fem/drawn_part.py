@@ -59,7 +59,7 @@ _VTK_FACES = [2, 3, 1, 4, 0, 5]
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Rigid motion of a part into its frame, ``turn @ (x - origin)``; its first bore is along z."""
+    """Rigid motion ``turn @ (x - origin)`` of a part into a frame with its first bore along z."""
 
     origin: np.ndarray
     turn: np.ndarray
@@ -120,7 +120,7 @@ def round_bore(
     points : numpy.ndarray
         All nodes of the part with those of the bore moved, shape (n, 3) [m].
     moved : float
-        Largest distance of a corner from the cylinder before [m].
+        Largest distance of a corner from the cylinder before the nodes are moved [m].
 
     Raises
     ------
@@ -159,7 +159,10 @@ def round_bore(
 
 
 def _lined_up(x: np.ndarray, radius: float) -> np.ndarray:
-    """Points on a cylinder about z; nearly equal angles and heights are made exactly equal."""
+    """Make nearly equal angles, and nearly equal heights, of points on a cylinder exactly equal.
+
+    The axis of the cylinder is z.
+    """
     angle = np.arctan2(x[:, 1], x[:, 0])
     ordered = np.sort(angle)
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
@@ -390,7 +393,7 @@ def open_part(
 
 
 def _angle_hint(path: Path, split: Sequence[Face]) -> list[str]:
-    """Notice on cylinders that are found in pieces because cells are coarse; empty if none."""
+    """Notice about cylinders that coarse cells divide into pieces; empty without such cylinders."""
     radii = sorted({f"{f.cylinder.radius * 1e3:.4g}" for f in split if f.cylinder is not None})
     if not radii:
         return []
@@ -407,8 +410,8 @@ class NamedFaces:
     Attributes
     ----------
     bores, points
-        Numbers of faces by name. The centre of the first bore is the origin of the part's frame,
-        and the first point lies in the direction of x.
+        Number of the face of each bore and boundary point, by name. The centre of the first bore is
+        the origin of the part's frame; the first boundary point lies in the direction of x.
     held
         Numbers of the faces that form the surface ``held``; empty without this surface.
     """
@@ -433,10 +436,10 @@ def bore_sizes(
     drawing, named
         Drawing, and the faces with names.
     around
-        Number of cells around each bore; points have half as many, other cylinders
-        `AROUND_OTHERS`.
+        Number of cells around each bore. Cylinders of boundary points have half as many cells,
+        all other cylinders `AROUND_OTHERS`.
     coarser
-        Factor of all cell sizes.
+        Factor by which all cell sizes are multiplied.
     """
     cells = dict.fromkeys(range(1, len(drawing.faces) + 1), float(AROUND_OTHERS))
     cells |= dict.fromkeys(named.points.values(), around / 2)
@@ -457,9 +460,10 @@ class PlacedPart:
     Attributes
     ----------
     solid, facets
-        Solid and its facets [m] with the first bore along z, in the file's order of nodes.
+        Solid and the facets of its surface, in the file's order of nodes; positions [m] are in the
+        part's frame, whose z axis is the axis of the first bore.
     numbers
-        Number of the face that each facet belongs to.
+        Number of the face to which each facet belongs, shape (f,).
     named
         Faces that make up each surface.
     moved
@@ -495,8 +499,8 @@ class PlacedPart:
         """Convert to second-order cells with curved edges.
 
         Mid-side nodes of all cylindrical faces are put on the cylinders. If this turns a cell
-        inside out, only those of the bores are. A part that has curved edges in the file is
-        returned as it is.
+        inside out, only the mid-side nodes of bores are put on cylinders. A part that has
+        curved edges in the file is returned unchanged.
 
         Raises
         ------
@@ -514,7 +518,10 @@ class PlacedPart:
             return _rounded(part)
 
     def _on_cylinders(self) -> np.ndarray:
-        """All nodes, shape (n, 3) [m], with mid-side nodes of cylindrical faces on cylinders."""
+        """Positions of all nodes after mid-side nodes of cylindrical faces are put on cylinders.
+
+        The shape is (n, 3) [m].
+        """
         points = self.solid.points.copy()
         for number, cylinder in self.cylinders.items():
             frame = placement(cylinder, None)
@@ -551,15 +558,15 @@ def _rounded(part: PlacedPart) -> PlacedPart:
 def place_part(
     part: OpenedPart, named: NamedFaces, around: float = AROUND, coarser: float = 1.0
 ) -> PlacedPart:
-    """Move a part into its frame, after meshing it if it is a drawing.
+    """Move a part into its own frame; a drawing is meshed before.
 
     Parameters
     ----------
     part, named
         Part, and its faces with names.
     around, coarser
-        Number of cells around the bores of a drawing, and a factor of its cell sizes, see
-        `bore_sizes`.
+        For a drawing: number of cells around each bore, and a factor by which all cell sizes are
+        multiplied, see `bore_sizes`.
 
     Raises
     ------

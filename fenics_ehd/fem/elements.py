@@ -25,7 +25,10 @@ SIMPLICES = ("triangle", "tetrahedron")
 
 
 def _expansion_coefficients(cell: basix.CellType, element: NodalElement) -> np.ndarray:
-    """Coefficients of the shape functions in basix's orthonormal basis of degree 2, one per row."""
+    """Coefficients of shape functions in basix's orthonormal basis of degree 2.
+
+    The matrix has one row for each shape function.
+    """
     points, weights = basix.make_quadrature(cell, 6)
     legendre = basix.tabulate_polynomials(basix.PolynomialType.legendre, cell, 2, points)
     return element.shapes(points).T @ (weights * legendre).T
@@ -34,7 +37,11 @@ def _expansion_coefficients(cell: basix.CellType, element: NodalElement) -> np.n
 def _point_evaluations(
     cell: basix.CellType,
 ) -> tuple[list[list[np.ndarray]], list[list[np.ndarray]]]:
-    """Vertices and edge midpoints of a cell, and identities as interpolation matrices."""
+    """Interpolation points of an element, and its interpolation matrices, as basix needs them.
+
+    The points are the vertices and edge midpoints of the cell. The matrices are identities, because
+    degrees of freedom are values at these points.
+    """
     geometry = basix.geometry(cell)
     points = []
     matrices = []

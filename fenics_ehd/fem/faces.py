@@ -31,7 +31,7 @@ class Cylinder:
     radius, width
         Radius, and width along the axis [m].
     deviation
-        Largest distance from the cylinder of the points to which it was fitted [m].
+        Largest distance between the cylinder and the points to which it was fitted [m].
     """
 
     centre: np.ndarray
@@ -41,7 +41,10 @@ class Cylinder:
     deviation: float
 
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Height above the centre, shape (n,), and vector from the axis, (n, 3), of points [m]."""
+        """Axial and radial components of points relative to the centre [m].
+
+        The axial components are heights, shape (n,), the radial ones vectors, shape (n, 3).
+        """
         x = points - self.centre
         height = x @ self.axis
         return height, x - np.outer(height, self.axis)
@@ -78,8 +81,8 @@ def rounded_middles(corners: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     corners
-        Positions of the corners of each facet, in order around it, relative to a point on the
-        axis, which is parallel to z; shape (f, c, 3) [m].
+        Positions of the c corners of each facet, in order around the facet, shape (f, c, 3) [m].
+        The origin lies on the axis of the cylinder, and the axis is parallel to z.
 
     Returns
     -------
@@ -94,7 +97,7 @@ def rounded_middles(corners: np.ndarray) -> np.ndarray:
 
 
 def axis_across(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the axis that is most nearly perpendicular to normals, shape (k, 3).
+    """Find the axis that is most nearly perpendicular to k normals, shape (k, 3).
 
     Returns
     -------
@@ -125,7 +128,10 @@ def fit_cylinder(points: np.ndarray, normals: np.ndarray) -> Cylinder:
     foot, first_radius = fit_circle(x @ across.T)
 
     def off(unknowns: np.ndarray) -> np.ndarray:
-        """Distances from a cylinder, given by a point of its axis, the direction and the radius."""
+        """Signed distances of the points from the cylinder that the unknowns describe [m].
+
+        The unknowns are a point of the axis, the direction of the axis, and the radius.
+        """
         start, along, radius = np.split(unknowns, [3, 6])
         return np.linalg.norm(np.cross(x - start, along), axis=1) / np.linalg.norm(along) - radius
 
@@ -165,13 +171,13 @@ class Face:
     kind
         ``"bore"`` (a hollow cylinder), ``"shaft"`` (a full one), ``"plane"`` or ``"other"``.
     facets
-        Numbers of the facets of the face.
+        Numbers of the facets that make up the face.
     area
-        Area [m2].
+        Area of the face [m2].
     centre
-        Centre of the cylinder, otherwise the mean of the facets' centres, shape (3,) [m].
+        Centre of the cylinder; for other kinds, mean of the facets' centres, shape (3,) [m].
     axis
-        Axis of the cylinder, otherwise the mean outward normal, shape (3,).
+        Axis of the cylinder; for other kinds, mean outward normal, shape (3,).
     cylinder
         Fitted cylinder of a bore or a shaft; None for other kinds.
     """
@@ -218,7 +224,7 @@ def find_faces(solid: Solid, facets: np.ndarray, *, sharp: float = SHARP) -> lis
 def split_cylinders(
     solid: Solid, facets: np.ndarray, faces: Sequence[Face], sharp: float
 ) -> list[Face]:
-    """Find cylinders that `find_faces` has divided into pieces, because their cells are coarse.
+    """Find cylinders that `find_faces` has divided into pieces because their cells are coarse.
 
     Parameters
     ----------
@@ -227,7 +233,7 @@ def split_cylinders(
     faces
         Faces from `find_faces` with the angle `sharp`.
     sharp
-        Angle of sharp edges [degrees]. The result is empty if it is not below `COARSE_CELLS`.
+        Angle of sharp edges [degrees]. If it is at least `COARSE_CELLS`, the result is empty.
     """
     if sharp >= COARSE_CELLS:
         return []
@@ -253,7 +259,7 @@ def in_order(faces: Sequence[F]) -> list[F]:
 
 
 def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
-    """Outward normals of facets whose length is the area of the facet, shape (f, 3) [m2]."""
+    """Area vectors of facets: outward normals of the length of the facet's area, (f, 3) [m2]."""
     corners = solid.points[facet_corners(facets)]
     if corners.shape[1] == 3:
         return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -261,7 +267,7 @@ def _area_vectors(solid: Solid, facets: np.ndarray) -> np.ndarray:
 
 
 def _smooth_pieces(solid: Solid, facets: np.ndarray, sharp: float) -> np.ndarray:
-    """Number, for each facet, of the piece of the surface between sharp edges, shape (f,)."""
+    """Divide a surface at sharp edges into pieces; return the piece number of each facet, (f,)."""
     corners = facet_corners(facets)
     count = corners.shape[1]
     sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)

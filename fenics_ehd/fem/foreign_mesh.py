@@ -88,12 +88,13 @@ class FileMaterial:
     Attributes
     ----------
     name
-        Name in the file.
+        Name of the material in the file.
     values
-        Values in the units of the file, by the names of `Material`.
+        Young's modulus, Poisson's ratio and density, if the file has them, in the units of the
+        file, by the names of the attributes of `Material`.
     problems
-        Reasons why a value cannot be used, as the material is not linear and isotropic, by the
-        same names.
+        Reasons why the file's values cannot be used, for instance because the material is not
+        isotropic, by the same names.
     """
 
     name: str
@@ -110,7 +111,7 @@ class FileMaterial:
         Parameters
         ----------
         name
-            Name of the value in `Material`.
+            Name of the attribute of `Material` that has the value.
         unit
             Unit of length of the file.
         path
@@ -155,10 +156,10 @@ class ForeignMesh:
     points
         Positions of the nodes in the unit of the file, shape (n, 3).
     blocks
-        Meshio's name of the cells in each block, solid or not, and their node indices, shape
-        (c, k).
+        Blocks of cells of the same kind, solid or not: meshio's name of the kind, and node indices
+        of the cells, shape (c, k).
     others
-        Numbers of other entities by name: elements that are not solid, sets.
+        Counts of other entities by name: elements that are not solid, sets.
     materials
         Distinct materials of the solid cells.
     """
@@ -170,7 +171,7 @@ class ForeignMesh:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """Numbers of cells by meshio's names."""
+        """Number of cells of each kind, by meshio's name of the kind."""
         numbers: dict[str, int] = {}
         for name, cells in self.blocks:
             numbers[name] = numbers.get(name, 0) + len(cells)
@@ -225,7 +226,7 @@ class ForeignMesh:
         Raises
         ------
         MeshError
-            If there are several; the message names the materials.
+            If the cells have several materials; the message names the materials.
         """
         different: list[FileMaterial] = []
         for one in self.materials:
@@ -269,12 +270,13 @@ def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
 def part_material(
     found: Sequence[FileMaterial], unit: str, given: Mapping[str, float], path: object
 ) -> tuple[Material, list[str]]:
-    """Material of a part, and a notice about each value that is not from the file.
+    """Material of a part, and a notice about each of its values that is not from the file.
 
     Parameters
     ----------
     found
-        Materials of the file's solid cells, all with equal values; if empty, there are no notices.
+        Materials of the file's solid cells, all with equal values. If the list is empty, there are
+        no notices.
     unit
         Unit of length of the file.
     given

@@ -1,9 +1,9 @@
 """Gmsh sessions, which mesh models and drawings, and read meshes that no other reader accepts.
 
-A model is a program. An invalid model leaves text in Gmsh's parser that the next session would
-read, and a drawing with a missing line ends the process. Files of users are therefore opened in a
-separate process, which returns arrays or a mesh in Gmsh's format. This module imports neither MPI
-nor dolfinx.
+Gmsh executes a model as a program. After an invalid model, text remains in Gmsh's parser that the
+next session would read. A drawing in which a line is missing ends the process. Files of users are
+therefore opened in a separate process, which returns arrays or a mesh in Gmsh's format. This module
+imports neither MPI nor dolfinx.
 """
 
 from __future__ import annotations
@@ -70,9 +70,9 @@ def session() -> Iterator[None]:
 
 
 def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -> T:
-    """Call a function that opens a file in Gmsh.
+    """Call a function that opens a file in Gmsh, and return its result.
 
-    It is called in a separate process unless the package ships the file.
+    The function is called in a separate process unless the package ships the file.
 
     Parameters
     ----------
@@ -105,8 +105,8 @@ def called(what: str, function: Callable[..., T], path: Path, *arguments: Any) -
 def by_itself(path: Path) -> Iterator[str]:
     """Yield the path of a link to a file, in a folder without option files that Gmsh would read.
 
-    The extension is in lower case, as Gmsh executes a file with an unknown extension as a model.
-    Messages of Gmsh have the path of the user's file.
+    The link has the extension of the file in lower case: Gmsh executes files with unknown
+    extensions as models. In Gmsh's messages, the path of the link is replaced by that of the file.
     """
     with TemporaryDirectory() as folder:
         alone = Path(folder, f"model{path.suffix.lower()}")
@@ -125,7 +125,11 @@ def by_itself(path: Path) -> Iterator[str]:
 
 
 def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the current model's nodes, shape (n, 3), and their row by Gmsh's number."""
+    """Positions of the nodes of the current model, shape (n, 3), and the row of each node.
+
+    The second array has the row of a node in the first array, at the index that is Gmsh's number
+    of the node.
+    """
     tags, x, _ = gmsh.model.mesh.getNodes()
     row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
@@ -167,7 +171,10 @@ def _values(path: Path) -> dict[str, float]:
 
 
 def _parameters(model: str) -> dict[str, Any]:
-    """Entries of numeric parameters in ONELAB, Gmsh's database, by the last part of their names."""
+    """Entries of a model's numeric parameters in ONELAB, Gmsh's database.
+
+    The key of an entry is the last part of the parameter's name.
+    """
     gmsh.onelab.clear()
     gmsh.open(model)
     names = [name for name in gmsh.onelab.getNames() if not name.startswith(_GMSH_OWN)]
@@ -277,10 +284,9 @@ def _read(path: Path) -> tuple[np.ndarray, list[tuple[str, np.ndarray]]]:
 
 
 def _block(number: int, count: int, nodes: np.ndarray) -> tuple[str, np.ndarray]:
-    """Meshio's name of cells of a type, and their nodes in the order of `SOLIDS`.
+    """Meshio's name of the cells of a type, and their nodes in the order of `SOLIDS`, shape (c, k).
 
-    If cells have no fixed number of nodes, as polyhedra, the array has a row for each but no
-    columns.
+    Cells without a fixed number of nodes, such as polyhedra, have an array of shape (c, 0).
     """
     if not gmsh.model.mesh.getElementProperties(number)[3]:
         return cell_name(number), np.empty((count, 0), dtype=np.int64)

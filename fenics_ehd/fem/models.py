@@ -53,7 +53,10 @@ def mark_model(path: Path) -> None:
 
 
 def _is_model(path: Path) -> bool:
-    """Whether this program wrote a mesh: it has the comment or, from version 0.3, a mesh error."""
+    """Whether this program wrote a ``.msh`` file: it has the program's comment or a mesh error.
+
+    Files of version 0.3 have a mesh error but no comment.
+    """
     with open(path, "rb") as file:
         if file.read(len(MESH_BEGINS)) != MESH_BEGINS:
             return False
@@ -98,7 +101,7 @@ def store_material(path: Path, material: Material) -> None:
 
 
 def stored_material(path: Path) -> dict[str, float]:
-    """Read the material that `store_material` wrote, by the names of `Material`.
+    """Read the values of the material that `store_material` wrote, by name.
 
     The result is empty if the file has no material.
 
@@ -137,11 +140,11 @@ def store_mesh_error(
     bores, points
         Names of the bores and of the boundary points.
     error
-        Relative error of the flexibility of the bores.
+        Estimated relative error of the flexibility of the bores.
     moved
-        Mesh error of the displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`)
-        times Young's modulus, shape (p, s + 2 a) [m], [m Pa/N]. The product hardly depends on
-        the material.
+        Mesh error of displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`) times
+        Young's modulus, shape (p, s + 2 a): s columns per pressure [m], then 2 a columns per force
+        [m Pa/N]. This product hardly depends on the material.
     """
     section = {"bores": list(bores), "points": list(points), "error": error}
     text = json.dumps(section | {"moved": b64encode(moved.astype("<f4").tobytes()).decode()})
@@ -152,12 +155,12 @@ def store_mesh_error(
 def stored_mesh_error(
     path: Path, bores: Sequence[str], points: Collection[str]
 ) -> tuple[float, np.ndarray]:
-    """Read the error and the displacements that `store_mesh_error` wrote, for some points.
+    """Read `error` and `moved` that `store_mesh_error` wrote, with the columns of some points only.
 
     Raises
     ------
     MeshError
-        If the file has no mesh error, or one for other bores, or none for one of the points.
+        If the file has no mesh error, if its bores are other bores, or if a point is missing.
     """
     text = _tail(path).rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
     try:

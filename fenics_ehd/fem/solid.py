@@ -42,8 +42,9 @@ class Solid:
     points
         Positions of the nodes, shape (n, 3) [m].
     cells
-        Node indices of each cell: corners, shape (c, 4) or (c, 8); for second-order cells then
-        mid-edge nodes in the order of `SOLIDS`, shape (c, 10) or (c, 20).
+        Node indices of each cell in the order of `SOLIDS`. First-order cells have corners only,
+        shape (c, 4) or (c, 8); second-order cells have mid-edge nodes after the corners, shape
+        (c, 10) or (c, 20).
     kind
         ``"tet"`` or ``"hex"``.
     """
@@ -73,7 +74,10 @@ class Solid:
         return self.cells[:, : self.element.corners]
 
     def face_rows(self) -> np.ndarray:
-        """Indices within a cell of the nodes of each face: corners in turn, then mid-edge nodes."""
+        """Nodes of each face of a cell, as indices within the cell, one row for each face.
+
+        The corners come first, in order around the face, then the mid-edge nodes.
+        """
         if not self.quadratic:
             return np.array(FACES[self.kind])
         edges = self.element.edges.tolist()
@@ -99,8 +103,8 @@ class Solid:
         Returns
         -------
         tuple of numpy.ndarray
-            Node indices of every face of every cell, one row for each; row of each distinct
-            face; number of cells that have each distinct face.
+            Node indices of every face of every cell, one row for each face; for each distinct
+            face, its row in this array and the number of cells that share it.
         """
         rows = self.face_rows()
         nodes = self.cells[:, rows].reshape(-1, rows.shape[1])
@@ -152,7 +156,7 @@ def facet_corners(facets: np.ndarray) -> np.ndarray:
 
 
 def used(solid: Solid) -> Solid:
-    """The solid without nodes that belong to no cell, such as reference points of assemblies."""
+    """Remove nodes that belong to no cell, such as reference points of assemblies."""
     nodes, cells = np.unique(solid.cells, return_inverse=True)
     return Solid(solid.points[nodes], cells.reshape(solid.cells.shape), solid.kind)
 
@@ -160,8 +164,9 @@ def used(solid: Solid) -> Solid:
 def corner_volumes(solid: Solid) -> np.ndarray:
     """Smallest normalised volume at the corners of each cell, shape (c,).
 
-    The volume spanned by the edges at a corner is divided by the product of their lengths: 1 for a
-    cube, 0.71 for a regular tetrahedron, negative for a cell that is turned inside out.
+    The normalised volume at a corner is the volume that its three edges span, over the product of
+    their lengths: 1 for a cube, 0.71 for a regular tetrahedron, negative for a cell that is turned
+    inside out.
     """
     x = solid.points[solid.corners]
     element = solid.element
@@ -176,7 +181,7 @@ def corner_volumes(solid: Solid) -> np.ndarray:
 
 
 def inside_out(solid: Solid) -> np.ndarray:
-    """Mask of cells turned inside out or flat, at corners or by curvature, shape (c,)."""
+    """Mask of cells that are inside out or flat, because of corners or curved edges, shape (c,)."""
     wrong = corner_volumes(solid) <= 0
     solid = second_order(solid)
     x = solid.points[solid.cells]
@@ -262,12 +267,13 @@ def refined(
     solid
         Solid of second-order cells.
     facets, labels
-        Facets of the surface, shape (f, k), and a number for each, shape (f,).
+        Facets of the surface, shape (f, k), and a label for each facet, shape (f,).
 
     Returns
     -------
     tuple
-        Refined solid, its facets, and for each facet the number of the one that it is part of.
+        Refined solid; facets of its surface, shape (4 f, k); label of each of these facets, which
+        is that of the facet from which it was made, shape (4 f,).
     """
     references = np.array([with_middles(x, solid.element.edges) for x in _children(solid.kind)])
     count = references.shape[1]
@@ -284,7 +290,7 @@ def refined(
 
 
 def _children(kind: str) -> list[np.ndarray]:
-    """Reference coordinates of the corners of the eight cells into which a cell is divided."""
+    """Corners of the eight cells into which a cell is divided, in its reference coordinates."""
     if kind == "hex":
         corners = SOLIDS["hex"].nodes[:8]
         return [0.5 * (corners + corner) for corner in corners]
@@ -299,9 +305,16 @@ def _children(kind: str) -> list[np.ndarray]:
 def _labelled(
     made: Solid, former: int, facets: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Facets of a refined solid, and the label of the former facet of which each one is part.
+    """Facets of a refined solid, and their labels, which are those of the facets before refinement.
 
-    `former` is the number of nodes before the refinement.
+    Parameters
+    ----------
+    made
+        Refined solid.
+    former
+        Number of nodes before the refinement.
+    facets, labels
+        Facets before the refinement, shape (f, k), and their labels, shape (f,).
     """
     count = facets.shape[1] // 2
     known = {}

@@ -50,7 +50,8 @@ class ForeignPart:
     Attributes
     ----------
     solid
-        Solid with positions in [m]; cells have the order, and nodes the sequence, of the file.
+        Solid with node positions in [m]; cells are of first or second order as in the file, and
+        nodes have the sequence of the file.
     left_out
         Elements, sets and constraints that are not part of the solid, as text; empty if none.
     materials
@@ -66,8 +67,8 @@ class ForeignPart:
 def read_mesh(path: Path, unit: str, *, several_materials: bool = False) -> Solid:
     """Read the solid of a mesh file; its cells are of first or second order as in the file.
 
-    Nodes without a cell are removed. The others have the sequence of the file; for decks, that of
-    ascending numbers. A `UserWarning` lists the other contents of the file.
+    Nodes without a cell are removed. The remaining nodes have the sequence of the file; nodes of a
+    deck are sorted by their numbers. A `UserWarning` lists the other contents of the file.
 
     Parameters
     ----------
@@ -76,14 +77,14 @@ def read_mesh(path: Path, unit: str, *, several_materials: bool = False) -> Soli
     unit
         Unit of length of the file.
     several_materials
-        Whether cells of several materials are accepted. They are allowed if matrices come from
-        another program, which has taken the materials into account.
+        Whether cells of several materials are accepted. This is useful if the stiffness and mass
+        matrices come from another program, which knows the materials.
 
     Raises
     ------
     MeshError
-        If the file cannot be read, has no solid cells, several kinds or several materials, or has
-        invalid cells, or if its size shows that the unit is wrong.
+        If the file cannot be read; if it has no solid cells, or cells of several kinds or several
+        materials; if cells are invalid; or if the size of the solid shows that the unit is wrong.
     """
     part = read_part(path, unit, several_materials=several_materials)
     if part.left_out:
@@ -151,7 +152,7 @@ def _read_ideas(path: Path) -> ForeignMesh:
 
 
 def _elements_of_ideas(path: Path) -> Counter[str]:
-    """Count the elements in an I-DEAS file by name, in datasets 2412 and the older 780."""
+    """Count the elements in an I-DEAS file by name; they are in datasets 2412 or 780 (older)."""
     counts: Counter[str] = Counter()
     text = path.read_text(errors="replace")
     for dataset in re.split(r"^ {4}-1\s*$", text, flags=re.MULTILINE):
@@ -194,7 +195,7 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
 
 
 def _is_gmsh(path: Path) -> bool:
-    """Whether a file is a Gmsh mesh, which Gmsh does not execute as a model."""
+    """Whether a file is a mesh in Gmsh's format; Gmsh would execute other files as models."""
     if path.suffix != ".msh":
         return False
     with open(path, "rb") as file:
@@ -202,7 +203,7 @@ def _is_gmsh(path: Path) -> bool:
 
 
 def _hint(path: Path) -> str:
-    """End of the message on an unreadable mesh file: what it seems to be instead; else empty."""
+    """Text about what an unreadable mesh file seems to be, for the end of a message, or empty."""
     try:
         with open(path, encoding="ascii") as file:
             lines = [line for line in islice(file, 100) if not line.startswith("**")]
@@ -249,7 +250,7 @@ def _require_one_piece(path: Path, cells: np.ndarray) -> None:
     Raises
     ------
     MeshError
-        If there are several; the message has their number.
+        If there are several solids; the message has their number.
     """
     owners = np.repeat(np.arange(len(cells)), cells.shape[1])
     shape = len(cells), int(cells.max()) + 1

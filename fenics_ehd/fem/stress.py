@@ -5,9 +5,9 @@ the 2x2x2 Gauss points of hexahedra, where stresses converge one order faster th
 (Barlow, Int. J. Numer. Meth. Eng. 10, 1976), and at the 4 points of the rule of degree 2 in
 tetrahedra.
 
-Nodal stresses are computed in two steps. In every cell, stresses are extrapolated to the nodes by
-the polynomial through these points, which is trilinear in hexahedra and linear in tetrahedra. The
-values of all cells around a node are then averaged (G. Dhondt, The Finite Element Method for
+Nodal stresses are computed in two steps. In every cell, stresses are extrapolated from these points
+to the nodes by a polynomial, which is trilinear in hexahedra and linear in tetrahedra. The values
+of all cells around a node are then averaged (G. Dhondt, The Finite Element Method for
 Three-Dimensional Thermomechanical Applications, section 2.4). Tensors are averaged, and invariants
 are computed afterwards. The scatter of the cells around a node indicates the error of the mesh.
 
@@ -51,7 +51,10 @@ Cells = slice | np.ndarray
 
 
 def sampling_points(cell: str) -> np.ndarray:
-    """Reference coordinates of the points in a cell that have stresses, shape (8 or 4, 3)."""
+    """Reference coordinates of the points at which stresses are evaluated, shape (8 or 4, 3).
+
+    A hexahedron has 8 points, a tetrahedron 4.
+    """
     degree = 3 if cell == "hexahedron" else 2
     return basix.make_quadrature(getattr(basix.CellType, cell), degree)[0]
 
@@ -59,8 +62,8 @@ def sampling_points(cell: str) -> np.ndarray:
 def continuation(cell: str, size: int) -> np.ndarray:
     """Matrix that extrapolates values at the sampling points of a cell to its nodes.
 
-    The shape is (size, 8 or 4) for a cell with `size` nodes. The polynomial is trilinear in
-    hexahedra, linear in tetrahedra.
+    The shape is (size, 8) for a hexahedron with `size` nodes, and (size, 4) for a tetrahedron. The
+    extrapolating polynomial is trilinear in hexahedra, linear in tetrahedra.
     """
     points = sampling_points(cell)
     linear = solid_element(cell, len(points))
@@ -79,9 +82,10 @@ def hooke(displacement: Expr, material: Material) -> Expr:
 
 
 class StressField:
-    """Stresses of n displacement columns in the cells of this rank.
+    """Stresses in the cells of this rank, for n displacement fields.
 
-    Blocks of cells are computed on request, without communication; the constructor is collective.
+    Stresses in blocks of cells are computed on request. The constructor must be called on all
+    ranks; the methods communicate with no other rank.
 
     Parameters
     ----------
@@ -90,8 +94,8 @@ class StressField:
     material
         Elastic constants of the part.
     columns
-        Displacements of the nodes of this rank, ``3 * node + component``, shape (owned dofs, n)
-        [m]. The array is not copied.
+        Displacement fields as columns, shape (dofs of this rank, n) [m]; the row of a component of
+        the displacement of a node is ``3 * node + component``. The array is not copied.
 
     Attributes
     ----------
@@ -103,7 +107,8 @@ class StressField:
         Local node indices of every cell, owned nodes before ghosts, shape (cells, nodes of a
         cell).
     shape
-        Shape of all stresses: cells of this rank, points of a cell, 6 components, n columns.
+        Shape of the array of all stresses: cells of this rank, sampling points of a cell, 6
+        components, n displacement fields.
     """
 
     def __init__(self, space: fem.FunctionSpace, material: Material, columns: np.ndarray):
@@ -134,7 +139,7 @@ class StressField:
     def block(self, cells: Cells = slice(None), columns: slice = slice(None)) -> np.ndarray:
         """Stresses xx, yy, zz, yz, xz, xy at the sampling points of some cells [Pa].
 
-        The shape is (cells, points, 6, columns).
+        The shape is (cells, points, 6, columns), with a column for each displacement field.
         """
         stresses = []
         for number in range(self.shape[3])[columns]:
@@ -144,7 +149,10 @@ class StressField:
         return np.stack(stresses, axis=-1)
 
     def _evaluated(self, expression: fem.Expression, cells: Cells) -> np.ndarray:
-        """Values of an expression at the points of some cells, (cells, points, components)."""
+        """Values of an expression at the sampling points of some cells.
+
+        The shape is (cells, points, components).
+        """
         numbers = np.arange(self.shape[0], dtype=np.int32)[cells]
         values = compat.evaluated(expression, self._moved.function_space.mesh, numbers)
         return values.reshape(len(numbers), self.shape[1], -1)
@@ -157,7 +165,7 @@ _NODAL_BYTES = 1 << 27
 
 
 class NodalStress:
-    """Stresses at the nodes of a part, all of which is on one rank.
+    """Stresses at the nodes of a part whose cells are all on one rank.
 
     Parameters
     ----------
@@ -181,9 +189,9 @@ class NodalStress:
         self._share.data /= np.repeat(counts, counts)
 
     def blocks(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Iterate over blocks of nodes: node indices, shape (b,), and stresses [Pa].
+        """Iterate over blocks of nodes: node indices, shape (b,), and stresses at the nodes [Pa].
 
-        Stresses have the shape (b, 6, columns).
+        Stresses have the shape (b, 6, columns), with a column for each displacement field.
         """
         cells, points, _, columns = self._field.shape
         first_cell = self._share.indices[self._share.indptr[:-1]] // self._size
@@ -209,9 +217,10 @@ class NodalStress:
         return values[np.searchsorted(cells, cell), corner]
 
     def _in_cells(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distinct indices of some cells, ascending, and the stresses extrapolated to their nodes.
+        """Extrapolate stresses in some cells to the nodes of the cells.
 
-        Stresses have the shape (c, nodes, 6, columns) [Pa].
+        The result has the distinct indices of the cells in ascending order, shape (c,), and the
+        stresses at their nodes, shape (c, nodes of a cell, 6, columns) [Pa].
         """
         cells = np.unique(cells)
         stresses = self._field.block(cells)
@@ -235,8 +244,8 @@ class HalfRange:
     von_mises
         Von Mises stress of the half-range, shape (points,) [Pa].
     half_range, mean
-        Half the difference of the two stresses, later minus earlier, and half their sum, shape
-        (points, 6) [Pa].
+        Half the difference of the stresses at the two instants, later minus earlier, and half their
+        sum, both of shape (points, 6) [Pa].
     """
 
     instants: np.ndarray
@@ -261,9 +270,9 @@ def largest_half_range(stress: np.ndarray) -> HalfRange:
 
 
 def _farthest(points: np.ndarray) -> np.ndarray:
-    """Indices of the two most distant points of each set, shape (sets, 2).
+    """Indices of the two most distant points of every set of points, shape (sets, 2).
 
-    `points` has the shape (sets, points, 5), with five deviatoric coordinates of each point.
+    `points` has the shape (sets, points, 5), with the five coordinates of each point.
     """
     indices = [cdist(states, states).argmax() for states in points]
     return np.stack(np.unravel_index(indices, (points.shape[1],) * 2), axis=1)

@@ -1,7 +1,7 @@
 """Elastic parts with lubricated bores: from a Gmsh model to the matrices for a reduction.
 
-A bore has a surface mesh of its own, for displacement and for pressure: the nodes of a function
-space on its surface, and the cells that they form.
+A bore has two surface meshes, one for displacement and one for pressure. A surface mesh consists of
+the nodes of a function space on the surface of the bore, and of the cells that these nodes form.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class PartMesh:
     mesh
         Distributed dolfinx mesh.
     facet_tags
-        Group number of every facet that belongs to a named surface.
+        Facets that belong to named surfaces, with the group number of each.
     groups
         Numbers of the physical groups by name.
     """
@@ -104,14 +104,14 @@ class PartMesh:
         return self.groups[name]
 
 
-def _found_cells(path: str | Path, asked: str) -> str:
+def _kind_of_cells(path: str | Path, asked: str) -> str:
     """Kind of the current model's cells, ``"hex"`` or ``"tet"``.
 
     Raises
     ------
     MeshError
-        If the model has no solid cells, cells of another kind or of several kinds, or no physical
-        volume, or if tetrahedra were requested and it has none.
+        If the model has no solid cells, or cells of another kind or of several kinds; if it has no
+        physical volume; or if tetrahedra were requested and the model has none.
     """
     kinds = set(gmsh.model.mesh.getElementTypes(3))
     if not kinds:
@@ -155,15 +155,18 @@ def build_mesh(
     comm
         Communicator of the ranks over which the mesh is distributed.
     serendipity_geometry
-        Whether face and cell centres of hexahedra are moved to the positions that are interpolated
-        from the 20 corner and edge nodes. A 20-node element can represent linear fields only then.
+        Whether nodes at face and cell centres of hexahedra are moved to the positions that are
+        interpolated from the 20 corner and edge nodes. A 20-node displacement element needs this to
+        represent linear fields exactly.
     cells
         ``"hex"`` or ``"tet"``, for a model that has the parameter ``tetrahedra``.
     bores
         Names of surfaces on cylinders along z. Their mid-side nodes are moved to the cylinder,
-        half way in angle and height. For a ``.geo`` model this is done for tetrahedra only.
+        half way between the corners in angle and height. In a ``.geo`` model, only nodes of
+        tetrahedra are moved.
     size
-        Factor of the cell size, for a model without parameters for numbers of cells.
+        Factor by which cell sizes are multiplied; for a model that has no parameters for numbers
+        of cells.
 
     Returns
     -------
@@ -188,7 +191,7 @@ def build_mesh(
             try:
                 opened = opened_model(Path(path), parameters or {}, cells, size)
                 groups = model.enter_context(opened)
-                cells = _found_cells(path, cells)
+                cells = _kind_of_cells(path, cells)
                 for bore in groups.keys() & set(bores):
                     if cells == "tet" or Path(path).suffix == ".msh":
                         _round_bore(groups[bore], cells)
@@ -237,7 +240,7 @@ def _round_bore(group: int, cells: str) -> None:
 
 
 def _place_centre_nodes(mesh: Mesh) -> None:
-    """Move face and cell centres of hexahedra to positions interpolated from the other 20 nodes."""
+    """Move nodes at face and cell centres of hexahedra to positions from the other 20 nodes."""
     centres = solid_element("hexahedron", 27).nodes[20:]
     shapes = solid_element("hexahedron", 20).shapes(centres)
     nodes = compat.geometry_dofmap(mesh)
@@ -285,12 +288,13 @@ def assemble_structure(
         Family of the displacement element: ``"serendipity"`` (20-node hexahedra) or
         ``"lagrange"`` (27-node hexahedra). Tetrahedra always have 10 nodes.
     pressure_family
-        Family of the pressure shape functions in (15); a matching film has the same.
+        Family of the pressure shape functions in (15); a film with a matching mesh has the same
+        family.
     bores, attachments
-        Names of the lubricated surfaces, the first about the z axis; and names of the surfaces
-        whose mean displacements are those of the boundary points.
+        Names of the lubricated surfaces, the first with z as axis; and names of the surfaces whose
+        mean displacements are the displacements of the boundary points.
     clamped
-        Name of a surface that is held; None if the part is free.
+        Name of the surface at which the part is clamped; None if the part is free.
 
     Returns
     -------
@@ -350,11 +354,10 @@ def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PET
 def _clamp(
     space: fem.FunctionSpace, facets: np.ndarray, stiffness: PETSc.Mat, mass: PETSc.Mat
 ) -> None:
-    """Hold the nodes of a surface: remove their off-diagonal entries and replace the diagonal ones.
+    """Clamp the nodes of a surface: in K and M, set their off-diagonal entries to zero.
 
-    Rows of zeros would make both matrices singular. The diagonal entries of K are set to the mean
-    diagonal. Those of M are set to the mass that is removed, so that the mass of the part is
-    unchanged.
+    Rows of zeros would make both matrices singular. The diagonal entries of K are therefore set to
+    the mean of its diagonal. The diagonal entries of M are set so that the total mass is unchanged.
     """
     nodes = fem.locate_dofs_topological(space, space.mesh.topology.dim - 1, facets)
     nodes = nodes[nodes < space.dofmap.index_map.size_local]
@@ -370,7 +373,7 @@ def _clamp(
 
 
 def _rule(space: fem.FunctionSpace, integral: str) -> dict[str, int]:
-    """Metadata of a measure with the quadrature degree of an integral, see `DEGREES`."""
+    """Metadata of a UFL measure with the quadrature degree of an integral, see `DEGREES`."""
     return {"quadrature_degree": DEGREES[space.mesh.topology.cell_type.name][integral]}
 
 
@@ -391,9 +394,9 @@ def _vector(form: ufl.Form) -> PETSc.Vec:
 def _mean_displacement(
     space: fem.FunctionSpace, surface: ufl.Measure
 ) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
-    """Vectors whose products with nodal displacements are the mean displacement of a surface.
+    """Vectors that give the mean displacement of a surface, weighted by area.
 
-    There is one vector for each component; the mean is weighted by area.
+    The product of the i-th vector with the nodal displacements is component i of the mean.
     """
     v = ufl.TestFunction(space)
     mesh = space.mesh
@@ -465,7 +468,10 @@ def _load_matrix(
 
 
 def _recovery(space: fem.FunctionSpace, material: Material) -> Recovery:
-    """Cells of this rank with their corner and edge nodes, and the function for stresses."""
+    """Make the data for stresses: corner and edge nodes of this rank's cells, and a function.
+
+    The function makes a `StressField` from displacement fields.
+    """
     topology = space.mesh.topology
     cells = topology.index_map(topology.dim).size_local
     dofs = compat.space_dofmap(space)[:cells, _VTK_ORDER[topology.cell_type.name]]
@@ -525,7 +531,7 @@ def surface_nodes(space: fem.FunctionSpace, facets: np.ndarray) -> tuple[np.ndar
 
 
 def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
-    """Global node numbers of the facets of all ranks, shape (c, k), in no fixed order."""
+    """Global node numbers of the facets of all ranks, shape (c, k); facets are not sorted."""
     topology = space.mesh.topology
     dimension = topology.dim
     topology.create_connectivity(dimension - 1, dimension)
@@ -550,7 +556,7 @@ def _surface_cells(space: fem.FunctionSpace, facets: np.ndarray) -> np.ndarray:
     return np.concatenate(gathered)
 
 
-def part_answers(
+def part_responses(
     path: Path,
     material: Material,
     bores: Sequence[str],
@@ -558,7 +564,7 @@ def part_answers(
     parameters: Mapping[str, float] | None = None,
     points: tuple[str, ...] = (),
 ) -> tuple[Structure, SmoothResponses]:
-    """Assemble a model on one rank, and compute the smooth responses of its bores.
+    """Assemble a model on one rank, and compute responses to smooth pressures on its bores.
 
     Raises
     ------

@@ -75,6 +75,13 @@ class ActiveSetSystem:
         Whether A is symmetric positive definite.
     options_prefix
         Prefix of the PETSc options of the linear solver (KSP).
+
+    Attributes
+    ----------
+    factorisations
+        Number of factorisations so far.
+    solved_columns
+        Number of right-hand sides solved so far.
     """
 
     def __init__(self, pattern: Pattern, *, weighted: bool, symmetric: bool, options_prefix: str):
@@ -100,6 +107,8 @@ class ActiveSetSystem:
         self._rhs, self._solution = self._matrix.createVecs()
         destroy_with(self, self._ksp, self._matrix, self._rhs, self._solution)
         self._current: tuple[np.ndarray, np.ndarray | None, np.ndarray] | None = None
+        self.factorisations = 0
+        self.solved_columns = 0
 
     def prepare(
         self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
@@ -133,6 +142,7 @@ class ActiveSetSystem:
         self._matrix.assemble()
         # PC.setUp, because the KSP factorises only in its own solve, which `solve_columns` avoids.
         self._ksp.pc.setUp()
+        self.factorisations += 1
         self._current = (entries, weights, full_film.copy())
 
     def solution(self, rhs: np.ndarray) -> np.ndarray:
@@ -147,6 +157,7 @@ class ActiveSetSystem:
         """
         if not self._weighted:
             rhs = np.where(self.full if rhs.ndim == 1 else self.full[:, None], rhs, 0.0)
+        self.solved_columns += 1 if rhs.ndim == 1 else rhs.shape[1]
         if rhs.ndim == 2:
             return self._columns_of(rhs)
         self._rhs.array[:] = rhs

@@ -7,6 +7,7 @@ applied again the rate of ``x'``.
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
@@ -105,11 +106,14 @@ class Attempt(Generic[Solution, Carried]):
         Solution of the step; None if the attempt failed.
     cause
         Error that made the attempt fail, or None.
+    work
+        Other work of the attempt by name, as counts that depend on the solver.
     """
 
     iterations: int
     solved: Solved[Solution, Carried] | None = None
     cause: Exception | None = None
+    work: Mapping[str, int] = field(default_factory=dict)
 
 
 #: Function that solves one step of a problem. Its last argument is the state of the solver after
@@ -189,6 +193,8 @@ class Step(Generic[Solution]):
         Number of Newton iterations since the last accepted step, failed attempts included.
     rejected
         Number of failed attempts since the last accepted step, by reason.
+    work
+        Other work since the last accepted step (`Attempt.work`), failed attempts included.
     """
 
     time: float
@@ -199,6 +205,7 @@ class Step(Generic[Solution]):
     solution: Solution
     newton_iterations: int
     rejected: dict[str, int] = field(default_factory=dict)
+    work: Mapping[str, int] = field(default_factory=dict)
 
 
 #: Layout of a stored `IntegratorState`, without the state of its solver.
@@ -379,6 +386,7 @@ def advance(
     step = state.step
     iterations = 0
     rejected: dict[str, int] = {}
+    work: Counter[str] = Counter()
     nearest = control.smallest
     cause = None
     failure = "none"
@@ -394,6 +402,7 @@ def advance(
         asked = state.implicit_step(problem, time, order, control.blend, limit)
         attempt = solve(problem, asked, state.solver)
         iterations += attempt.iterations
+        work.update(attempt.work)
         error = np.inf
         cause = attempt.cause
         solved = attempt.solved
@@ -409,7 +418,7 @@ def advance(
         step = _next_step(step, error, order, control)
         if solved is not None and error <= control.tolerance:
             moved = solved.x, solved.rate, asked.acceleration(solved.rate)
-            new = Step(time, *moved, observed, solved.solution, iterations, rejected)
+            new = Step(time, *moved, observed, solved.solution, iterations, rejected, work)
             # Points before a corner of a load do not predict points after it.
             keep = 1 if corner else control.order + 2
             return new, state.after(new, step, solved.solver, keep)

@@ -27,7 +27,7 @@ coarse mesh does not resolve the peak, and the run continues with wrong pressure
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -180,6 +180,9 @@ class StepFactors:
         Number of residual patterns retained in the derivatives.
     """
 
+    #: Names of the counts in `work`.
+    WORK = ("film_factorisations", "triangular_solves")
+
     def __init__(self, equations: StepEquations, *, options_prefix: str):
         self._equations = equations
         self._blocks = [film.linear_system(options_prefix) for film in equations.films]
@@ -190,6 +193,15 @@ class StepFactors:
         self.patterns = max(patterns, FEWEST_PATTERNS)
         self._reduction = 0.0
         self._equations.retain_patterns(self.patterns)
+
+    @property
+    def work(self) -> dict[str, int]:
+        """Factorisations of film matrices, and right-hand sides solved with them, so far."""
+        counts = (
+            sum(block.factorisations for block in self._blocks),
+            sum(block.solved_columns for block in self._blocks),
+        )
+        return dict(zip(self.WORK, counts, strict=True))
 
     @property
     def patterns_wanted(self) -> int:
@@ -418,6 +430,9 @@ class CoupledSteps:
         Prefix of the PETSc options of SNES-VI.
     """
 
+    #: Names of the counts in `Attempt.work`.
+    WORK = ("evaluations", *StepFactors.WORK)
+
     def __init__(
         self,
         system: System,
@@ -467,6 +482,8 @@ class CoupledSteps:
         self._problem = problem
         self._tolerance = max(step.tolerance, FINEST)
         self._iterations = 0
+        self._evaluations = 0
+        before = self._factors.work
         self._factors.begin(problem, FEWEST_PATTERNS if former is None else former.patterns)
         self.equations.begin(step, gap_changes)
         try:
@@ -474,7 +491,7 @@ class CoupledSteps:
             films = [film.end(point, self._tolerance) for film, point, _ in self._films]
         except SolverError as caught:
             error = classify_failure(caught, self.equations, former)
-            return Attempt(max(1, self._iterations), cause=error)
+            return Attempt(max(1, self._iterations), cause=error, work=self._work_since(before))
         patterns = self._factors.patterns_wanted
         kept = SolverState.after(former, step.time, self._solution, patterns)
         x, rate = self.equations.state(self._point)
@@ -482,7 +499,13 @@ class CoupledSteps:
         motion = self._point.motion
         gaps = problem.film_gaps(observed)
         joints = joint_steps(self.equations, films, motion.multipliers, x, rate, gaps)
-        return Attempt(iterations, Solved(x, rate, observed, CoupledState(joints, motion), kept))
+        solved = Solved(x, rate, observed, CoupledState(joints, motion), kept)
+        return Attempt(iterations, solved, work=self._work_since(before))
+
+    def _work_since(self, before: Mapping[str, int]) -> dict[str, int]:
+        """Counts of the step under way, from those of its factors before it."""
+        done = {name: count - before[name] for name, count in self._factors.work.items()}
+        return {"evaluations": self._evaluations, **done}
 
     def response_to_forces(
         self, x: np.ndarray, rate: np.ndarray, shift: float, forces: np.ndarray
@@ -558,6 +581,7 @@ class CoupledSteps:
 
     def function(self, x: np.ndarray) -> np.ndarray:
         """Residual of all equations, see `VariationalInequality`."""
+        self._evaluations += 1
         # PETSc overwrites its array, but the point keeps the values: they are copied.
         self._point: Point = self.equations.evaluate(x.copy())
         return self._point.residual

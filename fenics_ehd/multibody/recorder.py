@@ -33,7 +33,7 @@ from fenics_ehd.multibody.history import (
     is_column,
 )
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.newton import INTEGRATOR_STATE, MechanismStep, SolverState
+from fenics_ehd.multibody.newton import INTEGRATOR_STATE, CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import PeriodicSolver, recurrence_of, reference_angle
 from fenics_ehd.multibody.quantities import joint_row, rubbing
 from fenics_ehd.multibody.run import Run
@@ -159,6 +159,12 @@ def _require_alike(row: Row, stored: Row) -> None:
 #: Layout of a stored number of steps or iterations.
 COUNT = Value("integer", least=0)
 
+#: Counts of a run that its summary and sweeps have had from the start.
+STEP_COUNTS = ("steps", "newton_iterations", "rejected_steps")
+
+#: All counts of a run: no machine changes them, so that tests can detect lost speed.
+COUNTS = (*STEP_COUNTS, *CoupledSteps.WORK)
+
 
 class Recorder(Stateful):
     """Recorder of a run: it takes the steps, and stores a row for each.
@@ -183,8 +189,8 @@ class Recorder(Stateful):
     rows
         Rows of the steps that are kept.
     counts, rejected_because
-        Number of steps, of iterations and of rejected attempts; number of rejected attempts by
-        reason. Both count all steps, also those whose rows are not kept.
+        Number of every kind in `COUNTS`; number of rejected attempts by reason. Both count all
+        steps, also those whose rows are not kept.
     estimates
         Estimates of the basis error by `BoundSurface.key`.
     rubbing, slid
@@ -197,9 +203,7 @@ class Recorder(Stateful):
         "cycles": Group(PeriodicSolver.carried, required=False),
         "wall_time": Value("real"),
         "processor_time": Value("real"),
-        "counts": Group(
-            dict.fromkeys(("steps", "newton_iterations", "rejected_steps"), COUNT), each=COUNT
-        ),
+        "counts": Group(dict.fromkeys(COUNTS, COUNT)),
         "rejected_because": Group(each=COUNT),
         "estimates": Group(each=Group(BasisErrorEstimate.carried)),
         "rubbing": Group(each=Value("float", ("points",))),
@@ -230,7 +234,7 @@ class Recorder(Stateful):
             if contact is not None
         }
         self.rubbing = dict(self.slid)
-        self.counts = {"steps": 0, "newton_iterations": 0, "rejected_steps": 0}
+        self.counts = dict.fromkeys(COUNTS, 0)
         self.rejected_because: dict[str, int] = {}
 
     @property
@@ -325,6 +329,8 @@ class Recorder(Stateful):
         self.counts["steps"] += 1
         self.counts["newton_iterations"] += step.newton_iterations
         self.counts["rejected_steps"] += rejected
+        for name, count in step.work.items():
+            self.counts[name] += count
         for reason, count in step.rejected.items():
             self.rejected_because[reason] = self.rejected_because.get(reason, 0) + count
         row: dict[str, Any] = {"time_s": step.time}

@@ -3,10 +3,10 @@
 A flexible body is viewed along the bore's axis: as the front of the part, if a basis of the
 complete part is available, otherwise as rings around its bores.
 
-Elastic motion and clearances are magnified by ``scale``; large motions are drawn in true size. The
-part of the elastic motion that moves bore and points like a rigid body is not magnified, because it
-would separate points from the bodies to which they are joined. For a rod, this part is the motion
-of the line between its ends.
+Elastic motion and clearances are magnified by ``scale``; large motions are drawn in true size. One
+part of the elastic motion is not magnified: that in which bores and points move like a rigid body.
+Magnified, it would separate points from the bodies to which they are joined. For a rod, it is the
+motion of the line between its ends.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        Nodes around each face, corners and edge midpoints alternating, shape (f, 8 or 6).
+        Node indices around each face, corners and edge midpoints in turn, shape (f, 8 or 6).
     """
     facets = Solid(nodes, cells, KINDS[cells.shape[1]]).facets()
     count = facets.shape[1] // 2
@@ -63,7 +63,7 @@ def front_faces(nodes: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def outline(faces: np.ndarray) -> np.ndarray:
-    """Edges that belong to only one of the faces, as three nodes each, shape (e, 3)."""
+    """Edges that belong to only one face: indices of their three nodes, shape (e, 3)."""
     following = np.roll(faces, -2, axis=1)
     edges = np.stack([faces[:, ::2], faces[:, 1::2], following[:, ::2]], axis=2).reshape(-1, 3)
     ends = np.sort(edges[:, ::2], axis=1)
@@ -84,13 +84,13 @@ class PartShape:
     nodes
         Positions of the visible nodes, shape (p, 3) [m].
     faces
-        Nodes around each visible face, shape (f, v).
+        Node indices around each visible face, shape (f, v).
     fields
-        Displacements of the nodes along x and y for unit elastic coordinates, then for unit
-        amplitudes of residual patterns, shape (p, 2, n + r).
+        Displacements of the nodes along x and y, shape (p, 2, n + r): first for n unit elastic
+        coordinates, then for unit amplitudes of r residual patterns.
     mesh
-        Whether the faces are a finite-element mesh, whose lines are drawn; otherwise they are
-        rings.
+        True if the faces are those of a finite-element mesh, whose lines are drawn; false if they
+        are rings around bores.
     """
 
     nodes: np.ndarray
@@ -113,7 +113,7 @@ def shape_of_part(part: PartFields) -> PartShape:
 
 
 def shape_of_bores(body: ReducedBody) -> PartShape:
-    """Shape of a body without a basis: rings around all bores, which move with the bores' edges."""
+    """Shape of a body without a basis: a ring around each bore that moves with the bore's edge."""
     nodes: list[np.ndarray] = []
     faces = []
     fields = []
@@ -147,14 +147,14 @@ class BodyView:
     name
         Name of the body.
     pose, turns
-        Position and angle of the body's frame, shape (t, 3) [m], [rad], and the rotation matrices
-        of the angles, shape (t, 2, 2).
+        Position and angle of the body's frame, shape (t, 3) [m], [rad]; rotation matrices of these
+        angles, shape (t, 2, 2).
     points
         Positions of the body's points by name, shape (t, 2) [m]; the origin has an empty name.
     held
         Whether the body is fixed to the ground.
     nodes
-        Positions of the nodes of `shape`, with displacements magnified, shape (t, p, 2) [m]; p = 0
+        Positions of the nodes of `shape` with magnified displacements, shape (t, p, 2) [m]; p = 0
         without a shape.
     shape
         Visible faces of a flexible body; None for other bodies.
@@ -186,7 +186,7 @@ def draw_part(axes: Axes, body: BodyView, frame: int) -> None:
 
 
 def body_view(replay: RecordedMotion, name: str, shape: PartShape | None, scale: float) -> BodyView:
-    """View of a body at the instants of a replay; `shape` is None if it is not flexible."""
+    """View of a body at the recorded instants; `shape` is None for a body that is not flexible."""
     body = replay.bodies[name]
     coordinates = replay.coordinates(name)
     pose = replay.marker(name, "")
@@ -219,8 +219,8 @@ def part_motion(
     moved : numpy.ndarray
         Displacements of the visible nodes, shape (t, p, 2) [m].
     carried : numpy.ndarray
-        Rigid part of the motion of bores and points: translation along x and y, and rotation about
-        the bore's centre, shape (t, 3) [m], [rad]; zero for a held body.
+        Rigid part of this motion, fitted to bores and points: translation along x and y, rotation
+        about the bore's centre, shape (t, 3) [m], [rad]; zero for a clamped body.
     """
     values = np.hstack(replay.elastic(name))
     part = replay.part(name)
@@ -229,7 +229,7 @@ def part_motion(
 
 
 def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> float:
-    """Magnification that makes clearances and displacements visible: a round number, at least 1."""
+    """Magnification that makes clearances and displacements visible, a round number, at least 1."""
     largest = []
     for binding in replay.system.films:
         film = binding.film.film.parameters
@@ -244,13 +244,13 @@ def automatic_scale(replay: RecordedMotion, shapes: Mapping[str, PartShape]) -> 
 
 
 def carried_fields(part: ReducedBody) -> np.ndarray:
-    """Rigid part of the motion of bores and points for unit elastic coordinates.
+    """Rigid part of the elastic motion, fitted to bores and points, for unit coordinates.
 
     Returns
     -------
     numpy.ndarray
-        Translation along x and y, and rotation about the bore's centre, for unit coordinates and
-        unit amplitudes of residual patterns, shape (3, n + r).
+        Translation along x and y, and rotation about the bore's centre, shape (3, n + r): for n
+        unit elastic coordinates, then for unit amplitudes of r residual patterns.
     """
     moved = bore_fields(part)[:, :2]
     still = np.zeros((2, moved.shape[2] - part.modes))
@@ -264,7 +264,15 @@ def carried_fields(part: ReducedBody) -> np.ndarray:
     return np.linalg.lstsq(unit.reshape(3, -1).T, np.vstack(fields), rcond=None)[0]
 
 
-def rigid_motion(places: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Displacements (t, p, 2) of points at `places` (p, 2) under small rigid motions (t, 3)."""
-    about = np.stack([-places[:, 1], places[:, 0]], axis=1)
-    return motion[:, None, :2] + motion[:, None, 2:] * about
+def rigid_motion(positions: np.ndarray, motions: np.ndarray) -> np.ndarray:
+    """Displacements of points in small rigid motions, shape (t, p, 2) [m].
+
+    Parameters
+    ----------
+    positions
+        Positions of the points relative to the centre of rotation, shape (p, 2) [m].
+    motions
+        Translation along x and y, and rotation, shape (t, 3) [m], [rad].
+    """
+    about = np.stack([-positions[:, 1], positions[:, 0]], axis=1)
+    return motions[:, None, :2] + motions[:, None, 2:] * about

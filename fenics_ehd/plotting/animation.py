@@ -1,8 +1,8 @@
 """Animation of a mechanism and of one joint's film, as GIF or MP4.
 
-Bodies and ideal joints are drawn as symbols, lubricated joints as bore, journal and film. Further
-panels show one lubricated joint in close-up, its unwrapped film, its orbit, and curves of pressure
-and film thickness.
+Bodies and ideal joints are drawn as symbols. Lubricated joints are drawn with bore, journal and
+film. Further panels show one lubricated joint in close-up, its unwrapped film, the orbit of its
+journal, and curves of pressure and film thickness.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ Bodies = Mapping[str, BodyView]
 
 
 def at(bodies: Bodies, marker: str) -> tuple[BodyView, np.ndarray]:
-    """Drawn body of a marker, and the marker's positions over time, shape (t, 2) [m]."""
+    """View of the body of a marker, and drawn positions of the marker, shape (t, 2) [m]."""
     name, _, point = marker.partition(".")
     return bodies[name], bodies[name].points[point]
 
@@ -74,26 +74,27 @@ class Bearing:
     replay, binding
         Recorded motion at t instants, and binding of the joint's film.
     bodies
-        Drawn bodies by name.
+        Views of the bodies by name.
     scale
-        Enlargement of clearances and displacements [-].
+        Magnification of clearances and displacements [-].
 
     Attributes
     ----------
     body, journal_body
-        Drawn bodies with the bore and with the journal.
+        Views of the bodies that have the bore and the journal.
     meshed
-        Whether the bore belongs to a flexible body, whose drawing contains it.
+        Whether the bore belongs to a flexible body, whose drawing contains the bore.
     radius, clearance
         Radius and radial clearance of the bore [m].
     centre
         Drawn position of the undeformed bore's centre, shape (t, 2) [m].
     offset
-        Enlarged distance of the journal from `centre` in the bore's frame, shape (t, 2) [m].
+        Magnified vector from `centre` to the journal's centre, in the bore's frame, shape (t, 2)
+        [m].
     height
         Heights along the bore, shape (b,) [m].
     pressure, gap
-        Pressure [Pa] and film thickness [m] at these heights and at the angles
+        Pressure [Pa] and film thickness [m] at `height` and at the angles
         `fenics_ehd.plotting.maps.ANGLES`, shape (t, b, a).
     """
 
@@ -132,7 +133,7 @@ class Bearing:
         highest
             Pressure at the top of the drawn pressure curve [Pa].
         centre, turn, radius
-            Drawn centre and radius of the bore [m], and angle `turn` of its body [rad].
+            Drawn centre, angle of the body [rad], and drawn radius of the bore [m].
         """
         if not self.meshed:
             face, hatch = ("white", HATCH) if self.body.held else (STEEL, "")
@@ -196,7 +197,7 @@ SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
 
 def extent(bodies: Bodies, bearings: Mapping[str, Bearing]) -> np.ndarray:
-    """Smallest, then largest x and y of all bodies over all instants, shape (2, 2) [m]."""
+    """Smallest, then largest x and y over all bodies and instants, shape (2, 2) [m]."""
     positions = [points for body in bodies.values() for points in body.points.values()]
     for bearing in bearings.values():
         positions += [bearing.centre + s * (1 + WALL) * bearing.radius for s in (-1, 1)]
@@ -299,7 +300,7 @@ _REPEATABLE = ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-threads", "1"]
 
 
 def require_animation_format(path: Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse an animation that cannot be written, before any work is done for it.
+    """Refuse the path of an animation that cannot be written, before any work is done for it.
 
     Raises
     ------
@@ -322,20 +323,20 @@ def save_animation(
     rate: int,
     progress: Callable[[], None],
 ) -> Path:
-    """Write an animation; an incomplete file is never left behind.
+    """Write an animation; the file is complete or absent.
 
     Parameters
     ----------
     figure, show
-        Figure, and function that draws a frame into it by its number.
+        Figure, and function that draws the frame with a number into the figure.
     count
         Number of frames.
     path
-        File, GIF or MP4 by its ending, see `require_animation_format`.
+        Path of the file, whose ending selects GIF or MP4, see `require_animation_format`.
     rate
         Frames per second.
     progress
-        Called after every frame.
+        Function without arguments that is called after every frame.
 
     Returns
     -------
@@ -371,13 +372,13 @@ def _write_gif(
 
 
 def _delays(count: int, rate: int) -> list[int]:
-    """Duration of every frame [ms], in multiples of the 10 ms that a GIF resolves."""
+    """Duration of every frame [ms], a multiple of 10 ms, the resolution of GIF."""
     ends = np.round(100 / rate * np.arange(count + 1)).astype(int)
     return (10 * np.diff(ends)).tolist()
 
 
 def _with_white(palette: Image.Image) -> Image.Image:
-    """Replace the lightest colours of a palette by white, which quantisation has made grey."""
+    """Replace the lightest colours of a palette by white, because quantisation makes white grey."""
     colours = np.array(palette.getpalette()).reshape(-1, 3)
     colours[colours.min(axis=1) >= NEARLY_WHITE] = 255
     palette.putpalette(colours.ravel().tolist())
@@ -411,9 +412,9 @@ SIZE = (32 / 3, 6.0)
 def draw_run(
     directory: Path, joint: str | None, count: int, scale: float | None, bases: Sequence[str]
 ) -> tuple[Figure, Show, list[str]]:
-    """Figure of a run's last cycle, a function that draws a frame by its number, and user hints.
+    """Animate a run's last cycle: figure, function that draws the frame with a number, and hints.
 
-    Programs that a scene names as models of bodies are not run.
+    Gmsh models in the scene are programs; they are not executed.
 
     Parameters
     ----------
@@ -424,7 +425,7 @@ def draw_run(
     count
         Number of instants, equally spaced in time.
     scale
-        Enlargement of displacements and clearances, None: automatic.
+        Magnification of displacements and clearances; None: automatic.
     bases
         Paths of basis files (``reduce --basis``), with which flexible bodies are drawn completely.
 
@@ -475,7 +476,7 @@ def draw(
     joint: str,
     scale: float | None,
 ) -> tuple[Figure, Show]:
-    """Figure, and a function that draws a frame into it by its number.
+    """Make the figure of an animation, and the function that draws the frame with a number.
 
     Parameters
     ----------
@@ -486,7 +487,7 @@ def draw(
     joint
         Name of the lubricated joint whose film is drawn; empty for a mechanism without one.
     scale
-        Enlargement of displacements and clearances, None: automatic.
+        Magnification of displacements and clearances; None: automatic.
     """
     mechanism = frames.system.mechanism
     time = frames.time

@@ -51,8 +51,8 @@ class Panel:
     label
         Label of the axis, with the unit in brackets.
     columns
-        Labels of curves by column, or by a pattern of columns. For an empty label, the text that
-        the star of the pattern matches is used.
+        Labels of curves by column name, or by a pattern of names with a star. An empty label is
+        replaced by the text that the star matches.
     extreme
         Function that selects the extreme to mark and label, `numpy.argmax` or `numpy.argmin`; None
         for no mark.
@@ -187,7 +187,10 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
 
 
 def _reported_errors(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
-    """Estimated relative errors of an extreme and of the curve; None if they are not estimated."""
+    """Estimated relative errors: of a quantity's extreme, and the largest over its curve.
+
+    The result is None if one of them is not estimated.
+    """
     budget = joint.run.figures.get(joint.name, {}).get("error_budget", {})
     if quantity not in budget:
         return None
@@ -206,19 +209,19 @@ def position_label(x: float, over: str) -> str:
 
 
 def common_axis(joints: Sequence[ShownJoint]) -> str:
-    """Column for the horizontal axis: the crank angle if all joints have it, else the time."""
+    """Column for the horizontal axis: crank angle if all joints have this column, else time."""
     return ANGLE if all(ANGLE in joint.columns for joint in joints) else TIME
 
 
 def over_cycle(joint: ShownJoint, values: np.ndarray, over: str) -> tuple[np.ndarray, np.ndarray]:
-    """Ascending positions of values on the axis `over` [degrees] or [ms], and the values."""
+    """Sort values by their positions on the axis `over` [degrees] or [ms]; return both."""
     x = joint.columns[over] * (1.0 if over == ANGLE else 1e3)
     order = np.argsort(x, kind="stable")
     return x[order], values[order]
 
 
 def span(over: str, joints: Sequence[ShownJoint]) -> float:
-    """Distance of the ticks on the axis `over` [degrees] or [ms]."""
+    """Distance between two ticks on the horizontal axis `over` [degrees] or [ms]."""
     longest = max(np.ptp(joint.columns[over]) for joint in joints)
     if over == ANGLE:
         return 90.0 if longest > 400.0 else 45.0
@@ -255,7 +258,7 @@ def _lay_out(
 
 
 def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
-    """Columns of the second run minus those of the first, where both runs have steps."""
+    """Columns of a joint in the second run minus those in the first, where both have steps."""
     over = common_axis((first, second))
     x = [np.sort(joint.columns[over]) for joint in (first, second)]
     low = max(v[0] for v in x)
@@ -276,7 +279,7 @@ def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
 def _at(joint: ShownJoint, column: str, over: str, places: np.ndarray) -> np.ndarray:
     """Values of a column at positions on the axis `over`, by monotone cubic interpolation.
 
-    Linear interpolation would add a saw-tooth of its own errors.
+    The errors of linear interpolation would appear as a saw-tooth.
     """
     x, order = np.unique(joint.columns[over], return_index=True)
     values = joint.columns[column][order]
@@ -306,12 +309,12 @@ class Paths:
     label
         Label of the magnitude, with its unit in brackets.
     vector
-        Function that returns the vector in the frame of the bore from columns, as complex numbers
-        x + i y in SI units, shape (t,).
+        Function from the columns of a joint to the vector in the frame of the bore, as complex
+        numbers x + i y in SI units, shape (t,).
     needed
-        Columns that the function needs.
+        Names of the columns that the function needs.
     bound
-        Label of the unit circle; empty if it is not drawn.
+        Label of the unit circle; empty if the circle is not drawn.
     """
 
     label: str
@@ -377,7 +380,7 @@ class Paths:
 
 
 def orbit(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Position of the journal's centre in the deformed bore over the clearance, as x + i y."""
+    """Eccentricity of the journal in the deformed bore over the clearance, as x + i y."""
     x, y = (columns[f"eccentricity_in_bore_{axis}_m"] for axis in "xy")
     return columns["eccentricity_ratio"] * np.exp(1j * np.arctan2(y, x))
 
@@ -409,7 +412,7 @@ def _mark(
 def pressure_and_film(
     axes: Axes, x: np.ndarray, pressure: np.ndarray, film: np.ndarray, labels: tuple[str, str]
 ) -> None:
-    """Draw a pressure [MPa] and, dashed, a film thickness [um], each on its own axis from zero."""
+    """Draw a pressure [MPa] and a film thickness [um] (dashed), each on its own axis from zero."""
     other = axes.twinx()
     axes.plot(x, pressure, color=RED)
     other.plot(x, film, color=BLUE, linestyle="--")
@@ -421,7 +424,7 @@ def pressure_and_film(
 
 
 def clearance_circle(axes: Axes) -> None:
-    """Set up axes for the path of the journal's centre over the clearance, with circles."""
+    """Set up axes with circles for the orbit of a journal, in multiples of the clearance."""
     for radius in (0.25, 0.5, 0.75, 1.0):
         ring = {"color": "0.2", "lw": 1.6} if radius == 1.0 else {"color": "0.85", "lw": 0.8}
         axes.add_patch(plt.Circle((0, 0), radius, fill=False, **ring))

@@ -49,7 +49,7 @@ class Raster(NamedTuple):
     values
         Values at all heights and angles, shape (b, a).
     angle, height
-        Angles [degrees], shape (a,), and heights [mm], shape (b,).
+        Angles around the bore [degrees], shape (a,), and heights along it [mm], shape (b,).
     title
         Title of the map.
     mark
@@ -76,11 +76,11 @@ class Map:
     colours
         Name of the colour map.
     extreme
-        Function that reduces the values of a node over the cycle, `numpy.max` or `numpy.min`; None
-        for the mean over time.
+        Function that reduces the values of every node over the cycle to one value, `numpy.max` or
+        `numpy.min`; None for the mean over time.
     marked
-        Columns with value, angle [degrees] and height [m] of the extreme to mark, which may lie
-        between nodes; empty to mark the largest nodal value.
+        Names of the columns with value, angle [degrees] and height [m] of the extreme to mark. This
+        extreme may lie between nodes; without columns, the largest nodal value is marked.
     """
 
     label: str
@@ -97,14 +97,14 @@ class Map:
         return joint.contact if self.fields == "contact" else getattr(joint.film, self.fields)
 
     def draw(self, rows: Rows) -> Figure:
-        """Draw the maps of joints in one or more runs; those of a joint have the same colours."""
+        """Draw the maps of joints in one or more runs; maps of a joint share a colour scale."""
         groups = []
         for title, joints in rows.items():
             groups.append([self.raster(j, _title(title, j, len(joints))) for j in joints])
         return draw_rasters(groups, self.label, self.colours, from_zero=self.extreme is not np.min)
 
     def raster(self, joint: ShownJoint, title: str) -> Raster:
-        """Reduce the field of a joint over the cycle, on the lines of its mesh."""
+        """Reduce the field of a joint over the cycle; the raster has the lines of the film mesh."""
         values = np.asarray(self._values(joint))
         if self.extreme is None:
             nodal = mean(values, joint.columns[TIME])
@@ -121,7 +121,7 @@ class Map:
 
 
 def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
-    """Map of nodal values over the lines of the film's mesh; the largest magnitude is marked."""
+    """Raster of nodal values on the lines of a film mesh; the largest magnitude is marked."""
     angle, height = (np.unique(x.round(9)) for x in grid.node_positions.T)
     angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
     values = sampled(grid, nodal, np.radians(angle), height)
@@ -129,7 +129,10 @@ def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
 
 
 def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Interpolate nodal values (..., k) to angles (a,) [rad] and heights (b,) [m]: (..., b, a)."""
+    """Interpolate nodal values to a raster of angles [rad] and heights [m], shape (..., b, a).
+
+    Shapes are (..., k) for values at k nodes, (a,) for angles and (b,) for heights.
+    """
     around, along = (x.ravel() for x in np.meshgrid(angle, height))
     values = (grid.interpolation(around, along) @ nodal.T).T
     return values.reshape(*nodal.shape[:-1], len(height), len(angle))
@@ -138,7 +141,7 @@ def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.nda
 def draw_rasters(
     groups: Sequence[Sequence[Raster]], label: str, colours: str, *, from_zero: bool = True
 ) -> Figure:
-    """Draw maps below each other; the maps of a group have the same colours, see `draw_raster`."""
+    """Draw maps below each other; maps of a group share a colour scale, see `draw_raster`."""
     count = sum(map(len, groups))
     figure, grid_axes = plt.subplots(
         count, figsize=(WIDTH, HEIGHT * count + 0.5), layout="constrained",
@@ -171,14 +174,14 @@ def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colo
 
 
 def levels_between(low: float, high: float) -> np.ndarray:
-    """Boundaries of the colours between two values."""
+    """Round values between two limits, at which the colour of a map changes."""
     return MaxNLocator(LEVELS).tick_values(low, high if high > low else low + 1.0)
 
 
 def largest(
     values: np.ndarray, angle: np.ndarray, height: np.ndarray
 ) -> tuple[float, float, float]:
-    """Value of the largest magnitude on a raster, with its angle and height."""
+    """Value with the largest magnitude on a raster, and its angle and height."""
     row, column = np.unravel_index(np.argmax(np.abs(values)), values.shape)
     return values[row, column], angle[column], height[row]
 
@@ -241,10 +244,11 @@ def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.nd
     Returns
     -------
     gap, pressure
-        Gap in the section with the minimum film [m], and largest pressure over the width [Pa], at
-        `ANGLES`, shape (a,).
+        Gap in the section with the minimum film [m], and largest pressure over the width of the
+        bore [Pa], both at `ANGLES`, shape (a,).
     position
-        Eccentricity of the journal in the best-fitting circle of this gap, shape (2,) [m].
+        Eccentricity of the journal in the circle that fits the bore in this section, shape (2,)
+        [m].
     """
     height = np.unique(joint.grid.node_positions[:, 1].round(9))
     nodal = np.array([joint.film.gap[step], joint.film.pressure[step]])
@@ -256,12 +260,22 @@ def profile(joint: ShownJoint, step: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def outward(gap: np.ndarray, position: np.ndarray, clearance: float) -> np.ndarray:
-    """Radial displacement of the bore at `ANGLES` from a round bore, shape (a,) [m]."""
+    """Radial deviation of a bore from a round bore at `ANGLES`, shape (a,) [m].
+
+    Parameters
+    ----------
+    gap
+        Gap at `ANGLES`, shape (a,) [m].
+    position
+        Eccentricity of the journal, shape (2,) [m].
+    clearance
+        Radial clearance [m].
+    """
     return gap - clearance + position @ NORMALS
 
 
 def _scale(joint: ShownJoint, steps: list[int]) -> float:
-    """Magnification of clearance and deformation at some steps, a round number."""
+    """Magnification of clearance and deformation for the drawings at `steps`, a round number."""
     largest = clearance = joint.film.clearance
     for step in steps:
         gap, _, position = profile(joint, step)
@@ -310,10 +324,11 @@ def draw_section(
     axes
         Axes to draw in.
     gap, pressure
-        Magnified gap over the bore's radius, and pressure over the largest pressure, at `ANGLES`.
+        Magnified gap over the bore's radius, and pressure over the largest pressure, both at
+        `ANGLES`, shape (a,).
     position, clearance
-        Magnified position of the journal, shape (2,), and magnified radial clearance, both over the
-        bore's radius.
+        Magnified eccentricity of the journal, shape (2,), and magnified radial clearance, both over
+        the bore's radius.
     labels
         Labels of the pressure and of the thinnest film in the legend.
     turn, centre, radius
@@ -343,7 +358,7 @@ def draw_section(
 
 
 def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
-    """Set limits, legend and labels of angles for a section whose bore has the radius 1."""
+    """Set limits, legend and angle labels of the axes of a section whose bore has the radius 1."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH))
     axes.axis("off")
@@ -355,7 +370,7 @@ def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
 
 
 def plot_bearing(result: BearingResult, path: str | Path) -> None:
-    """Draw a bearing: map, curves and section, over angles from the load line.
+    """Draw the result of a bearing: map, curves and section. Angles are from the load line.
 
     Parameters
     ----------
@@ -415,7 +430,10 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
 
 
 def _mark(axes: Axes, result: BearingResult, ends: np.ndarray) -> None:
-    """Mark grooves between the `ends` [mm], the line of zero pressure, and the minimum film."""
+    """Mark grooves, the line with imposed zero pressure, and the angle of the minimum film.
+
+    `ends` are the heights of the lower and upper end of the bearing [mm].
+    """
     grooves = [
         (np.degrees(groove.angle - groove.width / 2) + turn, np.degrees(groove.width))
         for groove in result.settings.grooves

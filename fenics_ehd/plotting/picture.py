@@ -71,19 +71,19 @@ SETTINGS: dict[str, Any] = {
 
 
 def style(number: int) -> dict[str, Any]:
-    """Colour and dashes of the curve with a number, as arguments of `Axes.plot`."""
+    """Colour and dashes of curve `number` of a figure, as arguments of `Axes.plot`."""
     dashes = DASHES[number % len(DASHES)]
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": dashes}
 
 
 def factor_of(label: str) -> float:
-    """Factor from SI units to the unit in a label's brackets; 1 for angles and unknown units."""
+    """Factor from SI units to the unit in the brackets of a label; 1 for angles, unknown units."""
     known = unit(unit_of(label).partition(" of ")[0])
     return 1.0 if known is None or known.turns else float(1 / known.factor)
 
 
 def with_unit(value: float, label: str) -> str:
-    """Text of a value, with the unit in a label's brackets if the label has one."""
+    """Text of a value with its unit, which is in brackets in the label; without unit if none is."""
     symbol = unit_of(label)
     return f"{value:.4g}" + (symbol if symbol == "°" else f" {symbol}".rstrip())
 
@@ -113,7 +113,7 @@ SIGNATURES = {
 
 
 def kind_of(path: str | Path) -> Kind:
-    """Kind of a picture or animation, from the ending of its file."""
+    """Kind of the output file of a picture or animation, from the ending of its path."""
     ending = Path(path).suffix.lower()
     words = f"a {ending[1:].upper()} picture"
     if ending == ".mp4":
@@ -126,7 +126,7 @@ def kind_of(path: str | Path) -> Kind:
 def require_format(
     option: str, path: str | Path, known: Collection[str], inputs: Iterable[str | Path] = ()
 ) -> None:
-    """Refuse a file that cannot be written, before a picture for it is drawn.
+    """Refuse the path of a picture that cannot be written, before the picture is drawn.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
 
 
 def _numbered_clips(svg: bytes) -> bytes:
-    """Number the clip paths of an SVG file, which matplotlib names by memory addresses."""
+    """Name the clip paths of an SVG file by numbers instead of memory addresses."""
     for number, name in enumerate(re.findall(rb'<clipPath id="(\w+)"', svg)):
         svg = svg.replace(name, b"clip%d" % number)
     return svg

@@ -154,7 +154,7 @@ OF_EVERY_RUN = tuple(n for n, q in QUANTITIES.items() if isinstance(q, Curves | 
 
 
 def plot_run(directory: str | Path) -> list[Path]:
-    """Write the pictures of `OF_EVERY_RUN` that a run has data for into its folder."""
+    """Write the pictures `OF_EVERY_RUN` into the folder of a run, except those without data."""
     pictures = Pictures({"": directory})
     return [path for name in OF_EVERY_RUN for path in pictures.draw(name, directory)]
 
@@ -235,7 +235,7 @@ class Pictures:
                 )
 
     def full_name(self, name: str) -> str:
-        """Name of a quantity, with its joint if all runs have the same single joint."""
+        """Complete name of a quantity: ``JOINT.QUANTITY`` if the runs have only one joint."""
         quantity, selected = self._selected(name)
         if selected or len(self._joints_of_runs) != 1 or _is_of_run(quantity):
             return name
@@ -247,14 +247,17 @@ class Pictures:
         return list(dict.fromkeys(joint for run in self._runs for joint in run.joints))
 
     def _selected(self, name: str) -> tuple[str, Sequence[str]]:
-        """Quantity and joints of a name ``JOINT.QUANTITY``, or ``QUANTITY`` of chosen joints."""
+        """Split a name ``JOINT.QUANTITY`` into the quantity and its joint.
+
+        A name ``QUANTITY`` belongs to the joints that were chosen for all pictures.
+        """
         joint, _, quantity = name.rpartition(".")
         return quantity, [joint] if joint else self._joints
 
     def draw(self, name: str, directory: str | Path) -> list[Path]:
-        """Draw a quantity, and write the picture in each format; returns the paths.
+        """Draw a quantity, write the picture in each format, and return the paths of the files.
 
-        The names of pictures of several runs differ from those of one run, which are not replaced.
+        Files of several runs have other names than files of one run, and do not replace them.
         """
         rows = self._having(name)
         quantity = QUANTITIES[self._selected(name)[0]]
@@ -264,7 +267,7 @@ class Pictures:
             if self._difference:
                 assert isinstance(quantity, Curves | Paths)
                 figure = quantity.difference(
-                    {_less(t, *joints): joints for t, joints in rows.items()}
+                    {_title_of_difference(t, *joints): joints for t, joints in rows.items()}
                 )
             else:
                 figure = quantity.draw(rows)
@@ -276,7 +279,7 @@ class Pictures:
         return "-".join([quantity, *joints, *several])
 
     def _having(self, name: str) -> Rows:
-        """Joints by title for which a quantity can be drawn, or the runs as a whole."""
+        """Joints for which a quantity can be drawn, by title; for some quantities, whole runs."""
         selected, joints = self._selected(name)
         quantity = QUANTITIES[selected]
         rows = _rows(self._runs, joints)
@@ -300,13 +303,13 @@ def _is_of_run(quantity: str) -> bool:
     return isinstance(picture, Curves) and picture.of_run
 
 
-def _less(title: str, first: ShownJoint, second: ShownJoint) -> str:
-    """Title of a difference: the joint, and the names of second minus first run."""
+def _title_of_difference(title: str, first: ShownJoint, second: ShownJoint) -> str:
+    """Title of a difference: joint, name of the second run, "less", name of the first run."""
     return ": ".join(filter(None, (title, f"{second.run.name} less {first.run.name}")))
 
 
 def _rows(runs: Sequence[ShownRun], joints: Sequence[str]) -> Rows:
-    """Joints of the runs by name; if every run has a single joint, these joints form one entry."""
+    """Joints of the runs by name; if every run has one joint, these joints form a single entry."""
     known = list(dict.fromkeys(name for run in runs for name in run.joints))
     for name in joints:
         if name not in known:

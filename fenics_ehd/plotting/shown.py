@@ -84,17 +84,17 @@ class ShownRun:
     Attributes
     ----------
     cycle
-        History of the cycle; unless the run starts with the cycle, its first row is the cycle's
-        start.
+        History of the cycle. If the cycle starts between two steps, its first row is interpolated
+        at the start.
     time, angle
-        Times since the start of the cycle [s], and reference angles [degrees], 0 if no body turns.
+        Times since the start of the cycle [s], and reference angles [degrees] (0 if no body turns),
+        both of shape (t,).
     starts
-        Whether the cycle is the start of an initial value problem.
+        Whether the cycle is the first of the run, in which the films build up.
     figures
-        Results of the joints in the summary, by name; only those for this cycle.
+        Results of every joint for this cycle in the summary, by the name of the joint.
     label
-        Label of an incomplete cycle for the axis; empty for a complete cycle.
-        Label of an incomplete cycle, for the axis; empty for a complete cycle.
+        Label of an incomplete cycle for the horizontal axis; empty for a complete cycle.
 
     Raises
     ------
@@ -148,18 +148,21 @@ class ShownRun:
 
     @property
     def whole(self) -> ShownJoint:
-        """The run as a whole, with its energies, and works since the first step."""
+        """Columns of the run as a whole: energies, and works since the first step."""
         columns = self.cycle.run.columns
         stored = columns["kinetic_energy_J"] + columns["strain_energy_J"]
         return ShownJoint(self, "", columns | self._cycle_columns | {STORED: stored - stored[0]})
 
     @property
     def _cycle_columns(self) -> dict[str, np.ndarray]:
-        """Columns for the horizontal axis: the time, and the crank angle if a body turns."""
+        """Columns for the horizontal axis: time, and crank angle if a body turns."""
         return {TIME: self.time} | ({ANGLE: self.angle} if np.ptp(self.angle) else {})
 
     def _errors(self, joint: str) -> dict[str, np.ndarray]:
-        """Relative errors of a joint over time by component; empty without an error budget."""
+        """Estimated relative errors of a joint over time, by component of the error budget.
+
+        The result is empty if the run has no error budget.
+        """
         path = self.directory / ERROR_BUDGET
         if not path.is_file():
             return {}

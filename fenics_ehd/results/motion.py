@@ -19,11 +19,11 @@ from fenics_ehd.reduction.body import ReducedBody
 
 
 def between_steps(history: History, time: np.ndarray) -> History:
-    """Interpolate a run at instants within the recorded ones [s].
+    """Interpolate a recorded run at instants between its first and its last step [s].
 
-    Coordinates are interpolated by cubics of values and rates, so that joints remain closed between
-    two steps. All other quantities are interpolated by monotone cubics, or linearly if a value is
-    unknown.
+    Coordinates are interpolated by cubic polynomials through the values and rates at two steps, so
+    that joints remain closed between steps. All other quantities are interpolated by monotone
+    cubics, or linearly if a value is unknown.
     """
     clock = np.asarray(history.run.time)
 
@@ -37,7 +37,7 @@ def between_steps(history: History, time: np.ndarray) -> History:
 
 
 def nearest_steps(time: np.ndarray, count: int) -> np.ndarray:
-    """Indices of at most `count` steps that are evenly spaced in time."""
+    """Indices of the steps nearest to `count` evenly spaced times, each index once."""
     wanted = np.linspace(time[0], time[-1], count)
     return np.unique(np.abs(time[:, None] - wanted).argmin(axis=0))
 
@@ -95,14 +95,14 @@ class RecordedMotion:
         return self.motion.coordinates[:, self.system.bodies[body]]
 
     def marker(self, body: str, point: str, coordinates: np.ndarray | None = None) -> np.ndarray:
-        """Position and angle of a point, or of the origin for an empty name, shape (t, 3).
+        """Position [m] and angle [rad] of a point of a body, ``(x, y, angle)``, shape (t, 3).
 
         Parameters
         ----------
         body, point
-            Names of body and point.
+            Names of body and point; an empty point name is the origin of the body.
         coordinates
-            Coordinates that replace those of the body, shape (t, n).
+            Coordinates of the body in place of the recorded ones, shape (t, n).
         """
         rows = self.coordinates(body) if coordinates is None else coordinates
         return np.array([self.bodies[body].marker(point, row).values[:3] for row in rows])
@@ -130,10 +130,11 @@ class RecordedMotion:
         return coordinates[:, coordinates.shape[1] - part.modes :], amplitudes
 
     def in_equilibrium(self, body: str) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and amplitudes whose elastic forces balance the loads, shapes as `elastic`.
+        """Elastic coordinates and amplitudes that balance the loads without damping forces.
 
-        They are ``q + zeta q'`` and ``V p``, so that the forces of damping are included:
-        ``y + zeta y' = V p``.
+        The coordinates are ``q + zeta q'``: elastic coordinates q, damping time zeta. The
+        amplitudes are the static ones, ``V p`` for nodal pressures p, because amplitudes y of the
+        run obey ``y + zeta y' = V p``. Shapes are those of `elastic`.
         """
         part = self.part(body)
         (coordinates, amplitudes) = self.elastic(body)
@@ -166,7 +167,7 @@ class RecordedMotion:
         Raises
         ------
         SettingsError
-            Pressures reach a surface by a mortar.
+            The transfer of a film to the bore is ``mortar``: nodal forces are then unknown.
         """
         part = self.part(body)
         forces = np.zeros((len(self.time), len(part.bore_basis), 3))
@@ -178,7 +179,7 @@ class RecordedMotion:
                 if bound.surface.mortar:
                     raise SettingsError(
                         f"joints.{binding.name}.transfer = 'mortar': nodal forces on the bore are "
-                        "computed only with 'conservative'"
+                        "known only with 'conservative'"
                     )
                 pressure = self.motion.pressures[binding.name].T
                 nodal = bound.surface.nodal_forces(pressure, self._contact_forces(i), angles)
@@ -200,13 +201,16 @@ class RecordedMotion:
 
     @cached_property
     def gaps(self) -> dict[str, np.ndarray]:
-        """Film thickness at the nodes of every film by joint, shape (t, k) [m]."""
+        """Film thickness at the k nodes of every film, by joint, shape (t, k) [m]."""
         films = self.system.films
         return {p.name: self.observed[p.name][:, -self.nodes(p) :] for p in films}
 
     @cached_property
     def observed(self) -> dict[str, np.ndarray]:
-        """Film thickness by joint at the Gauss points, followed by the nodes, of its film [m]."""
+        """Film thickness of every film, by joint, shape (t, g + k) [m].
+
+        The g Gauss points of the film come first, then its k nodes.
+        """
         norm = StepNorm(self._equations)
         rows = [norm.film_gaps(norm.observe(state)) for state in self._states]
         names = [binding.name for binding in self.system.films]
@@ -226,7 +230,7 @@ class RecordedMotion:
 
     @staticmethod
     def nodes(binding: FilmBinding) -> int:
-        """Number of nodes of a film, at which the gap is observed after the Gauss points."""
+        """Number of nodes of a film."""
         return len(binding.film.film.parameters.grid.node_positions)
 
     def bore_pressure(self, body: str) -> np.ndarray:

@@ -52,10 +52,10 @@ class PartFields:
         Nodes of every cell in the order of VTK's quadratic hexahedron or tetrahedron, shape (c, 20
         or 10).
     basis
-        Displacements for unit elastic coordinates, shape (p, 3, n) [m].
+        Displacements of the nodes for unit elastic coordinates, shape (p, 3, n) [m].
     patterns
-        Displacements for unit residual patterns (M4), shape (p, 3, r) [m/Pa]; r = 0 for other
-        methods.
+        Displacements of the nodes for unit amplitudes of the residual patterns (M4), shape
+        (p, 3, r) [m/Pa]; r = 0 for other reduction methods.
     """
 
     nodes: np.ndarray
@@ -64,19 +64,23 @@ class PartFields:
     patterns: np.ndarray
 
     def displacement(self, coordinates: np.ndarray, quasi_static: np.ndarray) -> np.ndarray:
-        """Elastic displacement for coordinates (n,) and amplitudes (r,), shape (p, 3) [m]."""
+        """Elastic displacement of the nodes, shape (p, 3) [m].
+
+        It belongs to elastic coordinates, shape (n,), and amplitudes of patterns, shape (r,).
+        """
         return self.basis @ coordinates + self.patterns @ quasi_static
 
 
 def gather_part(structure: Structure, body: ReducedBody, columns: np.ndarray) -> PartFields | None:
-    """Collect nodes, cells and displacements of a distributed part on rank 0; None elsewhere.
+    """Collect a distributed part with its displacement fields on rank 0; None on other ranks.
 
     Parameters
     ----------
     structure, body
         Structure of the part, and its reduced body.
     columns
-        Basis of displacement fields of the complete part, owned rows, shape (owned dofs, n).
+        Basis of displacement fields of the complete part: rows of the dofs of this rank, shape
+        (dofs, n).
 
     Raises
     ------
@@ -99,9 +103,9 @@ def gather_part(structure: Structure, body: ReducedBody, columns: np.ndarray) ->
 
 
 def part_of_basis(file: BasisFile, body: ReducedBody) -> PartFields | None:
-    """A complete part from its basis file; None if the basis belongs to another body.
+    """Complete part from a basis file; None if the basis belongs to another body.
 
-    The file contains no residual patterns (M4), which then move only the nodes of the bores.
+    Basis files contain no residual patterns (M4); these patterns move only the nodes of bores.
     """
     nodes = file.nodes
     moved = bore_fields(body)
@@ -160,18 +164,18 @@ _SAME = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One body or film of a series.
+    """Mesh and fields of one body or film of a ParaView series, at t instants.
 
     Attributes
     ----------
     group, name
         Group, ``bodies`` or ``films``, and name of the body or film.
     kind, cells
-        Name of its cells in meshio, and nodes of the cells.
+        Meshio's name of the cells, and node indices of each cell, shape (c, k).
     points, displacement
-        Positions at all instants, and elastic displacements, each of shape (t, p, 3) [m].
+        Positions and elastic displacements of the nodes, each of shape (t, p, 3) [m].
     fields
-        Scalar fields by name, shape (t, p).
+        Scalar fields at the nodes by name, shape (t, p).
     """
 
     group: str
@@ -186,12 +190,14 @@ class Block:
 def moved_along(
     poses: np.ndarray, points: np.ndarray, displacement: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points (p, 3) and displacements (t, p, 3) of a moving frame, in space, shapes (t, p, 3) [m].
+    """Transform points and displacements from a moving frame to space, both (t, p, 3) [m].
 
     Parameters
     ----------
     poses
         Poses of the frame, ``(x, y, angle)``, shape (t, 3) [m], [rad].
+    points, displacement
+        Positions, shape (p, 3), and displacements, shape (t, p, 3), in the moving frame [m].
     """
     turns = Rotation.from_euler("z", poses[:, 2]).as_matrix().transpose(0, 2, 1)
     origins = np.pad(poses[:, None, :2], [(0, 0), (0, 0), (0, 1)])
@@ -212,7 +218,7 @@ def part_block(replay: RecordedMotion, name: str, part: PartFields) -> Block:
 
 
 def line_block(replay: RecordedMotion, name: str) -> Block:
-    """Block of another body: lines from its origin to its points, or along a shaft."""
+    """Block of a body without a complete part: lines from origin to points, or along a shaft."""
     body = replay.bodies[name]
     coordinates = replay.coordinates(name)
     points = ["", *body.point_names]
@@ -238,7 +244,7 @@ def line_block(replay: RecordedMotion, name: str) -> Block:
 
 
 def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -> Block:
-    """Block of a film on its bore, which moves and deforms with its body."""
+    """Block of a film on the surface of its bore, which moves and deforms with the bore's body."""
     kind, order = FILM_CELLS[film.family]
     angle = np.asarray(film.angle)
     height = np.asarray(film.height)
@@ -259,9 +265,9 @@ def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -
 
 
 def height_at(replay: RecordedMotion, name: str, point: str) -> float:
-    """Height of a point of a body [m]: 0, or for a shaft the distance from its first end.
+    """Height of a point of a body [m]: 0, or the distance from the first end of a shaft.
 
-    The heights of a shaft in a bore of known height are shifted to agree with it.
+    If the height of a bore is known, the heights of the shaft in it are shifted to agree with it.
     """
     body = replay.bodies[name]
     if not isinstance(body, ShaftBody):
@@ -366,7 +372,7 @@ def _write_block(path: Path, block: Block, instant: int) -> None:
 
 
 def _multi_block(groups: Mapping[str, Sequence[tuple[str, str]]]) -> str:
-    """Multi-block file: paths of the files by the name of their block, in groups."""
+    """Text of a multi-block file; `groups` has the name and file path of every block by group."""
     lines = ["  <vtkMultiBlockDataSet>"]
     for number, (group, members) in enumerate(groups.items()):
         lines.append(f'    <Block index="{number}" name={quoteattr(group)}>')

@@ -2,14 +2,14 @@
 
 Imports inside functions: `largest_multiplier` is slow to import, and most runs do not need it.
 
-The folder of a run is locked by one process at a time. A run replaces a former run in its folder
-that is not complete. If the folder has a complete result, the run writes to the subfolder
-``replacement``, whose files replace the former ones as soon as the run is complete. Therefore, if
-the process is killed at any instant, the folder has a complete result, a run to resume, or both.
+The folder of a run is locked by one process at a time. A run replaces a former, incomplete run in
+its folder. If the folder has a complete result, the run writes to the subfolder ``replacement``;
+these files replace the former files as soon as the run is complete. Therefore, if the process is
+killed at any instant, the folder has a complete result, a run to resume, or both.
 
-A checkpoint is one file with the history so far and the state that rows do not contain: points of
-the integrator's formula, the search for a cycle, times. The steps of a resumed run are bitwise
-those of an uninterrupted run.
+A checkpoint is one file with the history so far and the state that rows of the history do not
+contain: points of the integrator's formula, the search for a cycle, times. The steps of a resumed
+run are bitwise those of an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.analysis.error_budget import Estimator
-from fenics_ehd.analysis.flexibility_check import Responding
+from fenics_ehd.analysis.flexibility_check import PartInMemory
 from fenics_ehd.base.columns import csv_line
 from fenics_ehd.base.errors import EhdError, InputError, OutputError, SolverError
 from fenics_ehd.base.files import (
@@ -79,7 +79,7 @@ from fenics_ehd.multibody.verdict import verdict
 
 
 class _Unobserved:
-    """Standard error that ignores errors of writing, from a closed pipe or a full disk."""
+    """Standard error stream that ignores failed writes, for instance to a closed pipe."""
 
     def write(self, text: str) -> None:
         """Write a text, unless the stream is broken."""
@@ -132,17 +132,17 @@ MADE = (
 
 
 def written_by_run(bodies: Iterable[str]) -> tuple[str, ...]:
-    """Names of all files and folders that a run with these flexible bodies writes."""
+    """Names of all files and folders that a run with flexible `bodies` writes."""
     return (*MADE, *RUN, *(BODY_FILE.format(name) for name in bodies))
 
 
-def _of_run(name: str) -> bool:
-    """True if a run cannot be resumed without the file of this name."""
+def _needed_to_resume(name: str) -> bool:
+    """True if the file of this name is needed to resume a run."""
     return name in RUN or name.startswith("body-")
 
 
 def require_folder_of(directory: Path, command: str) -> None:
-    """Refuse a folder made by another command; for a run also a subfolder of another run.
+    """Refuse a folder that another command made; for a run, also a subfolder of another run.
 
     Raises
     ------
@@ -180,7 +180,7 @@ NOT_WRITTEN = tuple(f"failed: {name}: " for name in (FIELDS_NAME, CSV_NAME, ERRO
 
 
 def _stopped(directory: Path) -> bool:
-    """True if the folder has a checkpoint of a run that was killed, interrupted, or stopped."""
+    """True if the folder has a checkpoint of a run that ended before it was complete."""
     status = status_of(directory)
     ended_early = status in ("", "interrupted") or status.startswith(NOT_WRITTEN)
     return ended_early and (directory / FIELDS_NAME).is_file()
@@ -293,7 +293,7 @@ class RunFolder:
         clear(self.directory, [REPLACEMENT])
 
     def _release(self) -> None:
-        """Delete files of a run without a step, except a stored failed film; unlock the folder."""
+        """Delete files of a run that has no step, except a saved failed film; unlock the folder."""
 
         def holds(name: str, *more: str) -> bool:
             there = (FIELDS_NAME, SUMMARY, *more)
@@ -303,7 +303,10 @@ class RunFolder:
             if not holds(REPLACEMENT, FAILED_FILM):
                 clear(self.directory, [REPLACEMENT])
             if not holds("."):
-                clear(self.directory, [name for name in listed(self.directory) if _of_run(name)])
+                clear(
+                    self.directory,
+                    [name for name in listed(self.directory) if _needed_to_resume(name)],
+                )
             let_go(self.directory, folder=self._made)
         self._lock.close()
 
@@ -321,14 +324,14 @@ class RunFolder:
 
 
 class CsvFile:
-    """File ``history.csv``, to which rows are appended; of a resumed run, after `rows` former rows.
+    """File ``history.csv``, to which rows are appended; a resumed run keeps the first `rows` rows.
 
     Raises
     ------
     InputError
         At the first row, if the file does not belong to the resumed run.
     OutputError
-        The file cannot be written; all rows before remain readable.
+        The file cannot be written; all rows that were written before remain readable.
     """
 
     def __init__(self, path: Path, rows: int):
@@ -339,14 +342,14 @@ class CsvFile:
     def write(self, row: Mapping[str, float]) -> None:
         """Append a row, given as values by column."""
         if self._file is None:
-            self._file = self._begun(csv_line([*row]))
+            self._file = self._opened(csv_line([*row]))
         line = csv_line([f"{value:.10g}" for value in row.values()])
         with naming(self._path):
             while line:
                 line = line[self._file.write(line) :]
 
-    def _begun(self, header: bytes) -> FileIO:
-        """Open the file after its header and the former rows."""
+    def _opened(self, header: bytes) -> FileIO:
+        """Write the header and the former rows again, and open the file for appending."""
         lines = [header]
         if self._rows:
             lines = self._path.read_bytes().splitlines(keepends=True)[: 1 + self._rows]
@@ -386,9 +389,9 @@ class Checkpoint:
     Attributes
     ----------
     about
-        Entries of the summary that are kept from the first start, see `BEGAN`.
+        Entries of the summary that are kept from the first start of the run, see `BEGAN`.
     digests
-        Checksums by file name of the inputs, which must not change.
+        Checksums of the input files by file name; a resumed run must have the same inputs.
     state
         State of the run after its last step, see `Recorder`.
     history
@@ -436,7 +439,7 @@ def load_run_state(folder: Path) -> Checkpoint:
 
 
 def _integration(tree: Mapping[str, Any]) -> IntegratorState[SolverState]:
-    """Integrator state from a stored tree; at the start of a run it has no solver state."""
+    """Make an integrator state from a stored tree; at the start of a run, `solver` is None."""
     values = INTEGRATOR_STATE.arguments(tree)
     solver = values.get("solver")
     values["solver"] = solver and SolverState(**SolverState.layout.arguments(solver))
@@ -474,9 +477,9 @@ def save_run_state(run: Recorder, directory: Path, fields: Mapping[str, Any]) ->
 def recorded_steps(
     run: Recorder, directory: Path, fields: Mapping[str, Any], interval: float
 ) -> Generator[MechanismStep, None, None]:
-    """Take the steps of a run, write their rows and checkpoints, and yield the steps.
+    """Integrate a run and yield its steps; write their rows and checkpoints.
 
-    A last checkpoint is written at the end.
+    A last checkpoint is written at the end of the run.
 
     Parameters
     ----------
@@ -506,7 +509,7 @@ def recorded_steps(
 
 
 def estimate_errors(
-    run: Recorder, directory: Path, parts: Mapping[str, Responding] | None = None
+    run: Recorder, directory: Path, parts: Mapping[str, PartInMemory] | None = None
 ) -> tuple[Budgets, dict[str, Any]]:
     """Estimate the errors of a complete run, and store them over time in its folder.
 
@@ -515,15 +518,16 @@ def estimate_errors(
     run, directory
         The run and its folder.
     parts
-        Static responses of the parts that are at hand, see `Estimator`.
+        Parts in memory, by the name of their body, see `Estimator`.
 
     Returns
     -------
     budgets
         Error budget of every joint, by its name.
     entries
-        Entries of ``summary.json``: processor time, Newton iterations, reasons for missing
-        estimates, and parts of the time without an estimate.
+        Entries of ``summary.json`` about the estimates: processor time [s], Newton iterations,
+        reasons for missing estimates, time intervals without an estimate, and errors of the
+        flexibility.
     """
     budget = Estimator(run, parts).budget()
     over_time = budget.over_time(run.began.time)
@@ -564,7 +568,7 @@ def record_run(
     multiplier: bool,
     judge: Judge | None,
 ) -> dict[str, Any]:
-    """Integrate a run to its end, or until its films repeat; write its files, return its summary.
+    """Integrate a run to its end, or until it is periodic; write its files, return its summary.
 
     Parameters
     ----------
@@ -573,9 +577,10 @@ def record_run(
     directory
         Folder for ``history.csv``, ``history.h5``, ``summary.json`` and the checkpoint.
     about
-        Further entries of the summary; those in `BEGAN` are kept when a run is resumed.
+        Further entries of the summary. A resumed run keeps the entries in `BEGAN` of its first
+        start.
     fingerprints
-        Checksums of the inputs by file name, which must be those of the first start.
+        Checksums of the inputs by file name; they must be the same as at the first start.
     interval
         Time between two checkpoints [s].
     shown
@@ -621,7 +626,10 @@ def record_run(
             for number, step in enumerate(steps):
                 if former is not None and number == 0:
                     # Files made from the former steps are obsolete as soon as the run is resumed.
-                    clear(directory, [name for name in listed(directory) if not _of_run(name)])
+                    clear(
+                        directory,
+                        [name for name in listed(directory) if not _needed_to_resume(name)],
+                    )
                 _show(bar, run, step)
                 check()
             if multiplier:

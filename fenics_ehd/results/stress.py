@@ -35,13 +35,15 @@ class CycleStress:
         Positions of the nodes, shape (p, 3) [m]; nodes of every cell in VTK's order, shape (c, 20
         or 10).
     half_range
-        Half range of the stress at every node, see `HalfRange`.
+        Largest half-range of the stress at every node, see `HalfRange`.
     principal, principal_instants
         Largest principal stress at every node [Pa], and index of its instant, shape (p,).
     half_range_node, principal_node
-        Indices of the nodes at which half range and principal stress are largest.
+        Index of the node with the largest half-range, and of that with the largest principal
+        stress.
     half_range_around, principal_around
-        Least and largest of these values in the single cells around these nodes [Pa].
+        Half-range at `half_range_node`, and principal stress at `principal_node`, before averaging
+        over cells: least and largest value of the cells around the node [Pa].
     """
 
     nodes: np.ndarray
@@ -65,9 +67,9 @@ def cycle_stress(
 ) -> CycleStress:
     """Extreme stresses of a part over a cycle, from its coordinates; on one rank.
 
-    Stresses are linear in the displacements ``T q`` and the residual patterns. They are computed
-    for the modes, or for the displacements at the instants if these are fewer, block by block of
-    cells.
+    Stresses are linear in the modes and the residual patterns. They are computed for every mode and
+    pattern; if there are fewer instants than modes and patterns, for the displacements at every
+    instant. Blocks of cells are processed one by one.
 
     Parameters
     ----------
@@ -79,8 +81,8 @@ def cycle_stress(
         Coordinates q, shape (t, n), and amplitudes of residual patterns, shape (t, r), at the
         instants, see `RecordedMotion.in_equilibrium`.
     loads
-        Forces and speeds, see `missing_fields`; the response to them that the basis lacks replaces
-        the residual patterns. If it is None, the residual patterns are used.
+        Forces and speeds, see `missing_fields`. Displacements that the basis does not contain are
+        computed from these loads. If it is None, the residual patterns are used instead.
 
     Raises
     ------
@@ -91,7 +93,7 @@ def cycle_stress(
     """
     recovery = structure.recovery
     if recovery is None or recovery.stress is None:
-        raise SettingsError("the structure has no elements, which stresses are computed from")
+        raise SettingsError("the structure has no elements: stresses need them")
     histories = None
     if loads is None:
         fields, histories = _displacements(structure, body, columns, coordinates, amplitudes)
@@ -143,7 +145,16 @@ def _displacements(
     coordinates: np.ndarray,
     amplitudes: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Fields (dofs, c), and their factors (c, t) at the instants; None for a field per instant."""
+    """Displacement fields of a part, and their factors at the instants.
+
+    Returns
+    -------
+    fields
+        Displacement fields, shape (dofs, c) [m].
+    factors
+        Factor of each field at each instant, shape (c, t). None: the fields are the displacements
+        at the instants, c = t.
+    """
     time, modes = coordinates.shape
     rank = amplitudes.shape[1]
     if modes + rank <= time:
@@ -192,7 +203,10 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
 
 
 def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:
-    """Write extreme stresses on the undeformed part for ParaView; `time` has the instants [s]."""
+    """Write a ParaView file of the extreme stresses on the undeformed part.
+
+    `time` has the times of the instants [s].
+    """
     half_range = stress.half_range
     data = {
         "half_range_von_mises_Pa": half_range.von_mises,
