@@ -430,7 +430,7 @@ def test_a_user_without_a_home_folder_has_no_cache(monkeypatch, capfd):
     status, out, err = exit_of(capfd, "info", "--cache")
     assert (status, out) == (0, "no folder of reduced bodies is used\n")
     assert "reduced bodies are not kept: user " in err
-    assert "has no home folder, which has the cache: set HOME" in err
+    assert "has no home folder: set HOME" in err
 
 
 def test_a_relative_path_of_the_cache_is_reported(monkeypatch, tmp_path, capfd):

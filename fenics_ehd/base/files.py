@@ -92,21 +92,9 @@ def user_cache() -> Path:
 
     A relative path in ``XDG_CACHE_HOME`` is ignored, as its specification demands: with it, files
     would be read from the current folder.
-
-    Raises
-    ------
-    OutputError
-        If the user has no home folder.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if cache.is_absolute():
-        return cache
-    try:
-        return Path.home() / ".cache"
-    except RuntimeError:
-        raise OutputError(
-            f"user {os.geteuid()} has no home folder, which has the cache: set HOME"
-        ) from None
+    return cache if cache.is_absolute() else Path.home() / ".cache"
 
 
 #: Environment variable with the path of the folder of reduced bodies, or with `CACHE_OFF`, and the

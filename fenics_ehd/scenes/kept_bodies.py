@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.errors import BodyFileError, EhdError, OutputError
+from fenics_ehd.base.errors import BodyFileError, EhdError
 from fenics_ehd.base.files import CACHE_OFF, CACHE_VARIABLE, PART, lock_taken, user_cache
 from fenics_ehd.base.libraries import origin, version_of
 from fenics_ehd.base.printed import escaped
@@ -186,8 +186,8 @@ def folder() -> Path | None:
     named = Path(os.environ.get(CACHE_VARIABLE, ""))
     try:
         path = named if named.is_absolute() else user_cache() / "fenics_ehd"
-    except OutputError as error:
-        report(f"reduced bodies are not kept: {error}")
+    except RuntimeError:  # of the standard library
+        report(f"reduced bodies are not kept: user {os.geteuid()} has no home folder: set HOME")
         return None
     if named.parts and path != named:
         report(f"{CACHE_VARIABLE} = {named} is not an absolute path: {path} is used")
