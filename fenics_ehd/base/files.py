@@ -358,7 +358,7 @@ def listed(directory: Path) -> tuple[str, ...]:
     for name in names:
         if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
             raise InputError(
-                f"{path}: {name!r} is not a name in this folder: this program did not make the list"
+                f"{path}: {name!r} is not a name in this folder: fenics-ehd did not write this list"
             )
     return names
 
@@ -380,7 +380,7 @@ def _lines(directory: Path) -> tuple[str, ...]:
         lines = read_text(path).split("\n")
         if lines[0] not in ("", HEADER):
             raise OSError(
-                "not a list that this program made: move it away, or choose another folder"
+                "fenics-ehd did not write this list: move it away, or choose another folder"
             )
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: {error}") from None

@@ -324,9 +324,7 @@ class OpenedPart:
             known = ", ".join(f"{n} of {r * 1e3:.6g} mm" for n, r in round_ones) or "none"
         if len(numbers) != 1:
             which = f"faces {', '.join(map(str, numbers))} are" if numbers else "no face is"
-            raise MeshError(
-                f"{self.path}: {which} {wanted!r}; known are {known}: name one by number"
-            )
+            raise MeshError(f"{self.path}: {which} {wanted!r}: give a face by its number: {known}")
         face = self.faces[numbers[0] - 1]
         if kinds and face.kind not in kinds:
             raise MeshError(
