@@ -373,7 +373,7 @@ def _plain(name: str) -> str:
 
 
 def _spoken(name: str) -> tuple[str, ...]:
-    """Names of a grade that settings may use, plain: SAE5W30 and 5W30 for SAE 5W-30."""
+    """Spellings of a grade's name that are accepted, plain: SAE5W30 and 5W30 for SAE 5W-30."""
     full = _plain(name)
     short = full.removeprefix("ISO").removeprefix("SAE")
     return (full, short) if not short.isdigit() else (full,)
@@ -571,8 +571,8 @@ class Lubricant:
         """
         if self.oil is None:
             raise SettingsError(
-                f"the lubricant has a fixed viscosity of {self.viscosity:g} Pa s, and none at "
-                f"{temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
+                f"the lubricant has a constant viscosity of {self.viscosity:g} Pa s, not one that "
+                f"is known at {temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
             )
         there = self.of(self.oil, temperature)
         law = self.viscosity_law
