@@ -69,14 +69,14 @@ def number(
     most: float | None = None,
     usual: tuple[float, float] | None = None,
     example: str = "",
-    words: Mapping[str, float] = MappingProxyType({}),
+    words: Mapping[str, float] | None = None,
 ) -> Any:
     """Field for a real number with limits: `above`, `below` exclusive, `least`, `most` inclusive.
 
     The help text has the unit of the setting in brackets; a text is accepted as a number with its
-    own unit, or as one of the `words` with their numbers. The message about a value beyond a limit has the unit of the setting and the
-    `example`, because the value may be in another unit. `fenics_ehd.base.settings.unusual` reports
-    magnitudes outside `usual`.
+    own unit, or as one of the `words`, by which numbers are known. The message about a value beyond a
+    limit has the unit of the setting and the `example`, because the value may be in another unit.
+    `fenics_ehd.base.settings.unusual` reports magnitudes outside `usual`.
     """
     unit = unit_of(help_text)
     measured = f"in {unit}, " if unit else ""
@@ -84,7 +84,7 @@ def number(
     check = limits(above=above, least=least, below=below, most=most, unit=unit, hint=hint)
 
     def convert(value: Any) -> Any:
-        if isinstance(value, str) and value in words:
+        if words and isinstance(value, str) and value in words:
             return words[value]
         return as_float(value, unit)
 

@@ -343,7 +343,7 @@ class AngleTableSettings:
     crankcase_pressure: float = only_with(
         number(
             0.0,
-            "pressure below the piston [Pa]; 0 for a table of pressures above that of the crankcase",
+            "pressure below the piston [Pa]; 0 if those of the table are above it",
             least=0,
             below=1e7,
         ),
@@ -372,8 +372,8 @@ class TimeSettings:
     )
     revolutions: float = number(
         0.0,
-        "number of revolutions in the run or period, or two-stroke or four-stroke; 0: given by end "
-        "or period",
+        "number of revolutions in the run or period, or two-stroke or four-stroke; 0: given by "
+        "end or period",
         least=0,
         words=STROKES,
     )
