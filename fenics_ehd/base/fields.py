@@ -74,9 +74,9 @@ def number(
     """Field for a real number with limits: `above`, `below` exclusive, `least`, `most` inclusive.
 
     The help text has the unit of the setting in brackets; a text is accepted as a number with its
-    own unit, or as one of the `words`, by which numbers are known. The message about a value beyond a
-    limit has the unit of the setting and the `example`, because the value may be in another unit.
-    `fenics_ehd.base.settings.unusual` reports magnitudes outside `usual`.
+    own unit, or as one of the `words`. The message about a value beyond a limit has the unit of the
+    setting and the `example`, because the value may be in another unit. Magnitudes outside `usual`
+    are reported by `fenics_ehd.base.settings.unusual`.
     """
     unit = unit_of(help_text)
     measured = f"in {unit}, " if unit else ""

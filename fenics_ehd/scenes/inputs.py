@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import radians
+from pathlib import Path
 
 import attrs
 import numpy as np

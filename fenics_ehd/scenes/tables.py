@@ -13,11 +13,11 @@ comments.
 
 Angles ascend from any first angle and span one period, 360 or 720 degrees. The last value must be
 the first value. A table without its last row is closed if the spacing of its rows shows that only
-this row is missing: angles from 0 to 719 in steps of 1. The curve between the rows is a periodic cubic spline with limited slopes (F. N.
-Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17, 1980). It never leaves the range of two
-neighbouring rows, whereas the spline without limits falls below zero next to an ignition of a few
-rows. If the rows of a smooth curve are close, the limits change slopes at extremes only. The slope
-is continuous, as Newton's method needs.
+this row is missing: angles from 0 to 719 in steps of 1. The curve between the rows is a periodic
+cubic spline with limited slopes (F. N. Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17, 1980).
+It never leaves the range of two neighbouring rows, whereas the spline without limits falls below
+zero next to an ignition of a few rows. If the rows of a smooth curve are close, the limits change
+slopes at extremes only. The slope is continuous, as Newton's method needs.
 
 **Over time:**
 
