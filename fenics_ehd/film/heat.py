@@ -130,9 +130,9 @@ def require_cycle(periodic: bool, key: str) -> None:
     """
     if not periodic:
         raise SettingsError(
-            f"{key}: heat is balanced over a cycle, and a run with time.periodic = false has no "
-            f"cycle: set time.periodic = true, or remove {key} (the oil then has the temperature "
-            "of its lubricant)"
+            f"{key}: heat is balanced over a cycle, but a run with time.periodic = false has no "
+            "cycle: set time.periodic = true, or drop the table heat, so that the oil has the "
+            "temperature of its lubricant"
         )
 
 
@@ -273,17 +273,16 @@ class TemperatureSearch(Stateful):
             Remark on the last temperature, for the message.
         """
         return HeatError(
-            f"{self._name}: the oil cannot carry away the heat: {self.power:.3g} W with a flow of "
-            f"{1e6 * self.flow:.3g} cm3/s have no balance up to {self.temperature:.4g} C{last}: "
-            "raise the clearance, the supply or conducted_share, or lower supply_temperature or "
-            "the speed"
+            f"{self._name}: the oil cannot carry away the heat: a flow of "
+            f"{1e6 * self.flow:.3g} cm3/s does not remove {self.power:.3g} W at any effective "
+            f"temperature up to {self.temperature:.4g} C{last}: raise the clearance, the supply or "
+            "conducted_share, or lower supply_temperature or the speed"
         )
 
     def _learn(self, viscosity: float, rise: float) -> None:
-        """Set the exponent of the viscosity in the power law of the temperature rise.
+        """Set the exponent from logarithms of viscosity and temperature rise at two temperatures.
 
-        It is computed from the natural logarithms of viscosity and temperature rise at two
-        temperatures; the temperature rise is proportional to power over flow.
+        The temperature rise is proportional to power over flow.
         """
         if self.last is not None and abs(viscosity - self.last[0]) > self._least_change:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])
