@@ -3,9 +3,10 @@
 import attrs
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.shaft import beam_plane
+from fenics_ehd.multibody.shaft import _element, _shape_functions, beam_plane
 
 LENGTH, MODULUS, DENSITY = 1.0, 210e9, 7446.0
 FORCE, BEARING_WIDTH = 3600.0, 0.022
@@ -226,3 +227,148 @@ def test_unbalance_whirl_in_time(figure):
         errors.append(np.abs(found - exact).max() / np.abs(exact).max())
     figure("rotor", "the same in time, from rest", errors[1], most=3e-3, unit="%")
     assert errors[0] / errors[1] > 10  # order 2: tolerance^(2/3), 21
+
+
+# --- Shear
+
+
+def sheared(diameter=0.045, *, elements=20, supports=1e13, theory="timoshenko", density=DENSITY):
+    """A shaft of Timoshenko's beam theory, pinned at its ends by default."""
+    return ehd.Shaft(LENGTH, diameter, MODULUS, density, supports, elements, theory)
+
+
+def shear_stiffness(beam):
+    """Kappa G A of a steel shaft, with the coefficient of Cowper for a circle [N]."""
+    return 6 * 1.3 / (7 + 6 * 0.3) * MODULUS / 2.6 * beam.area
+
+
+def timoshenko_frequencies(beam, modes):
+    """Of a pinned beam: lower root of Timoshenko's frequency equation for each half wave [rad/s].
+
+    ``rho^2 I / (kappa G) w^4 - (rho A + rho I k^2 (1 + E / (kappa G))) w^2 + E I k^4 = 0``
+    """
+    k = np.pi * np.arange(1, modes + 1) / LENGTH
+    area, moment, density = beam.area, beam.second_moment, beam.density
+    shear = shear_stiffness(beam) / area
+    square = density**2 * moment / shear
+    linear = density * (area + moment * k**2 * (1 + MODULUS / shear))
+    constant = MODULUS * moment * k**4
+    return np.sqrt(2 * constant / (linear + np.sqrt(linear**2 - 4 * square * constant)))
+
+
+def test_element_matrices_are_integrals_of_its_shape_functions():
+    h, phi = 0.3, 0.7
+    points, weights = np.polynomial.legendre.leggauss(4)
+    functions = [_shape_functions((x + 1) / 2, h, phi) for x in points]
+    _, translation, rotation = _element(h, phi)
+    for matrix, row in ((translation, 0), (rotation, 1)):
+        integral = sum(
+            0.5 * h * w * np.outer(n[row], n[row]) for w, n in zip(weights, functions, strict=True)
+        )
+        np.testing.assert_allclose(matrix, integral, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("elements", [1, 7])
+@pytest.mark.parametrize("diameter", [0.01, 0.3])
+def test_a_cantilever_deflects_by_bending_and_shear(diameter, elements, figure):
+    plane = beam_plane(sheared(diameter, elements=elements, supports=0.0))
+    deflection, rotation = plane.point(1.0)
+    free = np.linalg.solve(plane.stiffness[2:, 2:], FORCE * deflection[2:])
+    rigidity = MODULUS * plane.shaft.second_moment
+    expected = FORCE * (LENGTH**3 / 3 / rigidity + LENGTH / shear_stiffness(plane.shaft))
+    error = abs(deflection[2:] @ free / expected - 1)
+    figure("rotor", "end of a cantilever with shear, one element and seven", error, most=1e-9)
+    # The section at the end rotates by bending alone; between the nodes the solution is exact too.
+    assert rotation[2:] @ free == pytest.approx(FORCE * LENGTH**2 / 2 / rigidity, rel=1e-9)
+    x = 0.37 * LENGTH
+    bent = x**2 * (3 * LENGTH - x) / 6 / rigidity + x / shear_stiffness(plane.shaft)
+    assert plane.point(0.37)[0, 2:] @ free == pytest.approx(FORCE * bent, rel=1e-9)
+
+
+def test_frequencies_of_a_pinned_beam_with_shear_are_those_of_timoshenko(figure):
+    thick = sheared(0.2)
+    supports = 1e9 * MODULUS * thick.second_moment / LENGTH**3
+    expected = timoshenko_frequencies(thick, 4)
+    # Shear takes 26 % off the fourth frequency of this beam, rotary inertia 9 %.
+    assert 0.7 < expected[3] / pinned_frequencies(thick, 4)[3] < 0.8
+    errors = []
+    for elements in (8, 16, 32):
+        plane = beam_plane(sheared(0.2, elements=elements, supports=supports))
+        errors.append(ehd.ModalRotor.of(plane, 4).angular / expected - 1)
+    rates = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    figure("rotor", "beam elements with shear, frequency equation, 32 elements, first mode",
+           np.abs(errors[-1][0]), most=4e-5, unit="%")  # fmt: skip
+    figure("rotor", "beam elements with shear, observed order less 2",
+           np.abs(rates[1] - 2).max(), most=0.05)  # fmt: skip
+    # Deflection by shear is piecewise linear, with the error of linear elements on its share.
+    k = np.pi * np.arange(1, 5)
+    sheared_share = MODULUS * thick.second_moment * k**2 / shear_stiffness(thick)
+    leading = (k / 32) ** 2 / 24 * sheared_share / (1 + sheared_share)
+    np.testing.assert_allclose(errors[-1], leading, rtol=0.15)
+
+
+def test_shear_does_not_lock_a_slender_shaft():
+    for elements in (1, 4):
+        matrices = [
+            beam_plane(sheared(1e-4, elements=elements, supports=0.0, theory=theory))
+            for theory in ("bernoulli", "timoshenko")
+        ]
+        for name in ("stiffness", "mass", "gyroscopic"):
+            plain, with_shear = (getattr(plane, name) for plane in matrices)
+            np.testing.assert_allclose(with_shear, plain, rtol=1e-5, atol=1e-6 * plain.max())
+
+
+def test_shear_takes_a_percent_off_the_elastic_mode_of_the_shipped_rotor(figure):
+    shaft = ehd.read_scene("rotor-two-bearings").bodies["shaft"]
+    frequencies = []
+    for theory in ("bernoulli", "timoshenko"):
+        plane = beam_plane(attrs.evolve(shaft, theory=theory), shaft.disks)
+        rows = np.array([plane.point(shaft.points[name])[0] for name in ("left", "right")])
+        pinned = plane.stiffness + 1e13 * rows.T @ rows
+        frequencies.append(np.sqrt(eigh(pinned, plane.mass, eigvals_only=True)[0]))
+    share = 1 - frequencies[1] / frequencies[0]
+    figure("rotor", "share of shear in the elastic mode of a 40 mm shaft of 0.6 m", share,
+           most=0.01, unit="%")  # fmt: skip
+    assert share > 0.009
+
+
+def test_poissons_ratio_belongs_to_shear():
+    scene = "rotor-two-bearings"
+    with pytest.raises(ehd.errors.SettingsError, match="has no effect without"):
+        ehd.read_scene(scene, **{"bodies.shaft.poissons_ratio": 0.2})
+    values = {"bodies.shaft.theory": "timoshenko", "bodies.shaft.poissons_ratio": 0.2}
+    assert ehd.read_scene(scene, **values).bodies["shaft"].poissons_ratio == 0.2
+    with pytest.raises(ehd.errors.SettingsError, match="theory = 'rayleigh' must be"):
+        ehd.Shaft(theory="rayleigh")
+
+
+# --- A published rotor
+
+#: Natural frequencies [rad/s] at 0 and 4000 rpm of example 5.9.1 (page 206) of M. I. Friswell,
+#: J. E. T. Penny, S. D. Garvey, A. W. Lees, Dynamics of Rotating Machines (2010), two disks on a
+#: shaft on isotropic bearings, as in ross/tests/test_examples.py of github.com/petrobras/ross.
+PUBLISHED = {
+    0.0: (86.66, 86.66, 274.31, 274.31, 716.78, 716.78),
+    4000.0: (85.39, 87.80, 251.78, 294.71, 600.18, 827.08),
+}
+
+
+def published_disk(position, diameter, *, inner=0.05, width=0.07, density=7810.0):
+    """Share of the length, mass, polar and diametral inertia of a disk of the example."""
+    mass = density * np.pi / 4 * (diameter**2 - inner**2) * width
+    polar = mass * (diameter**2 + inner**2) / 8
+    return position, mass, polar, polar / 2 + mass * width**2 / 12
+
+
+@pytest.mark.parametrize("rpm", [0.0, 4000.0])
+def test_published_rotor_of_friswell_and_others(rpm, figure):
+    steel = {"youngs_modulus": 211e9, "density": 7810.0, "poissons_ratio": 211 / 2 / 81.2 - 1}
+    body = ehd.ShaftBody(
+        1.5, 0.05, support_stiffness=1e6, elements=6, theory="timoshenko", modes=28,
+        damping_ratio=0.0, disks=[published_disk(1 / 3, 0.28), published_disk(2 / 3, 0.35)],
+        **steel,
+    )  # fmt: skip
+    frequencies = whirl_frequencies(*turning(body, rpm * np.pi / 30))[:6]
+    error = np.abs(frequencies / PUBLISHED[rpm] - 1).max()
+    figure("rotor", "published rotor at 0 and 4000 rpm, natural frequencies", error, most=2e-4,
+           unit="%")  # fmt: skip

@@ -96,7 +96,7 @@ def test_some_steps_and_no_films(both):
     np.testing.assert_array_equal(small.joints[name].force, disk.joints[name].force)
     with pytest.raises(ehd.errors.InputError, match="films were not read"):
         _ = small.joints[name].film
-    with pytest.raises(AttributeError, match=r"no 'temperature' here, only .*max_pressure"):
+    with pytest.raises(AttributeError, match=r"no quantity is named 'temperature': .*max_pressure"):
         _ = disk.joints[name].temperature
 
 

@@ -42,6 +42,7 @@ def everything(rod_body):
             "motor": ehd.Torque("rod", curve=wave, damping=0.1, speed=3.0),
             "gas": ehd.PointForce("rod.pin", (1.0, 1.0), wave, "crank"),
             "unbalance": ehd.RotatingForce("shaft.end", 10.0, 600.0, 0.2),
+            "off axis": ehd.Unbalance("shaft.middle", 3e-3, 40.0),
         },
         gravity=(0.3, -9.81),
     )
@@ -147,7 +148,12 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
             {},
             "cannot be assembled",
         ),
-        ({}, {"a": ehd.Revolute(("ground", "ground"))}, {}, "connects nothing that can move"),
+        (
+            {},
+            {"a": ehd.Revolute(("ground", "ground"))},
+            {},
+            "connects only bodies that cannot move",
+        ),
         # A parallelogram with all its bars in a line: which way it folds is not known.
         (
             {
@@ -162,7 +168,7 @@ def test_a_pendulum_swings_as_its_differential_equation_says():
                 "right": ehd.Revolute(("side.hook", "other")),
             },
             {"rod": ehd.Speed(1.0)},
-            "a linkage at a change point has to be assembled elsewhere",
+            "a linkage at a change point has to be assembled in another position",
         ),
     ],
 )

@@ -44,7 +44,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.flexibility_check import Responding, checked_errors
+from fenics_ehd.analysis.flexibility_check import PartInMemory, checked_errors
 from fenics_ehd.analysis.replay import (
     FINER,
     Replay,
@@ -490,10 +490,10 @@ class Estimator:
     solved
         Recorder of the run.
     parts
-        Static responses of parts by body, see `checked_errors`.
+        Parts in memory, by the name of their body, see `checked_errors`.
     """
 
-    def __init__(self, solved: Recorder, parts: Mapping[str, Responding] | None = None):
+    def __init__(self, solved: Recorder, parts: Mapping[str, PartInMemory] | None = None):
         self._parts = parts or {}
         self._summary = RunSummary(solved)
         self._trajectory = trajectory_of(solved)
@@ -566,9 +566,8 @@ class Estimator:
 
         The ratios are listed by body.
         """
-        bodies = self._system.mechanism.bodies
         return {
-            name: error / bodies[name].reduced.flexibility_error  # type: ignore[union-attr]
+            name: error / self._parts[name].reduced.flexibility_error
             for name, error in self._flexibility_errors.items()
         }
 

@@ -11,16 +11,17 @@ Imports inside functions: runs without an elastic part do without static respons
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_ehd.analysis.replay import Trajectory
-from fenics_ehd.multibody.body import FlexibleBody
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.trust import surface_loads
 
 if TYPE_CHECKING:
+    from fenics_ehd.reduction.body import ReducedBody
     from fenics_ehd.reduction.family_responses import Responses
 
 #: Number of pressures of a run that are checked.
@@ -32,12 +33,25 @@ LEAST = 0.05
 #: Verified error below which a body is exact: every nodal pressure was solved for.
 EXACT = 1e-9
 
-#: Static responses of a part to nodal pressures on its bores, shape (k, r) [Pa].
-Responding = Callable[[np.ndarray], "Responses"]
+
+@dataclass(frozen=True, eq=False)
+class PartInMemory:
+    """A part that is still in memory, with its reduced body.
+
+    Attributes
+    ----------
+    reduced
+        The reduced body of the part.
+    respond
+        Computes static responses of the part to nodal pressures on its bores, shape (k, r) [Pa].
+    """
+
+    reduced: ReducedBody
+    respond: Callable[[np.ndarray], Responses]
 
 
 def checked_errors(
-    system: System, trajectory: Trajectory, parts: Mapping[str, Responding]
+    system: System, trajectory: Trajectory, parts: Mapping[str, PartInMemory]
 ) -> dict[str, float]:
     """Largest relative error of a body's displacements in its bores under pressures of a run.
 
@@ -50,20 +64,17 @@ def checked_errors(
     trajectory
         Trajectory of the run.
     parts
-        Functions that compute static responses of a part to pressures, by body, for the parts that
-        are in memory.
+        Parts in memory, by the name of their body.
     """
     from fenics_ehd.reduction.family_responses import largest_error
 
     errors = {}
-    for name, responding in parts.items():
-        body = system.mechanism.bodies[name]
-        assert isinstance(body, FlexibleBody)
-        if not body.reduced.flexibility_error > EXACT:  # nan: not to be estimated
+    for name, part in parts.items():
+        if not part.reduced.flexibility_error > EXACT:  # nan: not to be estimated
             continue
         pressures = _pressures(system, trajectory, name)
         if pressures.shape[1]:
-            errors[name] = largest_error(responding(pressures), body.reduced)
+            errors[name] = largest_error(part.respond(pressures), part.reduced)
     return errors
 
 

@@ -227,7 +227,7 @@ pathlib.Path(sys.argv[1]).write_bytes(pickle.dumps(answer))
 def in_child(function: Callable[..., T], *arguments: Any, lost: Exception) -> T:
     """Call a function in a child process of Python, and return its result.
 
-    The output of the child process is discarded. It is not a rank, even if this process is one.
+    The child process is not a rank, even if this process is one. Its output is discarded.
 
     Parameters
     ----------

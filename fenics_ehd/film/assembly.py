@@ -22,7 +22,7 @@ GAUSS_POINTS = 3
 
 
 class Pattern:
-    """CSR sparsity pattern of n x n matrices, which are given by their entries in its order.
+    """CSR sparsity pattern of n x n matrices, each given by its entries in the pattern's order.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Pattern:
         return with_data(self._template, entries)
 
     def multiply(self, entries: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Product, shape (n,), of the matrix with the given entries and a vector of values."""
+        """Product of the matrix with the given entries and the vector `values`, shape (n,)."""
         self._template.data = entries
         return self._template @ values
 
@@ -76,18 +76,18 @@ class Assembly:
     Attributes
     ----------
     reference
-        Gauss points of the unit cell, shape (q, 2).
+        Coordinates of the Gauss points in the unit cell, shape (q, 2).
     area
         Area over R^2 that belongs to each Gauss point in integrals over the bore, shape (c, q).
     size
         Number of nodes.
     tested
-        Matrix (nodes, c * q) that integrates shape functions times values at the Gauss points. As
-        in all matrices of this shape, a column has one entry for each of the k nodes of its cell,
-        with rows ascending.
+        Matrix that integrates shape functions times values at the Gauss points, shape (nodes,
+        c * q). As in all matrices of this shape, a column has one entry for each of the k nodes of
+        its cell, with rows ascending.
     drag
-        Contribution of a unit of ``rho H V`` at every Gauss point to the weak form of (1), shape
-        (c, q, k): entries of a matrix of the shape of `tested`.
+        Contribution of a unit of the dragged flow ``rho H V`` at every Gauss point to the weak form
+        of the Reynolds equation, shape (c, q, k): entries of a matrix of the shape of `tested`.
     """
 
     def __init__(self, grid: FilmGrid):
@@ -112,9 +112,11 @@ class Assembly:
         self.drag = -along[:, :, None] * slopes
 
     def at_points(self, nodal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values at the Gauss points, and derivatives around and along the axis, each (c, q).
+        """Values of a nodal field at the Gauss points, and its derivatives around and along z.
 
-        `nodal` has the values of all nodes. Lengths in the derivatives are divided by R.
+        Each of the three arrays has the shape (c, q), for c cells with q points each. `nodal` has
+        the values of the field at all nodes. Lengths in the derivatives are divided by the bore
+        radius.
         """
         values = nodal[self.grid.cell_nodes]
         around, along = self._lengths
@@ -125,7 +127,11 @@ class Assembly:
         )
 
     def source(self, source: np.ndarray) -> np.ndarray:
-        """Integrals of values at the Gauss points times shape functions, over R^2, (nodes,)."""
+        """Integral of a source times the shape function of every node, shape (nodes,).
+
+        `source` has the values at the Gauss points. The integrals are divided by the squared bore
+        radius.
+        """
         return self.tested @ source.ravel()
 
     def by_nodes(self, nodal: np.ndarray) -> np.ndarray:
@@ -136,13 +142,13 @@ class Assembly:
         return nodal[np.sort(self.grid.cell_nodes, axis=1)][:, None, :]
 
     def mass(self, nodes: np.ndarray) -> sparse.csr_matrix:
-        """Mass matrix of some nodes: integrals of products of shape functions, over R^2."""
+        """Mass matrix of the given nodes: integrals of products of shape functions, over R^2."""
         mass = (self.tested @ self._values).tocsr()[nodes][:, nodes]
         mass.sort_indices()
         return mass
 
     def pattern(self, nodes: np.ndarray) -> Pattern:
-        """Sparsity pattern on some nodes: an entry for every two nodes that share a cell."""
+        """Sparsity pattern on the given nodes: an entry for every two nodes that share a cell."""
         mass = self.mass(nodes)
         return Pattern(mass.indptr, mass.indices)
 

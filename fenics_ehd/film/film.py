@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FilmState:
-    """Pressure of a film for one gap, and the quantities of its cavitation.
+    """Solved pressure of a film in one gap, with its cavitated zone and its oil content.
 
     Attributes
     ----------
@@ -43,13 +43,13 @@ class FilmState:
         Gap at the Gauss points, for which the pressure was computed.
     cavitation
         Dimensionless solution of the complementarity problem, on the nodes of unknown pressure;
-        with mass-conserving cavitation on `OilBalance.unknown`.
+        with mass-conserving cavitation, on the nodes `OilBalance.unknown`.
     fluid_fraction
         Share of the gap that is filled with oil, shape (nodes,); None if the cavitation condition
         does not determine this share.
     content
-        Oil content of the nodes as volume at ambient density, shape (nodes,) [m^3], from which the
-        next step starts. None without mass-conserving cavitation.
+        Oil content of the nodes as a volume at ambient density, shape (nodes,) [m^3]; the next step
+        starts from it. None without mass-conserving cavitation.
     outflow
         Flow out of the film at nodes of given pressure, negative for flow into the film, zero at
         all other nodes, shape (nodes,) [m^3/s]. None without mass-conserving cavitation.
@@ -172,16 +172,16 @@ class Film:
             return self.cavitation.solve(problem, np.full_like(start, problem.unit))
 
     def flow(self, state: FilmState) -> Flow:
-        """Properties and flow of the oil at the Gauss points of a solved film, dimensionless."""
+        """Dimensionless viscosity, density and flow of the oil at the Gauss points of a film."""
         return self.equation.flow(state.gap, state.pressure / self.parameters.pressure_scale)
 
     def powers(self, state: FilmState) -> tuple[float, float]:
-        """Power lost to pressure-driven flow and power fed in by the surfaces' drag on the oil [W].
+        """Power lost to pressure-driven flow, and power that the surfaces' drag feeds in [W].
 
-        The first less the second is the power that the normal motion of the surfaces does on the
-        film. The first has two more terms. Between rough surfaces the average gap changes by less
-        than the nominal gap, and the power of the pressure on the difference is a loss or a gain.
-        The work that compresses the oil is a loss, and a gain when the oil expands.
+        The loss less the drag power is the power that the normal motion of the surfaces does on the
+        film. The loss has two more terms. Between rough surfaces the average gap changes by less
+        than the nominal gap, and the power of the pressure on this difference is a loss or a gain.
+        The work that compresses the oil is a loss; it is a gain when the oil expands.
         """
         p = self.parameters
         q = self.flow(state)
@@ -233,7 +233,10 @@ class Film:
 
     @cached_property
     def pressure_areas(self) -> sparse.csr_matrix:
-        """Force on each Gauss point from unit nodal pressures, shape (c * q, nodes) [m^2]."""
+        """Matrix from nodal pressures [Pa] to normal forces at the Gauss points [N].
+
+        Its shape is (c * q, nodes), for c cells with q Gauss points each, its unit m^2.
+        """
         return (self.parameters.grid.radius**2 * self.assembly.tested.T).tocsr()
 
 
@@ -257,8 +260,8 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
             )
     elif not thickness > 0.0:
         raise GapClosedError(
-            f"the film thickness is {thickness * 1e6:.3g} um at its thinnest, it must be "
-            "positive: raise the clearance or lower the load"
+            f"the smallest film thickness is {thickness * 1e6:.3g} um, but must be above 0: raise "
+            "the clearance or lower the load"
         )
     for name in ("thickness", "thickness_rate", "mean_velocity"):
         if not np.isfinite(getattr(gap, name).sum()):

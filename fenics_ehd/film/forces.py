@@ -73,7 +73,7 @@ PRESSURE_FLOOR = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class FilmFields:
-    """Fields of a solved film for its shear stress at the Gauss points, each (cells, points).
+    """Fields at the Gauss points that determine the shear stress of a film, each (cells, points).
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class FilmFields:
 
 
 def film_fields(film: Film, state: FilmState, rule: str = "streamers") -> FilmFields:
-    """Fields of a solved film for its shear stress, with one of the shear rules.
+    """Fields that determine the shear stress of a solved film, by one of the `SHEAR_RULES`.
 
     Raises
     ------
@@ -129,7 +129,11 @@ def _sheared_fraction(film: Film, state: FilmState, pressure: np.ndarray, rule: 
 
 
 def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
-    """``h_rupture / h`` at the Gauss points; the rupture is the next `source` point upstream."""
+    """Sheared fraction ``h_rupture / h`` of the gap h at the Gauss points, shape (cells, points).
+
+    h_rupture is the gap at the rupture of the film: at the nearest point upstream at which the mask
+    `source` is True.
+    """
     # A row has the points of one height, once around.
     angle = film.points.angle.ravel()
     radius = film.parameters.grid.radius
@@ -148,10 +152,10 @@ def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
 
 
 def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
-    """``h_rupture / h`` of rows of points (heights, points), in the order in which oil passes them.
+    """Sheared fraction ``h_rupture / h`` at rows of points, shape (heights, points).
 
-    `thickness` is h, and `fed` is True at points from which oil flows; h_rupture is the thickness
-    at the last of these points.
+    The points of a row are in the order in which oil passes them. `thickness` is the gap h, and
+    `fed` is True at points from which oil flows; h_rupture is the gap at the last such point.
     """
     # Two turns, so that the points upstream of the first one are the last ones of the row.
     count = fed.shape[1]
@@ -164,7 +168,8 @@ def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
 def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> float:
     """Share of the oil that flows into cavities from the side of smaller angles, 0 to 1.
 
-    `angle` [rad] and `order`, the indices of the Gauss points, have a row for every height.
+    `angle` [rad] and `order`, the indices of the Gauss points in the gap's arrays, have a row for
+    every height.
     """
     thickness = gap.thickness.ravel()[order]
     rate = gap.thickness_rate.ravel()[order]
@@ -228,7 +233,10 @@ class FilmFlows:
 
     @cached_property
     def balance(self) -> FlowBalance:
-        """Volume flows through all borders; cavities are zero with mass-conserving cavitation."""
+        """Volume flows through all borders of the film, and growth of its cavities [m3/s].
+
+        With mass-conserving cavitation the growth of cavities is part of the term `squeeze`.
+        """
         film = self._film
         inflow = self._inflow
         feeds = self._feeds
@@ -343,7 +351,11 @@ class FilmFlows:
 
     @cached_property
     def _inflow(self) -> np.ndarray:
-        """Flow into the film at every node, shape (nodes,) [m3/s], for nodes of given pressure."""
+        """Flow into the film at nodes of given pressure, shape (nodes,) [m3/s].
+
+        At the other nodes the entries are the growth of the cavities; with mass-conserving
+        cavitation they are zero.
+        """
         outflow = self._state.outflow
         return self._defects[0] if outflow is None else -outflow
 
@@ -378,9 +390,9 @@ def under_pressure(film: Film) -> bool:
 
 
 def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
-    """Flow into a film through one side: over each edge of the mesh there, around [m3/s].
+    """Flow into a film through one side, for every edge of a cell there, around the bore [m3/s].
 
-    With 4-node cells the flow is that at each node.
+    With 4-node cells there is one entry for every node of the side instead.
 
     Parameters
     ----------

@@ -93,7 +93,10 @@ class FilmGrid:
 
     @cached_property
     def _numbers(self) -> np.ndarray:
-        """Node numbers on the grid of half cells, (2 around, 2 along + 1); -1 without a node."""
+        """Node numbers on a grid of half cells; -1 at grid points without a node.
+
+        The shape is (2 around, 2 along + 1), for `around` times `along` cells.
+        """
         around, along = self.cells
         exists = np.zeros((2 * around, 2 * along + 1), dtype=bool)
         for a, b in self._halves:
@@ -141,14 +144,14 @@ class FilmGrid:
 
     @cached_property
     def cell_sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cell sizes around [rad] and along the axis over the radius [-], shape (cells,) each."""
+        """Size of every cell around [rad], and along the axis over the radius [-], (cells,)."""
         around, along = self.cells
         widths = np.diff(self.angles)
         heights = np.diff(self.heights) / self.radius
         return np.repeat(widths, along), np.tile(heights, around)
 
     def interpolation(self, angle: np.ndarray, height: np.ndarray) -> sparse.csr_matrix:
-        """Matrix (points, n) from nodal values to values at angles [rad] and heights [m]."""
+        """Matrix from the n nodal values to values at angles [rad] and heights [m], (points, n)."""
         relative = np.mod(angle - self.angles[0], TURN) + self.angles[0]
         around, along = self.cells
         i = np.clip(np.searchsorted(self.angles, relative, "right") - 1, 0, around - 1)
@@ -410,13 +413,14 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     )
 
 
-def match(own: np.ndarray, given: np.ndarray) -> np.ndarray | None:
-    """Index in `given` of each node of `own`; None unless both have the same nodes.
+def match(nodes: np.ndarray, others: np.ndarray) -> np.ndarray | None:
+    """Index in `others` of each of the `nodes`, shape (n,); None unless both have the same nodes.
 
-    Both have positions, shape (n, 3) [m]; nodes are the same within `MATCH_TOLERANCE`.
+    Both arrays have positions of nodes, shape (n, 3) [m]. Two nodes are the same if their distance
+    over the radius is at most `MATCH_TOLERANCE`.
     """
-    if len(own) != len(given):
+    if len(nodes) != len(others):
         return None
-    distance, index = cKDTree(given).query(own)
-    radius = np.linalg.norm(given[:, :2], axis=1).max()
+    distance, index = cKDTree(others).query(nodes)
+    radius = np.linalg.norm(others[:, :2], axis=1).max()
     return index if distance.max() <= MATCH_TOLERANCE * radius else None

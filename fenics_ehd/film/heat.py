@@ -130,8 +130,9 @@ def require_cycle(periodic: bool, key: str) -> None:
     """
     if not periodic:
         raise SettingsError(
-            f"{key}: heat is balanced over a cycle, and a run with time.periodic = false has none: "
-            "set time.periodic, or remove the heat: the oil then has its lubricant's temperature"
+            f"{key}: heat is balanced over a cycle, but a run with time.periodic = false has no "
+            "cycle: set time.periodic = true, or drop the table heat, so that the oil has the "
+            "temperature of its lubricant"
         )
 
 
@@ -200,24 +201,30 @@ class TemperatureSearch(Stateful):
         return self.oil.viscosity(self.temperature)
 
     def shift(self, change: float) -> None:
-        """Add `change` [K] to the current temperature, within the supply's and the oil's limit."""
+        """Add `change` [K] to the current temperature.
+
+        The result is at least the supply temperature and at most the oil's highest temperature.
+        """
         hottest = self.oil.hottest - ROUNDING
         wanted = self.temperature + change
         self.temperature = float(np.clip(wanted, self.heat.supply_temperature, hottest))
 
     def defect(self, power: float, flow: float) -> float:
-        """Difference from the current temperature to the balanced one [K].
+        """Balanced temperature less the current temperature [K].
 
-        The balanced one is that at which the flow [m3/s] carries away the dissipated power [W].
+        At the balanced temperature the flow [m3/s] carries away the dissipated power [W].
         """
         return self.heat.balanced(self.oil, self.temperature, power, flow) - self.temperature
 
     def settled(self, power: float, flow: float) -> bool:
-        """Whether the current temperature is the balanced one, to the tolerance of `Heat`."""
+        """Whether the flow [m3/s] carries away the power [W] at the current temperature.
+
+        The balanced temperature may differ from the current one by `Heat.tolerance`.
+        """
         return abs(self.defect(power, flow)) <= self.heat.tolerance
 
     def move(self, power: float, flow: float) -> None:
-        """Set the next temperature, from power [W] and flow [m3/s] at the current one.
+        """Set the next trial temperature from power [W] and flow [m3/s] at the current one.
 
         Raises
         ------
@@ -254,7 +261,7 @@ class TemperatureSearch(Stateful):
         self.temperature = _root(excess, supply, hottest)
 
     def cause_of(self, error: Exception) -> HeatError | None:
-        """Heat error that explains the failure of a film; None if its heat can be balanced."""
+        """Heat error that explains an error of the film; None if its heat can be balanced."""
         return self._run_away(f" ({error})") if self.without_balance else None
 
     def _run_away(self, last: str) -> HeatError:
@@ -266,16 +273,16 @@ class TemperatureSearch(Stateful):
             Remark on the last temperature, for the message.
         """
         return HeatError(
-            f"{self._name}: the oil cannot carry away the heat: {self.power:.3g} W with a flow of "
-            f"{1e6 * self.flow:.3g} cm3/s have no balance up to {self.temperature:.4g} C{last}: "
-            "raise the clearance, the supply or conducted_share, or lower supply_temperature or "
-            "the speed"
+            f"{self._name}: the oil cannot carry away the heat: a flow of "
+            f"{1e6 * self.flow:.3g} cm3/s does not remove {self.power:.3g} W at any effective "
+            f"temperature up to {self.temperature:.4g} C{last}: raise the clearance, the supply or "
+            "conducted_share, or lower supply_temperature or the speed"
         )
 
     def _learn(self, viscosity: float, rise: float) -> None:
         """Set the exponent from logarithms of viscosity and temperature rise at two temperatures.
 
-        The rise is proportional to P / Q.
+        The temperature rise is proportional to power over flow.
         """
         if self.last is not None and abs(viscosity - self.last[0]) > self._least_change:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])

@@ -187,10 +187,11 @@ class ShapeTable:
 
 
 def _outer_steps(rows: np.ndarray) -> np.ndarray:
-    """Smaller change of a periodic table's values over the neighbours of each interval, (n,) [m].
+    """Size of the smaller step of a table before or after each of its intervals, shape (n,) [m].
 
-    Changes are taken without sign. The result is 0 unless the values rise before the interval and
-    fall after it, or the reverse: then a smooth curve has an extreme within the interval.
+    `rows` are the n values of a periodic table. The result is 0 unless the values rise before the
+    interval and fall after it, or the reverse: then a smooth curve has an extreme within the
+    interval.
     """
     before = rows - np.roll(rows, 1)
     after = np.roll(rows, -1) - np.roll(rows, -2)
@@ -248,9 +249,10 @@ def require_inside(
 class Shape(Deviations):
     """Radial deviation of a bore or a journal from a cylinder, positive outward.
 
-    It is the sum of ``ovality cos(lobes (phi - ovality_angle)) + (barrel s + taper) s``, with s the
-    height z over half the width; of ``z (psi_y cos(phi) - psi_x sin(phi))``, for an axis tilted by
-    the misalignment (psi_x, psi_y); and of the deviations of a table.
+    It is the sum of four parts: the waves ``ovality cos(lobes (phi - ovality_angle))``; the profile
+    ``(barrel s + taper) s`` along the axis, with the height z over half the width, s; the tilt ``z
+    (psi_y cos(phi) - psi_x sin(phi))`` of an axis with the misalignment (psi_x, psi_y); and the
+    deviations of a table.
     """
 
     #: Half the width of the bearing [m], needed for barrel and taper.
@@ -322,7 +324,7 @@ class SurfacePoints:
 
     @property
     def normal(self) -> tuple[np.ndarray, np.ndarray]:
-        """Components x and y of the unit vector e_r, which points away from the axis."""
+        """Components x and y, at every point, of the unit vector e_r that points outward."""
         return np.cos(self.angle), np.sin(self.angle)
 
     @cached_property
@@ -354,7 +356,10 @@ class Gap:
     time: float = 0.0
 
     def changed(self, thickness: np.ndarray, rate: np.ndarray) -> Gap:
-        """Gap with changes added to its thickness [m] and thickness rate [m/s], g entries each."""
+        """Gap with `thickness` [m] and `rate` [m/s] added to its thickness and thickness rate.
+
+        Both arrays have one entry for every Gauss point, in the order of the gap's arrays.
+        """
         shape = self.thickness.shape
         return replace(
             self,
@@ -396,9 +401,10 @@ class ShaftMotion:
 
 
 def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, np.ndarray]:
-    """Components e_r and e_t (3), at every point, of the shaft's centre in the plane of the point.
+    """Components (3) of the shaft's centre, e_r toward each point and e_t at right angles to it.
 
-    `pair` is the centre at mid-width and `tilt` the rotation of the axis, or the rates of both.
+    The centre is that in the plane of the point. `pair` is the centre at mid-width and `tilt` the
+    rotation of the axis; with the rates of both, the components are those of the velocity.
     """
     cosine, sine = points.normal
     x = pair[0] + points.height * tilt[1]

@@ -218,7 +218,10 @@ class Oil:
         return self._line()(temperature)
 
     def viscosity(self, temperature: float) -> float:
-        """Dynamic viscosity at a temperature [C], in Pa s; errors as of `kinematic_viscosity`."""
+        """Dynamic viscosity of the oil at a temperature [C], in Pa s.
+
+        It raises the errors of `kinematic_viscosity`.
+        """
         return 1e-6 * self.kinematic_viscosity(temperature) * self.density(temperature)
 
     def viscosity_slope(self, temperature: float) -> float:
@@ -281,15 +284,19 @@ class Law:
 
     @staticmethod
     def ratio(f: Functions, at: Any, *numbers: Any) -> Any:
-        """Ratio of the property [-] at pressures [Pa] or shear rates [1/s], both >= 0.
+        """Viscosity or density over its value at ambient pressure or at rest [-].
 
-        `at` and `numbers`, the coefficients, are arrays and numbers, or UFL's expressions and
-        constants. `f` has the condition and the functions for either.
+        `at` are pressures [Pa] or shear rates [1/s], which are not negative; `numbers` are the
+        coefficients of the law. Both are numeric or symbols of UFL, and `f` has the functions for
+        that kind.
         """
         raise NotImplementedError
 
     def __call__(self, at: np.ndarray) -> np.ndarray:
-        """Ratio of the property [-] at an array of pressures [Pa] or shear rates [1/s]."""
+        """Viscosity or density over its value at ambient pressure or at rest [-].
+
+        `at` is an array of pressures [Pa] or of shear rates [1/s].
+        """
         return self.ratio(ARRAYS, at, *self.numbers)
 
 
@@ -361,7 +368,7 @@ def _plain(name: str) -> str:
 
 
 def _spoken(name: str) -> tuple[str, ...]:
-    """Names, spelled as by `_plain`, by which a grade is known: SAE5W30 and 5W30 for SAE 5W-30."""
+    """Spellings of a grade's name that are accepted, plain: SAE5W30 and 5W30 for SAE 5W-30."""
     full = _plain(name)
     short = full.removeprefix("ISO").removeprefix("SAE")
     return (full, short) if not short.isdigit() else (full,)
@@ -409,7 +416,7 @@ class PressureLaw(Law):
     constant: ClassVar[bool] = False
 
     def __call__(self, pressure: np.ndarray) -> np.ndarray:
-        """Ratio of the property to its value at ambient pressure [-], at pressures >= 0 [Pa].
+        """Viscosity or density over its value at ambient pressure [-], at pressures >= 0 [Pa].
 
         Raises
         ------
@@ -435,7 +442,7 @@ class Constant(PressureLaw):
 
     @staticmethod
     def ratio(f: Functions, pressure: Any) -> Any:
-        """Ratio of 1 at every pressure."""
+        """Viscosity or density over its value at ambient pressure: 1 at every pressure."""
         return 1.0
 
 
@@ -559,8 +566,8 @@ class Lubricant:
         """
         if self.oil is None:
             raise SettingsError(
-                f"the lubricant has a fixed viscosity of {self.viscosity:g} Pa s, and none at "
-                f"{temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
+                f"the lubricant has a constant viscosity of {self.viscosity:g} Pa s, not one that "
+                f"is known at {temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
             )
         there = self.of(self.oil, temperature)
         law = self.viscosity_law

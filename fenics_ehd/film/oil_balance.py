@@ -112,7 +112,8 @@ class Strips:
     assembly
         Shape functions of a bilinear mesh at its Gauss points.
     unknown
-        Indices of the nodes with an unknown, with respect to which t is differentiated.
+        Indices of the nodes with an unknown; the transport of void, t, is differentiated with
+        respect to the void fractions of these nodes.
 
     Attributes
     ----------
@@ -122,17 +123,19 @@ class Strips:
         Index of the next node, the previous node and the node after the next one in the strip of
         every node, shape (nodes,) each.
     passing
-        Index of the node at which the flow through the lower or upper half of a cell starts, for
-        the k nodes of every cell in ascending order, shape (c, k).
+        Index of the node at which the flow past every node of a cell starts: that through the
+        cell's lower half for lower nodes, through its upper half for upper nodes. Shape (c, k), for
+        the k nodes of c cells in ascending order.
     ratio
-        Length of the cell of every flow over that of the cell upstream, shape (nodes,), for flows
-        to the following node and for flows back.
+        Two arrays, shape (nodes,): length of the cell after every node over the length of the cell
+        upstream, for flow to the following node and for flow from the following node.
     pattern
         Sparsity pattern of the derivative of t on the unknown nodes, second neighbours included.
-    places
-        Indices in `pattern` of the derivatives of every flow, shape (2, 4, nodes): in the rows of
-        the node and of the following one, and for the columns of the preceding node, the node, the
-        following and the second one. Entries of other nodes have the index after the last one.
+    entry_indices
+        Indices in `pattern` of the derivatives of the flow after every node, shape (2, 4, nodes).
+        The rows are those of the node and of the following node. The columns are those of the
+        preceding node, the node, the following node and the second node. Entries that the pattern
+        does not have get the index after the last entry.
     """
 
     def __init__(self, assembly: Assembly, unknown: np.ndarray):
@@ -158,7 +161,7 @@ class Strips:
         self._number_entries()
 
     def _number_entries(self) -> None:
-        """Number the entries of all flows' derivatives: set `pattern` and `places`."""
+        """Number the entries of all flows' derivatives: set `pattern` and `entry_indices`."""
         n = len(self.unknown)
         number = np.full(self.assembly.size, -1)
         number[self.unknown] = np.arange(n)
@@ -169,12 +172,13 @@ class Strips:
         every = np.union1d(cells.rows * n + cells.indices, codes[codes >= 0])
         starts = np.searchsorted(every, n * np.arange(n + 1))
         self.pattern = Pattern(starts.astype(np.int32), (every % n).astype(np.int32))
-        self.places = np.where(codes < 0, len(every), np.searchsorted(every, codes))
+        self.entry_indices = np.where(codes < 0, len(every), np.searchsorted(every, codes))
 
     def flows(self, transport: np.ndarray) -> np.ndarray:
-        """Full-film flow ``F_i`` from every node to the following one, shape (nodes,).
+        """Flow from every node to the following one in a full film without pressure, (nodes,).
 
-        `transport` is ``rho H V`` at the Gauss points, shape (c, q).
+        `transport` is the product ``rho H V`` of density, thickness and mean velocity at the Gauss
+        points, shape (c, q).
         """
         element = (transport * self._length) @ self._flow
         return np.bincount(self._from.ravel(), element.ravel(), self.assembly.size)
@@ -203,9 +207,11 @@ class Transport:
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """``s_u``, x and ``y / (x + y)`` of every flow, and a mask of flows to the following node.
+        """Terms of the slope limiter for the flow after every node, four arrays (nodes,).
 
-        ``y / (x + y)`` is 0 if ``x y <= 0``. All have the shape (nodes,).
+        They are the void fraction ``s_u`` upstream, the slope x before the upstream node, the ratio
+        ``y / (x + y)`` with the slope y after it, and a mask of flows to the following node. The
+        ratio is 0 if ``x y <= 0``.
         """
         on = self.flows > 0
         void = self.void
@@ -220,24 +226,27 @@ class Transport:
 
     @cached_property
     def carried(self) -> np.ndarray:
-        """Void fraction c carried by every flow, shape (nodes,)."""
+        """Void fraction c that the flow after every node carries, shape (nodes,)."""
         start, x, share, _ = self._slopes
         return start + x * share
 
     @property
     def nodal(self) -> np.ndarray:
-        """Transport ``t(s)`` at all nodes, shape (nodes,)."""
+        """Transport ``t(s)`` of the void fraction s at all nodes, shape (nodes,)."""
         carried = self.flows * self.carried
         return carried - carried[self.strips.preceding] + self.storage * self.void
 
     @property
     def values(self) -> np.ndarray:
-        """Transport ``t(s)`` at the nodes with an unknown, shape (m,)."""
+        """Transport ``t(s)`` of the void fraction s at the m nodes with an unknown, (m,)."""
         return self.nodal[self.strips.unknown]
 
     @cached_property
     def entries(self) -> np.ndarray:
-        """Entries of ``dt/ds`` on the nodes with an unknown, in the order of `Strips.pattern`."""
+        """Entries of the derivative of the transport ``t(s)`` with respect to the void fraction s.
+
+        Rows and columns are those of the nodes with an unknown, in the order of `Strips.pattern`.
+        """
         strips = self.strips
         (_, x, share, on) = self._slopes
         behind = -np.where(on, *strips.ratio) * share**2
@@ -247,7 +256,7 @@ class Transport:
         columns = np.where(on, [behind, start, ahead, none], [none, ahead, start, behind])
         values = np.stack([self.flows * columns, -self.flows * columns])
         count = len(strips.pattern.indices)
-        entries = np.bincount(strips.places.ravel(), values.ravel(), count + 1)[:count]
+        entries = np.bincount(strips.entry_indices.ravel(), values.ravel(), count + 1)[:count]
         entries[strips.pattern.diagonal] += self.storage[strips.unknown]
         return entries
 
@@ -263,9 +272,11 @@ class OilStep:
     flow
         Oil and its flow at the end of the step in a film without pressure.
     driven, inputs
-        Data of the weak form for flows alone, and for derivatives with oil contents.
+        Data of the weak form without oil contents, for flows; and with oil contents, for
+        derivatives.
     length
-        Length of the step; for a multistep formula, one over its shift.
+        Length of the step; for a multistep formula, the inverse of the derivative of the rate with
+        respect to the oil content.
     flows
         Full-film flow from every node to the following one, shape (nodes,).
     full
@@ -302,9 +313,9 @@ class OilBalance:
     Attributes
     ----------
     unknown
-        Indices of the m nodes with an unknown: pressure or void fraction at nodes of unknown
-        pressure; outflow or void fraction at dry sides, those at cavitation pressure without oil
-        outside.
+        Indices of the m nodes with an unknown. At nodes of unknown pressure it is the pressure or
+        the void fraction. At dry sides (at cavitation pressure, without oil outside) it is the
+        outflow or the void fraction.
     dry
         Mask of the nodes of dry sides among `unknown`, shape (m,).
     pattern
@@ -321,7 +332,7 @@ class OilBalance:
         self.assembly = film.assembly
         self.strips = Strips(self.assembly, self.unknown)
         self.pattern = self.strips.pattern
-        self._places = film.equation.forms.places(self.pattern, self.unknown)
+        self._entry_indices = film.equation.forms.entry_indices(self.pattern, self.unknown)
         self._dry_column = self.dry[self.pattern.indices]
 
     @property
@@ -331,9 +342,9 @@ class OilBalance:
         return p.clearance * p.grid.radius**2
 
     def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
-        """Make the data of a step from the gap at its end, its length and `former` contents.
+        """Make the data of a time step from the gap at its end.
 
-        The arguments are attributes of `OilStep`.
+        `length` and `former`, the oil contents at its start, are attributes of `OilStep`.
         """
         equation = self.film.equation
         flow = equation.flow(gap)
@@ -350,7 +361,7 @@ class OilBalance:
         )
 
     def problem(self, step: OilStep) -> Complementarity:
-        """Residual r and its derivative on the nodes with an unknown, without transport of void.
+        """Residual of the oil balance without transport of void, and its derivative.
 
         The unknowns are pressures, and outflows at dry sides.
         """
@@ -362,7 +373,7 @@ class OilBalance:
         def entries(values: np.ndarray) -> np.ndarray:
             entries_of_all = self.film.equation.forms.matrix(step.inputs, self.nodal(values))
             # Entries of second neighbours are missing in the matrix of the forms: they are zero.
-            matrix = np.append(entries_of_all, 0.0)[self._places]
+            matrix = np.append(entries_of_all, 0.0)[self._entry_indices]
             if step.feed is not None:
                 lumped = self.assembly.source(step.feed.conductance.sum(axis=0))
                 matrix[self.pattern.diagonal] += lumped[self.unknown]
@@ -380,13 +391,13 @@ class OilBalance:
         )
 
     def transport(self, step: OilStep, void: np.ndarray) -> Transport:
-        """Transport of the void fractions `void` of nodes with an unknown, shape (m,)."""
+        """Transport of the void fractions `void` of the m nodes with an unknown, shape (m,)."""
         nodal = np.zeros(self.assembly.size)
         nodal[self.unknown] = void
         return Transport(self.strips, step.flows, step.full, nodal)
 
     def rows(self, step: OilStep, problem: Complementarity) -> np.ndarray:
-        """Scale of the equation of every unknown in a nearly full film, shape (m,).
+        """Scale of the equation of each of the m unknowns in a nearly full film, shape (m,).
 
         The scale is the sum of the diagonal entries of the derivatives with respect to scaled
         pressure and to void fraction.
@@ -434,7 +445,7 @@ class OilBalance:
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Derivatives of the oil balance with respect to the gap, for fixed upstream nodes.
 
-        Results are those of `ReynoldsEquation.gap_derivatives`.
+        They have the form of those of `ReynoldsEquation.gap_derivatives`.
         """
         slope = step.flow.slope / self.film.parameters.clearance
         slope = np.broadcast_to(slope, step.gap.thickness.shape)
@@ -455,8 +466,9 @@ class OilBalance:
     def _dragged(self, step: OilStep, slope: np.ndarray) -> list[np.ndarray | None]:
         """Derivatives with respect to the gap of the Couette term of a film without pressure.
 
-        They are entries of matrices of the shape of `Assembly.tested`, shape (c, q, k) each:
-        derivatives with respect to thickness, mean velocity and sliding velocity.
+        The three arrays are the derivatives with respect to thickness, mean velocity and sliding
+        velocity. They are entries of matrices of the shape of `Assembly.tested`: shape (c, q, k),
+        for c cells with q Gauss points and k nodes.
         """
         equation = self.film.equation
         flow = step.flow
@@ -471,7 +483,7 @@ class OilBalance:
         return [(flow.density * slope)[:, :, None] * drag for slope in along] + [None]
 
     def along_turn(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
-        """Derivative of the balance with respect to the journal's angle, (nodes,) [1/rad]."""
+        """Derivative of the oil balance with respect to the journal's angle [1/rad], (nodes,)."""
         assert step.feed is not None
         return step.feed.lumped(self.assembly, nodal, step.feed.along_turn)
 

@@ -97,7 +97,11 @@ class FilmParameters:
 
     @property
     def pressure_scale(self) -> float:
-        """Unit of the dimensionless pressure, ``p_s = 12 eta Omega (R / c)^2`` [Pa]."""
+        """Unit of the dimensionless pressure, ``p_s = 12 eta Omega (R / c)^2`` [Pa].
+
+        eta is the viscosity at ambient pressure, Omega the reference angular speed, R the bore
+        radius and c the clearance.
+        """
         ratio = self.grid.radius / self.clearance
         return 12 * self.lubricant.viscosity * self.rate * ratio**2
 
@@ -119,15 +123,16 @@ LUMPED = 2.0 / 3.0
 
 @dataclass(frozen=True, eq=False)
 class FeedTerm:
-    """Term of n supplies in the Reynolds equation of a film, dimensionless.
+    """Term of n oil supplies in the Reynolds equation of a film, dimensionless.
 
     Attributes
     ----------
     conductance
-        Conductance ``kappa w`` of every supply at the Gauss points, shape (n, cells, points).
+        Flow per area and pressure difference from every supply into the film at the Gauss points,
+        ``kappa w``, shape (n, cells, points).
     along_thickness, along_turn
-        Derivatives of the conductance with respect to H and to the angle of the journal [1/rad],
-        shape (n, cells, points) each.
+        Derivatives of the conductance with respect to the film thickness H and to the angle of the
+        journal [1/rad], shape (n, cells, points) each.
     pressure
         Dimensionless pressure P_s of every supply, shape (n,).
     """
@@ -138,10 +143,11 @@ class FeedTerm:
     pressure: np.ndarray
 
     def outflow(self, pressure: np.ndarray, conductance: np.ndarray | None = None) -> np.ndarray:
-        """Flow ``kappa w (P - P_s)`` per area into every supply, shape (n, cells, points).
+        """Flow per area out of the film into each of n supplies, shape (n, cells, points).
 
-        `pressure` is P at the Gauss points. A `conductance`, or its derivative, replaces
-        ``kappa w``.
+        It is ``kappa w (P - P_s)``, with the conductance ``kappa w``, the film pressure P at the
+        Gauss points (`pressure`) and the supply pressure P_s. If `conductance` is given, it
+        replaces ``kappa w``; a derivative of the conductance gives that of the flow.
         """
         conductance = self.conductance if conductance is None else conductance
         return conductance * (pressure - self.pressure[:, None, None])
@@ -154,11 +160,12 @@ class FeedTerm:
     def lumped(
         self, assembly: Assembly, nodal: np.ndarray, conductance: np.ndarray | None = None
     ) -> np.ndarray:
-        """Outflow into all supplies, lumped at the nodes, shape (nodes,).
+        """Flow out of the film into all supplies together, lumped at the nodes, shape (nodes,).
 
-        The flow is integrated with the shape function of every node, with the pressure at that
-        node instead of the pressures at the Gauss points, so that the film's matrix remains an
-        M-matrix. A `conductance`, or its derivative, replaces ``kappa w``.
+        The flow is integrated with the shape function of every node. The pressure at that node
+        replaces the pressures at the Gauss points, so that the film's matrix remains an M-matrix.
+        If `conductance` is given, it replaces the conductance ``kappa w`` of the supplies; a
+        derivative of the conductance gives that of the flow.
         """
         conductance = self.conductance if conductance is None else conductance
         supplied = self._supplied(conductance)
@@ -167,10 +174,10 @@ class FeedTerm:
     def lumped_change(
         self, assembly: Assembly, slope: np.ndarray, nodal: np.ndarray
     ) -> sparse.csc_matrix:
-        """Derivative of `lumped` by a quantity at the Gauss points, shape (nodes, c * q).
+        """Derivative of the flow `lumped` with respect to a quantity, such as the thickness.
 
-        `slope` is the derivative of the conductances with respect to this quantity, such as the
-        thickness.
+        The quantity has a value at each of the q Gauss points of c cells: the derivative has the
+        shape (nodes, c * q). `slope` is the derivative of the conductances with respect to it.
         """
         at_nodes = slope.sum(axis=0)[:, :, None] * assembly.by_nodes(nodal)
         supplied = self._supplied(slope)
@@ -178,7 +185,7 @@ class FeedTerm:
 
 
 class Feeds:
-    """All supplies of one film.
+    """All oil supplies of one film, with their conductances.
 
     Parameters
     ----------
@@ -237,10 +244,11 @@ class Feeds:
         return any(feed.on_journal for feed in self.parameters.feeds)
 
     def shares(self, turn: float) -> tuple[np.ndarray, np.ndarray]:
-        """Covered shares w of all supplies, (n, cells, points), and their derivatives [1/rad].
+        """Shares w to which n supplies cover the Gauss points, and their derivatives [1/rad].
 
-        `turn` is the angle of the journal relative to the bore [rad], and the derivatives are those
-        with respect to it.
+        Both arrays have the shape (n, cells, points); w is 1 within a supply and 0 outside. The
+        derivatives are those with respect to `turn`, the angle of the journal relative to the bore
+        [rad].
         """
         grid = self.parameters.grid
         values = []
@@ -252,10 +260,11 @@ class Feeds:
         return np.array(values), np.array(slopes)
 
     def _at(self, turn: float) -> tuple[np.ndarray, ...]:
-        """Conductances of all supplies at an angle of the journal [rad], cached for one angle.
+        """Conductances of all n supplies at an angle of the journal [rad], cached for one angle.
 
-        Four arrays, shape (n, cells, points): conductances of the film over H^3, those of
-        passages, and the derivatives of both with respect to the angle.
+        Four arrays, shape (n, cells, points): conductances of the supplies without a resistance,
+        over the cubed thickness; conductances of the supplies with a resistance; and the
+        derivatives of both with respect to the angle [1/rad].
         """
         if turn != self._turn:
             share, slope = self.shares(turn)
@@ -274,10 +283,11 @@ class Feeds:
         return pressure / self.parameters.pressure_scale
 
     def term(self, gap: Gap, thickness: np.ndarray, *, lumped: bool = False) -> FeedTerm:
-        """Term of the supplies in the Reynolds equation, at the angle and time of a gap.
+        """Term of the supplies in the Reynolds equation for a gap.
 
-        `thickness` is the dimensionless thickness H at the Gauss points. `lumped` adapts
-        conductances to flows that are lumped at the nodes (`FeedTerm.lumped`).
+        The gap has the angle of the journal and the time. `thickness` is the dimensionless
+        thickness H at the Gauss points. `lumped` adapts conductances to flows that are lumped at
+        the nodes (`FeedTerm.lumped`).
         """
         film, passage, film_slope, passage_slope = self._at(gap.turn)
         cube = (LUMPED if lumped else 1.0) * thickness**3
@@ -290,10 +300,11 @@ class Feeds:
         )
 
     def values(self, gap: Gap) -> np.ndarray:
-        """Sums over the supplies for the weak form, shape (4, cells, points).
+        """Conductances of the supplies for the weak form, summed, shape (4, cells, points).
 
-        Supplies without a resistance: conductance over H^3, and conductance over H^3 times
-        pressure. Supplies with a resistance: conductance, and conductance times pressure.
+        The first two fields are sums over the supplies without a resistance: conductance over H^3,
+        and this times the supply pressure, with the thickness H. The last two are sums over the
+        supplies with a resistance: conductance, and conductance times supply pressure.
         """
         film, passage, *_ = self._at(gap.turn)
         weights = np.array([np.ones(len(film)), self._pressure(gap.time)])

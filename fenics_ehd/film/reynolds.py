@@ -59,7 +59,8 @@ class ReynoldsEquation:
         Viscosity and density at ambient pressure over those of `parameters`: numbers, or arrays at
         the Gauss points if they depend on position.
     weights
-        Entries of the mass matrix N of (11) for the 8-node element, else None.
+        Entries of the mass matrix N of the complementarity problem (11), in the order of `pattern`;
+        None unless the film has 8-node cells.
     laws
         Combination of laws of the film.
     feeds
@@ -123,8 +124,8 @@ class ReynoldsEquation:
         return FilmForms(self.parameters.grid, self.laws, self._numbers.layout)
 
     @cached_property
-    def _places(self) -> np.ndarray:
-        return self.forms.places(self.pattern, self.free)
+    def _entry_indices(self) -> np.ndarray:
+        return self.forms.entry_indices(self.pattern, self.free)
 
     def _field(self, name: str) -> np.ndarray | float:
         function = getattr(self.parameters.lubricant, name)
@@ -162,7 +163,7 @@ class ReynoldsEquation:
         return self.feeds.term(gap, (flow or self.flow(gap)).thickness, lumped=lumped)
 
     def nodal(self, pressure: np.ndarray) -> np.ndarray:
-        """Dimensionless pressures at all nodes, (nodes,), from those at the free nodes."""
+        """Dimensionless pressures at all nodes, shape (nodes,), from those at the free nodes."""
         values = self.given.copy()
         values[self.free] = pressure
         return values
@@ -176,7 +177,7 @@ class ReynoldsEquation:
         rate_shift: float = 0.0,
         supplied: bool = True,
     ) -> Inputs:
-        """Data of the forms for a gap.
+        """Data with which the forms of the equation are assembled for a gap.
 
         Parameters
         ----------
@@ -203,9 +204,9 @@ class ReynoldsEquation:
         return Inputs(numbers, values)
 
     def balance(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
-        """Residual of (1) at every node, shape (nodes,), from dimensionless nodal pressures.
+        """Residual of the Reynolds equation at every node, from dimensionless nodal pressures.
 
-        The residual is the weak form tested with the shape function of the node.
+        It is the weak form tested with the shape function of the node, shape (nodes,).
 
         Raises
         ------
@@ -225,7 +226,7 @@ class ReynoldsEquation:
             return self.balance(inputs, self.nodal(pressure))[self.free]
 
         def entries(pressure: np.ndarray) -> np.ndarray:
-            return self.forms.matrix(inputs, self.nodal(pressure))[self._places]
+            return self.forms.matrix(inputs, self.nodal(pressure))[self._entry_indices]
 
         first = cache(partial(entries, np.zeros(len(self.free))))
         return Complementarity(
@@ -237,7 +238,7 @@ class ReynoldsEquation:
         )
 
     def flow(self, gap: Gap, nodal: np.ndarray | None = None) -> Flow:
-        """Properties and flow of the oil at the Gauss points, dimensionless.
+        """Dimensionless viscosity, density and flow of the oil at the Gauss points.
 
         `nodal` are dimensionless nodal pressures; None for a film at ambient pressure.
         """
@@ -258,6 +259,8 @@ class ReynoldsEquation:
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Sparse derivatives of the residual with respect to the gap, shape (nodes, c * q) each.
 
+        The mesh has c cells with q Gauss points each.
+
         Parameters
         ----------
         gap, pressure
@@ -270,9 +273,9 @@ class ReynoldsEquation:
         Returns
         -------
         thickness, velocity, sliding
-            Derivatives with respect to the thickness at the Gauss points [1/m], on which the rate
-            depends; to the mean velocity [s/m]; and to the sliding velocity [s/m]. The last is None
-            unless the oil thins or one surface is rougher than the other.
+            Derivatives with respect to the thickness at the Gauss points [1/m], including that of
+            the thickness rate; to the mean velocity [s/m]; and to the sliding velocity [s/m].
+            `sliding` is None unless the oil thins or one surface is rougher than the other.
         """
         inputs = inputs or self.inputs(gap, rate_shift=rate_shift)
         thickness, sliding = self.forms.along_gap(inputs, pressure)
@@ -282,7 +285,7 @@ class ReynoldsEquation:
         return thickness, with_data(self.assembly.tested, drag.ravel()), sliding
 
     def along_turn(self, gap: Gap, pressure: np.ndarray) -> np.ndarray:
-        """Derivative of the residual with respect to the journal's angle, (nodes,) [1/rad]."""
+        """Derivative of the residual with respect to the journal's angle [1/rad], (nodes,)."""
         feed = self.fed(gap)
         if feed is None:
             return np.zeros(self.assembly.size)

@@ -107,7 +107,11 @@ LEVELS = 10
 
 
 def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
-    """Average gap ``h_T / sigma = H Phi(H) + f(H)``, and its derivative Phi(H), for H = `ratio`."""
+    """Average gap ``h_T / sigma = H Phi(H) + f(H)``, and its derivative Phi(H).
+
+    H = `ratio` is the nominal gap over the roughness sigma, f the Gaussian density of the heights,
+    and Phi its integral.
+    """
     density = f.exp(-0.5 * ratio * ratio) / math.sqrt(2 * math.pi)
     share = 0.5 * (1 + f.erf(ratio / math.sqrt(2)))
     deep = ratio < DEEP
@@ -124,24 +128,27 @@ def mean_gap(ratio: Any, f: Functions = ARRAYS) -> tuple[Any, Any]:
 
 
 def length_scale(gap: np.ndarray, roughness: float) -> np.ndarray:
-    """``h_T / (dh_T / dh)`` of nominal gaps at a combined roughness, all in [m]; above 0."""
+    """Length ``h_T / (dh_T / dh)`` of nominal gaps h, with the average gap h_T [m]; above 0.
+
+    `gap` are the nominal gaps [m], `roughness` is that of both surfaces together [m].
+    """
     value, share = mean_gap(gap / roughness)
     return roughness * value / np.maximum(share, np.finfo(float).tiny)
 
 
 def pressure_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
-    """Pressure flow factor phi_p for H = `ratio`, by the published formula."""
+    """Pressure flow factor phi_p by the published formula, for `ratio`, the gap over roughness."""
     c, r = PRESSURE
     return 1 - c * f.exp(-r * ratio)
 
 
 def mobility(ratio: Any, average: Any, continuation: Any, f: Functions = ARRAYS) -> Any:
-    """Mobility ``H^3 phi_p``; below H = 0.5 a power of ``h_T / sigma`` continues it.
+    """Mobility ``H^3 phi_p`` of oil between rough surfaces; below H = 0.5 a power continues it.
 
     Parameters
     ----------
     ratio, average
-        H and ``h_T / sigma``.
+        Nominal gap H and average gap ``h_T / sigma``, both over the roughness sigma.
     continuation
         Coefficients of the continuation, see `continuation_below`.
     """
@@ -153,9 +160,11 @@ def mobility(ratio: Any, average: Any, continuation: Any, f: Functions = ARRAYS)
 
 
 def continuation_below() -> tuple[float, float, float]:
-    """Average gap ``h_T / sigma`` and mobility at H = 0.5, and the power of the continuation below.
+    """Coefficients that continue the mobility of `mobility` below H = 0.5.
 
-    The power gives the mobility the slope of the published formula at H = 0.5.
+    They are the average gap over the roughness and the mobility, both at H = 0.5, and the power of
+    the average gap to which the mobility is proportional below. The power gives the mobility the
+    slope of the published formula at H = 0.5. H is the nominal gap over the roughness.
     """
     average, share = mean_gap(PUBLISHED)
     factor = pressure_factor(PUBLISHED)
@@ -166,7 +175,10 @@ def continuation_below() -> tuple[float, float, float]:
 
 
 def shear_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
-    """Shear flow factor phi_s of a rough surface on a smooth one for H = `ratio`; 0 below 0."""
+    """Shear flow factor phi_s of a rough surface on a smooth one; 0 for negative gaps.
+
+    `ratio` is the nominal gap over the roughness.
+    """
     a, power, decay, growth = SHEAR
     is_open = ratio > 0.0
     above = ratio > SHEAR_END
@@ -177,11 +189,11 @@ def shear_factor(ratio: Any, f: Functions = ARRAYS) -> Any:
 
 
 def stress_factor(ratio: np.ndarray) -> np.ndarray:
-    """Factor ``phi_f / H`` of the stress of sliding for H = `ratio`.
+    """Factor ``phi_f / H`` of the shear stress of sliding, for H = `ratio`, the gap over roughness.
 
-    It is sigma times the mean of the inverse local film thickness, for heights with the density
-    ``35 / 96 (1 - (s / 3)^2)^3`` without films thinner than `LEAST_FILM`. It is continuous down to
-    H = -3, below which no film remains.
+    It is the roughness times the mean of the inverse local film thickness, for heights with the
+    density ``35 / 96 (1 - (s / 3)^2)^3``; films thinner than `LEAST_FILM` do not count. It is
+    continuous down to H = -3, below which no film remains.
     """
     z = np.asarray(ratio, dtype=float) / 3
     result = np.zeros(z.shape)
@@ -202,7 +214,10 @@ def stress_factor(ratio: np.ndarray) -> np.ndarray:
 
 
 def rough_stress_factor(ratio: np.ndarray) -> np.ndarray:
-    """Factor ``phi_fs / H`` of a rough surface on a smooth one, for H = `ratio`; 0 below H = 0."""
+    """Factor ``phi_fs / H`` of the shear stress between a rough surface and a smooth one.
+
+    H = `ratio` is the nominal gap over the roughness; the factor is 0 below H = 0.
+    """
     a, power, decay, growth = STRESS
     inside = np.clip(ratio, 0.0, STRESS_END)
     value = a * inside ** (power - 1) * np.exp(-decay * inside + growth * inside**2)
@@ -210,7 +225,11 @@ def rough_stress_factor(ratio: np.ndarray) -> np.ndarray:
 
 
 def stress_pressure_factor(ratio: np.ndarray) -> np.ndarray:
-    """Factor phi_fp for H = `ratio`; 0 below H = 0.51, where its formula is negative."""
+    """Factor phi_fp of the shear stress of the pressure gradient on rough surfaces.
+
+    H = `ratio` is the nominal gap over the roughness. The factor is 0 below H = 0.51, at which its
+    formula changes sign.
+    """
     d, s = STRESS_PRESSURE
     return np.maximum(1 - d * np.exp(-s * ratio), 0.0)
 
@@ -251,9 +270,10 @@ class AsperityContact(NamedTuple):
 
 
 def seven_halves(ratio: np.ndarray) -> np.ndarray:
-    """F_7/2 and its first two derivatives, shape (3, ...), at H = `ratio`, shape (...).
+    """Integral F_7/2 of asperity contact and its first two derivatives, shape (3, ...).
 
-    Values below H = `DEEPEST` are those at `DEEPEST`.
+    The argument `ratio`, shape (...), is the distance of the asperities' mean planes over the
+    roughness. Values below `DEEPEST` are those at `DEEPEST`.
     """
     values = np.zeros((3, *np.shape(ratio)))
     near = ratio < APART
@@ -279,7 +299,10 @@ def _series(coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 @cache
 def _table() -> np.ndarray:
-    """Taylor coefficients of F_7/2 about the points of the table, shape (points, ORDER + 1)."""
+    """Taylor coefficients of F_7/2 about evenly spaced points, shape (points, ORDER + 1).
+
+    The points reach from `DEEPEST` to `APART`.
+    """
     points = np.arange(DEEPEST, APART + 0.5 * SPACING, SPACING)
     derivatives = [half_order(points, 3), -3.5 * half_order(points, 2)]
     for k in range(ORDER - 1):
@@ -289,7 +312,10 @@ def _table() -> np.ndarray:
 
 
 def half_order(ratio: np.ndarray, whole: int) -> np.ndarray:
-    """``F_(whole + 1/2)`` at H = `ratio`, shape (points,), by the trapezoidal rule."""
+    """Integral F_n of asperity contact for n = `whole` + 1/2, by the trapezoidal rule.
+
+    The argument `ratio` and the values have the shape (points,).
+    """
     t = np.arange(STEP, END, STEP)
     height = ratio[:, None] + t**2
     # With s = H + t^2, the integrand is even in t: the sum over t > 0 is half the sum over all t.
@@ -298,7 +324,10 @@ def half_order(ratio: np.ndarray, whole: int) -> np.ndarray:
 
 
 def _two(ratio: np.ndarray) -> np.ndarray:
-    """F_2 at H = `ratio` in closed form; above `APART` it is 0, like the contact pressure."""
+    """Integral F_2 of asperity contact, with the argument `ratio`, in closed form.
+
+    It is 0 for arguments above `APART`, like the contact pressure.
+    """
     tail = 0.5 * erfc(ratio / np.sqrt(2))
     density = np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)
     value = (1 + ratio**2) * tail - ratio * density
@@ -332,12 +361,15 @@ class RoughSurfaces(Roughness):
         return cls(**values, modulus=modulus) if settings.roughness else None
 
     def separation(self, gap: np.ndarray) -> np.ndarray:
-        """Distance of the mean planes of asperity tips over sigma [-], at nominal gaps [m]."""
+        """Distance of the mean planes of the asperity tips over the roughness [-].
+
+        `gap` are nominal gaps [m].
+        """
         return gap / self.roughness - self.summit_offset
 
     @property
     def strength(self) -> float:
-        """Factor of F_5/2 in the contact pressure [Pa]."""
+        """Factor of the integral F_5/2 in Greenwood and Tripp's contact pressure [Pa]."""
         factor = 16 * np.sqrt(2) * np.pi / 15
         product = self.asperity_product
         slenderness = self.asperity_slenderness
@@ -358,12 +390,12 @@ class RoughSurfaces(Roughness):
 
     @property
     def weight(self) -> float:
-        """Weight w of journal less bore roughness, ``(sigma_1^2 - sigma_2^2) / sigma^2``."""
+        """Difference of the squared roughnesses of journal and bore over that of both, w [-]."""
         return (self.journal_roughness**2 - self.bore_roughness**2) / self.roughness**2
 
     @property
     def dragging(self) -> bool:
-        """Whether sliding adds a flow: flow factors are on, and roughnesses differ."""
+        """Whether sliding adds a flow of oil: flow factors are on, and roughnesses differ."""
         return self.flow_factors and self.weight != 0.0
 
     def excess(self, thickness: np.ndarray) -> np.ndarray:
@@ -371,13 +403,19 @@ class RoughSurfaces(Roughness):
         return self.roughness * mean_gap(-thickness / self.roughness)[0]
 
     def boundary_friction_factor(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Boundary friction over contact pressure [-] and its slope [s/m], at `speed` [m/s]."""
+        """Shear stress of boundary friction over contact pressure [-], and its derivative [s/m].
+
+        The derivative is that with respect to `speed`, the sliding velocity [m/s].
+        """
         size = np.hypot(speed, FULL_SLIDING)
         mu = self.boundary_friction
         return mu * speed / size, mu * FULL_SLIDING**2 / size**3
 
     def sheared(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
-        """Thicknesses of smooth films with the same stress of sliding, and of pressure [m].
+        """Thicknesses of two smooth films that have the shear stress of the rough film [m].
+
+        The first has the same stress of sliding, the second the same stress of the pressure
+        gradient.
 
         Patir and Cheng's stress on a surface does not contain the force of the pressure on the
         slopes of its roughness. A smooth surface has no slopes: the stress of sliding on it,
@@ -397,8 +435,9 @@ class RoughSurfaces(Roughness):
         return self.roughness / np.maximum(inverse, np.finfo(float).tiny), deep
 
     def length(self, gap: np.ndarray) -> np.ndarray:
-        """Length ``h_T / (dh_T / dh)`` to which changes of nominal gaps are compared [m].
+        """Length to which changes of nominal gaps are compared [m].
 
-        It is positive for every overlap.
+        It is ``h_T / (dh_T / dh)`` with the average gap h_T of the nominal gap h, and is positive
+        even if the mean planes overlap.
         """
         return length_scale(gap, self.roughness)

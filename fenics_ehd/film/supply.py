@@ -156,10 +156,10 @@ TURN = 2 * np.pi
 
 
 def step(distance: np.ndarray, blur: float) -> tuple[np.ndarray, np.ndarray]:
-    """Covered share at a distance from an edge [m], positive outside, and its derivative [1/m].
+    """Covered share at a distance from the edge of a region, and its derivative [1/m].
 
-    The share falls from 1 inside to 0 outside by a cubic over the width `blur` [m], half of it on
-    either side of the edge.
+    `distance` is positive outside the region [m]. The share falls from 1 inside to 0 outside by a
+    cubic over the width `blur` [m], half of which lies on either side of the edge.
     """
     t = np.clip(0.5 - distance / blur, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / blur
@@ -224,9 +224,10 @@ class Supply:
         return self.pressure if self.curve is None else self.curve(time)[0]
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Smallest lengths around and along the axis that cells must resolve [m], or infinity.
+        """Smallest lengths of the region, around and along the axis, that cells must resolve [m].
 
-        `radius` is the bore radius [m].
+        A length is infinite if the region has no edges in its direction. `radius` is the bore
+        radius [m].
         """
         raise NotImplementedError
 
@@ -239,7 +240,9 @@ class Supply:
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Covered share of the region at points, and its derivative along `offset` [1/rad].
+        """Share to which the region covers points, and its derivative along `offset` [1/rad].
+
+        The share is 1 within the region and 0 outside.
 
         Parameters
         ----------
@@ -269,7 +272,7 @@ class HoleSupply(Supply):
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Covered share of the hole and its derivative, see `Supply.share`."""
+        """Share to which the hole covers points, and its derivative, see `Supply.share`."""
         arc = radius * offset
         distance = np.hypot(arc, height - self.height)
         value, slope = step(distance - 0.5 * self.diameter, blur)
@@ -296,10 +299,10 @@ class GrooveSupply(Supply):
         return self.extent >= 360.0 - 1e-7
 
     def sizes(self, radius: float) -> tuple[float, float]:
-        """Smallest lengths around and along the axis that cells must resolve [m].
+        """Smallest lengths of a groove, around and along the axis, that cells must resolve [m].
 
-        Around, the length is the shorter one of groove and land; it is infinite if the groove is
-        closed.
+        Around, it is the length of the groove or of the land between its ends, if that is shorter.
+        It is infinite if the groove is closed.
         """
         if self.closed:
             return np.inf, self.width
@@ -308,7 +311,7 @@ class GrooveSupply(Supply):
     def share(
         self, offset: np.ndarray, height: np.ndarray, radius: float, blur: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Covered share of the groove and its derivative, see `Supply.share`."""
+        """Share to which the groove covers points, and its derivative, see `Supply.share`."""
         along, _ = step(np.abs(height - self.height) - 0.5 * self.width, blur)
         if self.closed:
             return along, np.zeros_like(along)
@@ -349,9 +352,10 @@ BLUR = 1.5
 def covered(
     region: Supply, grid: FilmGrid, points: SurfacePoints, turn: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covered share of a region at points, and its derivative with respect to `turn` [1/rad].
+    """Share to which a region covers points, and its derivative with respect to `turn` [1/rad].
 
-    `turn` is the angle by which the region is turned [rad].
+    The share is 1 within the region and 0 outside; `turn` is the angle by which the region is
+    turned [rad].
     """
     offset = np.mod(points.angle - region.middle - turn + np.pi, TURN) - np.pi
     share, slope = region.share(offset, points.height, grid.radius, blur_of(region, grid))
@@ -359,9 +363,10 @@ def covered(
 
 
 def blur_of(region: Supply, grid: FilmGrid) -> float:
-    """Width of the blurred edge of a region [m].
+    """Width over which the edge of a region is blurred [m].
 
-    It is `BLUR` cells, but at most the size of the region and twice its distance from a side.
+    It is `BLUR` cells, but at most the size of the region, and at most twice its distance from a
+    side of the bearing.
     """
     sizes = region.sizes(grid.radius)
     cell = max(c for c, size in zip(_cells(grid), sizes, strict=True) if np.isfinite(size))
@@ -395,7 +400,7 @@ def check_supply(name: str, region: Supply, grid: FilmGrid) -> None:
     if not land > 0.0:
         raise SettingsError(
             f"{name} reaches from z = {1e3 * bottom:.4g} to {1e3 * top:.4g} mm, the bearing from "
-            f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: make it smaller or move it, so that land "
+            f"{1e3 * low:.4g} to {1e3 * high:.4g} mm: make {name} smaller or move it, so that land "
             "remains at both sides"
         )
     around, along = region.sizes(grid.radius)

@@ -166,7 +166,11 @@ class Surface:
         return np.linalg.inv(self.jacobians).swapaxes(1, 2)
 
     def reference(self, cells: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Reference coordinates of points (p, n, 2), n points in each of `cells`, shape (p,)."""
+        """Reference coordinates of n points in each of p cells, shape (p, n, 2).
+
+        `cells` are the indices of the cells, shape (p,); `points` have angles and heights, shape
+        (p, n, 2).
+        """
         offsets = points - self.corners[:, 0][cells][:, None]
         return offsets @ self._inverse_transposes[cells]
 
@@ -184,7 +188,7 @@ BLOCK = 20_000
 
 
 def near_pairs(surface: Surface, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a cell and a point that are close enough for an overlap.
+    """Pairs of a cell and a point so close that the cell may overlap an object at the point.
 
     Parameters
     ----------
@@ -214,13 +218,13 @@ def near_pairs(surface: Surface, points: np.ndarray, reach: float) -> tuple[np.n
 
 
 def _scale(surface: Surface) -> float:
-    """Factor on heights, angle per height, with which cells are about as wide as high [rad/m]."""
+    """Factor from heights to angles with which cells are about as wide as high [rad/m]."""
     extents = np.ptp(surface.corners, axis=1).mean(axis=0)
     return extents[0] / extents[1]
 
 
 def scaled_reach(surface: Surface, other: Surface) -> float:
-    """Largest distance of a corner of `other` from the centre of its cell.
+    """Largest distance of a corner from the centre of its cell, in all cells of `other` [rad].
 
     Heights are multiplied by the factor with which cells of `surface` are about as wide as high.
     """
@@ -473,9 +477,10 @@ def _triangulate(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Quadrature rule on a triangle that is exact for polynomials of a total degree.
+    """Quadrature rule on a triangle that is exact for polynomials up to a total degree.
 
-    It has barycentric points, shape (q, 3), and weights of sum 1, shape (q,).
+    Returned are the barycentric coordinates of q points, shape (q, 3), and their weights of sum 1,
+    shape (q,).
     """
     points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
     barycentric = np.column_stack([1 - points.sum(axis=1), points])
@@ -500,7 +505,7 @@ class Mortar:
     Parameters
     ----------
     structure
-        Mesh of the bore for the pressures of (15), m nodes.
+        Mesh of the bore, m nodes, whose nodal pressures give the forces (15).
     film
         Film mesh, k nodes.
     radius

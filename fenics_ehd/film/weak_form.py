@@ -21,10 +21,11 @@ h_T`` replace k and V.
 
 The source is ``rho (a dH/dt + b H)``: a = 1, b = 0 for a density constant in time; a = 0, b = 1 /
 step for the oil content at the end of a step. Supplies add ``(H^3 q + t) P - (H^3 q_s + t_s)``: q
-and t are the conductances of supplies without and with a resistance, q_s and t_s the same times the
-supply pressures.
+and t are the conductances of supplies without and with a resistance, q_s and t_s these conductances
+times the supply pressures.
 
-Numbers are constants of the form: only another combination of laws requires another form.
+Coefficients of the laws are constants of the form: only another combination of laws requires
+another form.
 
 **On a mesh** dolfinx assembles vectors and matrices of the weak form. A combination of laws is
 compiled once; other meshes, oils and temperatures use the same kernels.
@@ -131,28 +132,29 @@ class Laws:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Constants of a weak form: numbers, or the symbols for them in UFL.
+    """Constants of the weak form of the Reynolds equation: numbers, or UFL symbols for them.
 
     Attributes
     ----------
     squeeze, storage
-        Coefficients a and b of the source.
+        Coefficients a and b of the source ``rho (a dH/dt + b H)``, with the thickness H.
     rate_shift
-        Derivative ``d h' / d h`` [1/s] of the thickness rate, in the derivative with respect to
-        thickness.
+        Derivative ``d h' / d h`` of the thickness rate with respect to the thickness [1/s]. It
+        enters the derivative of the residual with respect to the thickness.
     level
-        Constant that is subtracted from ``rho H V``. A uniform flow has no divergence, but its
-        round-off would decide which nodes are full if the journal is centred.
+        Constant that is subtracted from the dragged flow ``rho H V``. A uniform flow has no
+        divergence, but its round-off would decide which nodes are full if the journal is centred.
     clearance, speed, rate, pressure_scale
-        Clearance c [m], ``Omega R`` [m/s], Omega [1/s] and p_s [Pa].
+        Clearance c [m], reference velocity ``Omega R`` [m/s], reference angular speed Omega
+        [rad/s], and unit p_s of the dimensionless pressure [Pa].
     viscosity, density
         Viscosity and density of the oil at ambient pressure, over those in the scales of the
         equation.
     viscosity_law, density_law, shear_law
-        Coefficients of the laws, see `Law.numbers`.
+        Coefficients of the laws of viscosity, density and shear thinning, see `Law.numbers`.
     surfaces
-        Roughness sigma [m], weight w, and the coefficients of `rough_surfaces.mobility`; empty for
-        smooth surfaces.
+        Roughness sigma [m], weight w (`RoughSurfaces.weight`), and the coefficients of
+        `rough_surfaces.mobility`; empty for smooth surfaces.
     """
 
     squeeze: Any
@@ -172,18 +174,21 @@ class Numbers:
 
     @cached_property
     def flat(self) -> np.ndarray:
-        """All numbers in one array, in the order of the attributes."""
+        """All constants of the weak form in one array, in the order of the attributes."""
         return np.hstack([getattr(self, number.name) for number in fields(self)]).astype(float)
 
     @property
     def layout(self) -> tuple[int | None, ...]:
-        """Number of values in every attribute; None for an attribute that is a single number."""
+        """Length of every attribute, in their order; None for one that is a single number."""
         values = [getattr(self, number.name) for number in fields(self)]
         return tuple(len(value) if isinstance(value, tuple) else None for value in values)
 
     @classmethod
     def spread(cls, layout: Sequence[int | None], constants: Iterable[Any]) -> Numbers:
-        """Make the object from a layout and constants in the order of `flat`."""
+        """Make `Numbers` from the lengths of its attributes and constants in the order of `flat`.
+
+        `layout` has the lengths, see `Numbers.layout`.
+        """
         rest = iter(constants)
         return cls(*(next(rest) if n is None else tuple(islice(rest, n)) for n in layout))
 
@@ -198,10 +203,10 @@ class Flow(NamedTuple):
     conductance
         Factor ``k = rho H^3 / eta`` of the pressure gradient in the flux.
     thickness, slope
-        Thickness H, the average gap between rough surfaces; and its derivative ``dh_T / dh``, 1
-        between smooth ones.
+        Thickness H, which is the average gap h_T between rough surfaces; and the derivative ``dh_T
+        / dh`` of the average gap with respect to the nominal gap, 1 between smooth surfaces.
     velocity
-        Mean velocity V of the flow.
+        Velocity V at which the surfaces drag the oil, mean over the thickness.
     """
 
     viscosity: Any
@@ -213,18 +218,18 @@ class Flow(NamedTuple):
 
 
 def flow_law(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, f: Functions) -> Flow:
-    """Oil and its flow in a gap at a dimensionless pressure, as expressions or arrays.
+    """Oil and its flow in a gap at a dimensionless pressure, as UFL expressions or as arrays.
 
     Parameters
     ----------
     laws, n
         Combination of laws, and its constants.
     q
-        Fields at the Gauss points by name, see `Laws.values`.
+        Input fields at the Gauss points (gap, oil, supplies) by name, see `Laws.values`.
     pressure
-        Dimensionless pressure.
+        Dimensionless pressure at the Gauss points.
     f
-        Functions for expressions or for arrays.
+        Elementary functions of UFL expressions, or of arrays.
     """
     # Interpolated pressures may be negative between nodes; the oil's laws require at least zero.
     p = n.pressure_scale * f.where(pressure >= 0.0, pressure, 0.0)
@@ -267,7 +272,7 @@ def pressure_element(family: str) -> Any:
 
 
 class WeakForm:
-    """UFL forms of the residual and its derivatives, independent of a mesh.
+    """UFL forms of the Reynolds equation's residual and its derivatives, independent of a mesh.
 
     Parameters
     ----------
@@ -281,11 +286,11 @@ class WeakForm:
     laws
         Combination of laws of these forms.
     coefficients
-        Symbols of the nodal pressure and of `Laws.values`, by name.
+        UFL symbols of the nodal pressure and of the input fields (`Laws.values`), by name.
     forms
-        Forms by name: ``"residual"``; ``"pressure"``, its derivative with respect to pressure;
-        ``"thickness"`` and ``"sliding_velocity"``, its derivatives with respect to these,
-        transposed with a row for every Gauss point.
+        Forms by name: ``"residual"``, and its derivatives with respect to ``"pressure"``,
+        ``"thickness"`` and ``"sliding_velocity"``. The last two are transposed, with a row for
+        every Gauss point.
     """
 
     def __init__(self, laws: Laws, layout: Sequence[int | None]):
@@ -316,7 +321,7 @@ class WeakForm:
 
     @staticmethod
     def _integrand(laws: Laws, n: Numbers, q: Mapping[str, Any], pressure: Any, v: Any) -> Any:
-        """Integrand of the residual: that of (1) with test function v, and supply flow."""
+        """Integrand of the residual: Reynolds equation times test function v, with supply flow."""
         flow = flow_law(laws, n, q, pressure, SYMBOLS)
         dragged = flow.density * flow.thickness * flow.velocity - n.level
         around = flow.conductance * pressure.dx(0) - dragged
@@ -335,7 +340,7 @@ POINTS = GAUSS_POINTS**2
 
 @cache
 def compiled(laws: Laws, layout: tuple[int | None, ...]) -> tuple[WeakForm, dict[str, Any]]:
-    """Weak form of a combination of laws, and its compiled forms by name; once in a process."""
+    """Weak form of a combination of laws, and its compiled forms by name, cached in the process."""
     weak = WeakForm(laws, layout)
     handles = compat.compile_forms(list(weak.forms.values()))
     return weak, dict(zip(weak.forms, handles, strict=True))
@@ -405,7 +410,10 @@ class FilmForms:
         return values
 
     def matrix(self, inputs: Inputs, nodal: np.ndarray) -> np.ndarray:
-        """Entries of the derivative of the residual with respect to pressure, see `places`."""
+        """Entries of the derivative of the residual with respect to the nodal pressures.
+
+        They are in dolfinx's order; `entry_indices` finds those of a sparsity pattern.
+        """
         return self._entries("pressure", "nodes", inputs, nodal)
 
     def along_gap(
@@ -413,8 +421,10 @@ class FilmForms:
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix | None]:
         """Derivatives of the residual with respect to thickness and sliding velocity.
 
-        Both have the shape (nodes, points). The thickness rate depends on the thickness by
-        `Numbers.rate_shift`. The last derivative is None if the flow does not depend on sliding.
+        Both have the shape (nodes, points), with a column for every Gauss point. The derivative
+        with respect to thickness includes that of the thickness rate, which changes by
+        `Numbers.rate_shift` per thickness. The derivative with respect to sliding velocity is None
+        if the flow does not depend on it.
         """
         thickness = self._entries("thickness", "points", inputs, nodal)
         if not self._weak.laws.sliding:
@@ -422,10 +432,11 @@ class FilmForms:
         sliding = self._entries("sliding_velocity", "points", inputs, nodal)
         return with_data(self._columns, thickness), with_data(self._columns, sliding)
 
-    def places(self, pattern: Pattern, nodes: np.ndarray) -> np.ndarray:
-        """Indices, among the entries of `matrix`, of the entries of a sparsity pattern on `nodes`.
+    def entry_indices(self, pattern: Pattern, nodes: np.ndarray) -> np.ndarray:
+        """Index of every entry of a sparsity pattern in the array of entries from `matrix`.
 
-        For an entry that `matrix` does not have, the index is that after the last entry.
+        Row and column i of the pattern belong to node ``nodes[i]``. An entry of the pattern that
+        `matrix` does not have gets the index after the last one.
         """
         matrix = self._matrices["nodes"]
         starts = np.array(matrix.indptr)
@@ -471,7 +482,7 @@ class FilmForms:
 
 
 def _flat_mesh(grid: FilmGrid) -> Any:
-    """Flat dolfinx mesh of the unwrapped bore: angles, and heights over the radius."""
+    """Flat dolfinx mesh of the unwrapped bore, with the coordinates angle and height / radius."""
     around, along = grid.cells
     heights = grid.heights / grid.radius
     x = np.column_stack([np.repeat(grid.angles, along + 1), np.tile(heights, around + 1)])

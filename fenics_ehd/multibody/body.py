@@ -47,7 +47,7 @@ WIDTH = 5
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """One marker at one instant, with its derivatives with respect to n coordinates z.
+    """Values of one marker at one instant, and their derivatives with respect to n coordinates z.
 
     Attributes
     ----------
@@ -71,7 +71,14 @@ class Marker:
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Derivatives of forces by coordinates, rates and accelerations, shape (n, n) each."""
+    """Derivatives of n generalised forces with respect to coordinates, rates and accelerations.
+
+    Attributes
+    ----------
+    position, rate, acceleration
+        Derivatives with respect to the n coordinates, their rates, and their accelerations, shape
+        (n, n) each.
+    """
 
     position: np.ndarray
     rate: np.ndarray
@@ -84,11 +91,13 @@ class FrameInertia:
     Parameters
     ----------
     integrals
-        Inertia integrals of the body, `in_order_of_coordinates`.
+        Inertia integrals of the body, with fields in the order of the coordinates, see
+        `in_order_of_coordinates`.
     coordinates, rates, accelerations
         Coordinates ``(x, y, theta, q)`` and their time derivatives, shape (3 + n,) each.
     minus_gravity
-        Negative gravitational acceleration, which is added to that of x and y, shape (2,) [m/s^2].
+        Negative gravitational acceleration, which is added to the accelerations of x and y, shape
+        (2,) [m/s^2].
     """
 
     def __init__(
@@ -136,9 +145,9 @@ class FrameInertia:
         return forces
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of `forces` with respect to coordinates, rates and accelerations.
+        """Derivatives of the inertia forces with respect to coordinates, rates and accelerations.
 
-        Each has the shape (3 + n, 3 + n).
+        Each of the three matrices has the shape (3 + n, 3 + n).
         """
         s, rate, acceleration = self._fields
         omega = self._omega
@@ -187,9 +196,10 @@ class FrameInertia:
 
 
 def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
-    """Inertia integrals with their fields in the order ``(x, y, theta, q)``.
+    """Inertia integrals with fields in the order of the coordinates ``(x, y, theta, q)``.
 
-    The position of a point, field 0 of the integrals, becomes the field of theta.
+    In `integrals`, the field of a point's position comes first, before the translations. It is
+    multiplied by functions of theta, and becomes the third one.
     """
     order = np.arange(len(integrals.mass))
     order[:3] = 1, 2, 0
@@ -221,8 +231,8 @@ def with_total(
 ) -> InertiaIntegrals:
     """Inertia integrals with another total mass, inertia and centre of mass.
 
-    None keeps the value of the integrals. The elastic part does not change: the difference is the
-    inertia of a rigid body that is fixed to the frame.
+    An argument that is None keeps the value of the integrals. The elastic part of the integrals
+    does not change: the difference of both is the inertia of a rigid body fixed to the frame.
     """
     present = rigid_integrals(
         integrals.total_mass, integrals.polar_inertia, integrals.centre_of_mass
@@ -255,7 +265,7 @@ class Energies:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """Inertia, stiffness and damping forces of one body at one instant.
+    """Inertia, stiffness and damping forces of one body with n coordinates, at one instant.
 
     Attributes
     ----------
@@ -287,17 +297,17 @@ class Body(ABC):
     @property
     @abstractmethod
     def weights(self) -> np.ndarray:
-        """Weight of velocity multipliers on each coordinate (`FINE_WEIGHT`), shape (n,)."""
+        """Weight of the velocity multipliers on each of the body's n coordinates, shape (n,)."""
 
     @property
     @abstractmethod
     def start(self) -> np.ndarray:
-        """Coordinates of the rough pose at the start, shape (n,)."""
+        """Coordinates of the body in its rough pose at the start, shape (n,)."""
 
     @property
     @abstractmethod
     def start_rates(self) -> np.ndarray:
-        """Rates of the coordinates in the rough pose at the start, shape (n,)."""
+        """Rates of the body's coordinates in its rough pose at the start, shape (n,)."""
 
     @property
     @abstractmethod
@@ -321,7 +331,7 @@ class Body(ABC):
 
     @property
     def mobility(self) -> np.ndarray:
-        """Compliance of each coordinate when the mechanism is assembled, shape (n,)."""
+        """Compliance of each of the body's coordinates when the mechanism is assembled, (n,)."""
         return self.weights
 
     @property
@@ -334,14 +344,17 @@ class Body(ABC):
 
     @abstractmethod
     def marker(self, point: str, coordinates: np.ndarray) -> Marker:
-        """Marker of a point at given coordinates, shape (n,); an empty name is the origin."""
+        """Marker of a point of the body at given coordinates, shape (n,).
+
+        An empty name of the point means the body's origin.
+        """
 
     def surface(self, point: str, side: Side) -> Surface:
-        """Make the surface of the body at a point, on one side of a film; rigid by default."""
+        """Make the body's surface at a point, on one side of a film; it is rigid by default."""
         return Surface(side)
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the surface `point` in its undeformed state."""
+        """Name of the point at the centre of the undeformed surface that is named `point`."""
         return point
 
     @abstractmethod
@@ -353,7 +366,7 @@ class Body(ABC):
         *,
         minus_gravity: np.ndarray,
     ) -> Balance:
-        """Inertia, stiffness and damping forces, which balance the other forces on the body.
+        """Inertia, stiffness and damping forces of the body, which balance all other forces on it.
 
         Parameters
         ----------
@@ -365,13 +378,16 @@ class Body(ABC):
 
     @abstractmethod
     def energies(self, coordinates: np.ndarray, rates: np.ndarray) -> Energies:
-        """Kinetic and strain energy and damping loss at coordinates and rates, shape (n,) each."""
+        """Kinetic energy, strain energy and power lost to damping of the body.
+
+        They are those at given coordinates and rates, shape (n,) each.
+        """
 
     @abstractmethod
     def error_measure(self) -> np.ndarray:
-        """Matrix from changes of coordinates to dimensionless errors, shape (k, n).
+        """Matrix from changes of the body's coordinates to dimensionless errors, shape (k, n).
 
-        The step control limits every one of the k errors.
+        The control of the time step limits each of the k errors.
         """
 
 
@@ -412,10 +428,10 @@ class PlanarBody(Pose, Body):
     @property
     @abstractmethod
     def fields(self) -> Mapping[str, np.ndarray]:
-        """Fields of every point by name, shape (2, 3 + n) each.
+        """Displacement fields at every point of the body by name, shape (2, 3 + n) each.
 
-        Columns are the position of the point [m], two unit translations, and its displacement in
-        every elastic mode.
+        The columns are the position of the point [m], two unit translations, and the displacement
+        of the point in each of the n elastic modes.
         """
 
     @property
@@ -478,9 +494,9 @@ class PlanarBody(Pose, Body):
         return tuple(self.fields)
 
     def _with_frame(self, values: np.ndarray, frame: np.ndarray | float = 0.0) -> np.ndarray:
-        """Values for ``(x, y, theta, q)`` from those of the coordinates.
+        """Values for ``(x, y, theta, q)`` from values for the body's coordinates.
 
-        If the body is held, `frame` has the values for ``(x, y, theta)``.
+        A held body has the coordinates q only: `frame` has its values for ``(x, y, theta)``.
         """
         if not self.held:
             return values
@@ -495,7 +511,7 @@ class PlanarBody(Pose, Body):
 
     @cached_property
     def _arms(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Position (2,) and elastic modes (2, n) of points, by name.
+        """Position of every point, shape (2,), and its elastic modes, shape (2, n), by name.
 
         Points at the origin without elastic motion are omitted.
         """
@@ -576,8 +592,8 @@ class PlanarBody(Pose, Body):
     def error_measure(self) -> np.ndarray:
         """Matrix from changes of coordinates to dimensionless errors, see `Body.error_measure`.
 
-        Errors are the angle [rad], the position over the body's size, and elastic motion in the
-        mass norm over `ELASTIC_SHARE` of the size.
+        The errors are the change of the angle [rad], that of the position over the body's size, and
+        the elastic motion in the mass norm over `ELASTIC_SHARE` of the size.
         """
         size = self.reach or 1.0
         measure = np.diag([1.0 / size, 1.0 / size, 1.0])
@@ -636,7 +652,7 @@ class RigidBody(MasslessBody):
 
 
 def ground(points: dict[str, tuple[float, float]] | None = None) -> MasslessBody:
-    """Make the ground, a held body with points [m] by name."""
+    """Make the ground: a body at rest, with the positions of its points by name [m]."""
     return MasslessBody({} if points is None else points, held=True)
 
 
@@ -645,9 +661,9 @@ class FlexibleBody(PlanarBody):
     """Flexible body made of a reduced part, free in a floating frame or held.
 
     The frame's origin is the centre of the undeformed first bore. Every bore gives a point of the
-    same name. If the bore is also a boundary point of the part, the point is the mean position of
-    the deformed surface, otherwise the centre of the undeformed bore. The bore of a film deforms
-    about the centre of the undeformed bore, see `at_rest`.
+    same name. If the bore is also a boundary point of the part, this point is the mean position of
+    the deformed surface; if not, it is the centre of the undeformed bore. The bore of a film
+    deforms about the centre of the undeformed bore, see `at_rest`.
 
     Attributes
     ----------
@@ -709,12 +725,12 @@ class FlexibleBody(PlanarBody):
         return points | {self.at_rest(name): field for name, field in bores.items()}
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the bore `point` in its undeformed state."""
+        """Name of the point at the centre of the undeformed bore that is named `point`."""
         moves = point in self.reduced.bores and point in self.reduced.points
         return f"{point}.at_rest" if moves else point
 
     def surface(self, point: str, side: Side) -> Surface:
-        """Make the surface at a point: elastic for a bore, rigid for a journal."""
+        """Make the body's surface at a point: elastic for a bore, rigid for a journal."""
         from fenics_ehd.multibody.elastic_bore import ElasticBore
 
         if side.sign == BORE and point in self.reduced.bores:

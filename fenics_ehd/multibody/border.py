@@ -29,21 +29,22 @@ class FilmBlock:
     Attributes
     ----------
     pattern, entries, weights
-        Sparsity pattern and entries of A, shape (m, m), and entries of the mass matrix W for 8-node
-        cells, else None.
+        Sparsity pattern and entries of the film matrix A, shape (m, m), and entries of the mass
+        matrix W of 8-node cells, or of the transport of void fractions; None without weights.
     inputs
         Derivatives B of the film's equations with respect to its b inputs, shape (m, b).
     spread
         Matrix T from unknowns x to inputs, shape (b, x).
     outputs
-        Rows of O that are not zero, shape (o, m).
+        Derivatives of the other equations with respect to the film's m pressures: the rows of the
+        matrix O that are not zero, shape (o, m).
     rows
-        Indices of these rows in x, shape (o,).
+        Indices of the rows `outputs` in O, shape (o,).
     gap
-        Gap change at the Gauss points for unit inputs, shape (g, b).
+        Gap change at the g Gauss points for unit inputs, shape (g, b).
     along_gap
-        Derivative of the equations of all nodes with respect to the gap at the Gauss points, on
-        which its rate depends.
+        Derivative of the equations of all nodes with respect to the gap at the Gauss points,
+        including that of the gap's rate, shape (nodes, g).
     """
 
     pattern: Pattern
@@ -57,7 +58,7 @@ class FilmBlock:
     along_gap: sparse.csc_matrix
 
     def block(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Dense block of A for some rows and columns, shape (rows, columns)."""
+        """Dense block of the film matrix A with the given rows and columns, (rows, columns)."""
         pattern = self.pattern
         row, column = (np.full(pattern.size, -1) for _ in range(2))
         row[rows] = np.arange(len(rows))
@@ -70,9 +71,10 @@ class FilmBlock:
         return block
 
     def on(self, full: np.ndarray) -> FilmBlock:
-        """Return the block with outputs of full nodes only; without W it is unchanged.
+        """Return the derivatives with the outputs of full nodes only.
 
-        Without W the pressures of the other nodes are zero; with W they are defects.
+        In the solution of a system with weights W, nodes that are not full have defects in place of
+        pressures, which exert no forces. Without W the derivatives are returned unchanged.
         """
         if self.weights is None:
             return self
@@ -87,7 +89,15 @@ class FilmBlock:
         gap: np.ndarray,
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> FilmBlock:
-        """Return the block with further inputs, and with further outputs and their indices in x."""
+        """Return the derivatives of the film with further inputs and outputs.
+
+        Parameters
+        ----------
+        inputs, spread, gap
+            Further columns of `inputs`, rows of `spread`, and columns of `gap`.
+        outputs
+            Further rows of `outputs`, and their indices `rows`; None for none.
+        """
         block = replace(
             self,
             inputs=np.hstack([self.inputs, inputs]),
@@ -105,23 +115,23 @@ class FilmBlock:
 
 
 class BorderedSystem:
-    """Factorised linear system of films and motion.
+    """Factorised linear system of a Newton step, of all films and of the motion.
 
     Parameters
     ----------
     blocks
         Factors of the matrix A of every film, prepared by the caller.
     borders
-        Derivatives of every film's equations.
+        Derivatives of every film's equations, and their coupling.
     core
-        Matrix S, shape (x, x).
+        Matrix S of the equations of motion, constraints, patterns and contact, shape (size, size).
     responses
         Products ``A^-1 B`` for every film, shape (m, b); computed if None.
 
     Attributes
     ----------
     size
-        Number of unknowns x.
+        Number of unknowns other than pressures.
 
     Raises
     ------
@@ -157,17 +167,20 @@ class BorderedSystem:
             )
         factor, pivots, failure = linalg.lapack.dgetrf(matrix)
         if failure:
-            raise SolverError(f"the matrix of films and motion is singular (row {failure})")
+            raise SolverError(
+                f"the matrix of films and motion is singular (row {failure}): check masses, joints "
+                "and drives"
+            )
         self._factor = factor, pivots
 
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Solve for the pressures of every film, shape (m,) each, and for the other unknowns x.
+        """Solve for the pressures of every film, shape (m,) each, and for the other unknowns.
 
-        `films` are the right-hand sides of the films' equations, shape (m,) each, and `rest` that
-        of the other equations, shape (`size`,). For a mass-conserving film, which has weights W,
-        nodes that are not full have values of the complementary unknown in place of pressures.
+        `films` are the right-hand sides of the films' equations, shape (m,) each, and `rest` is the
+        right-hand side of the other equations, shape (size,). If a film has weights W, nodes that
+        are not full have defects or void fractions in place of pressures.
         """
         alone = [b.solution(r) for b, r in zip(self.blocks, films, strict=True)]
         reduced = rest.copy()
@@ -183,10 +196,10 @@ class BorderedSystem:
 
 
 class ChangedSystem:
-    """System of films and motion for full nodes that differ a little from the factorised ones.
+    """Linear system of films and motion after a few nodes have filled or emptied.
 
-    It uses the factors of a `BorderedSystem`. Additional unknowns are the pressures P_a of nodes
-    that filled, and the defects y_r of nodes that emptied:
+    It uses the factors of a `BorderedSystem` for the full nodes I before. Additional unknowns are
+    the pressures P_a of nodes that filled, and the defects y_r of nodes that emptied:
 
         [ A_II  A_Ia  E_r ] [P_I]
         [ A_aI  A_aa   0  ] [P_a]
@@ -195,9 +208,9 @@ class ChangedSystem:
     Parameters
     ----------
     former
-        The factorised system.
+        Factorised system before the change.
     changes
-        Nodes that filled and nodes that emptied, for every film.
+        Indices of the nodes that filled and of those that emptied since, for every film.
     """
 
     def __init__(
@@ -246,7 +259,10 @@ class ChangedSystem:
     def solve(
         self, films: Sequence[np.ndarray], rest: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Solve for pressures of every film and for x, see `BorderedSystem.solve`."""
+        """Solve for the pressures of every film and for the other unknowns.
+
+        See `BorderedSystem.solve`.
+        """
         right_side = np.zeros(self._total)
         right_side[: self.size] = rest
         for film, indices, (added, _) in zip(films, self._indices, self._changes, strict=True):

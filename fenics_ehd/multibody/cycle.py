@@ -39,9 +39,9 @@ UNKNOWN = "whole run"
 
 
 def first_of_last(numbers: Sequence[float] | np.ndarray) -> int:
-    """Index of the first step of the last cycle, from the number of the cycle at every step.
+    """Index of the first step of the last cycle; 0 if there are no steps.
 
-    It is 0 without steps.
+    `numbers` has the number of the cycle of every step, shape (steps,).
     """
     return int(np.searchsorted(numbers, numbers[-1])) if len(numbers) else 0
 
@@ -69,7 +69,7 @@ class Cycle:
     Attributes
     ----------
     start, end
-        Times of its start and end since the start of the run [s].
+        Times of the start and the end of the cycle since the start of the run [s].
     label
         Description of the cycle for the user, ``"last of 3"``.
     complete

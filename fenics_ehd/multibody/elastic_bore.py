@@ -52,9 +52,9 @@ LOAD_TOLERANCE = 5e-4
 
 
 def bore_surface(nodes: np.ndarray, cells: np.ndarray, family: str) -> SurfaceMesh:
-    """Make the surface mesh of a body's bore from nodes [m] and cells.
+    """Make the surface mesh of a body's bore from its nodes [m] and cells.
 
-    The nodes of a bore without cells must be those of a structured mesh.
+    If `cells` is empty, the nodes must be those of a structured mesh.
     """
     if cells.size:
         return SurfaceMesh.on_cylinder(nodes, cells, family)
@@ -94,15 +94,16 @@ class BoreFilm:
         Sparse matrix from displacements of the bore nodes to outward displacements at Gauss points
         and film nodes, shape (w, 3 m).
     projected
-        Mortar matrix from nodal pressures of the film to those of the bore; None without mortar.
+        Mortar matrix from nodal pressures of the film to nodal pressures of the bore; None without
+        mortar.
     observed
         Outward components of the elastic modes at Gauss points and film nodes, shape (w, n).
     force, load
         Force along x and y for unit nodal pressures of the film, shape (2, nodes), and generalised
         forces on the elastic modes, shape (n, nodes).
     holes, solid
-        Holes of the bore's mesh, and solid fraction of every Gauss point's area, shape (cells,
-        points); the latter is None without holes.
+        Holes of the bore's mesh, and solid fraction of the area of every Gauss point, shape (cells,
+        points). The fraction is None if the bore has no holes.
 
     Raises
     ------
@@ -177,13 +178,16 @@ class BoreFilm:
         return Mortar(structure, film, grid.radius)
 
     def structure_pressure(self, pressure: np.ndarray) -> np.ndarray:
-        """Pressures ``P_s`` of (14) at the body's pressure nodes, shape (k,) [Pa]."""
+        """Pressures at the body's k pressure nodes from those at the film's nodes, (k,) [Pa].
+
+        Between meshes that do not match they are projected by the mortar (14).
+        """
         if self._mortar is not None:
             return self._mortar.to_structure(pressure)
         return pressure[self._order]
 
     def _check_load(self, body: ReducedBody, film: Film) -> None:
-        """Refuse a load matrix J whose force for a smooth pressure is not that of the film."""
+        """Refuse a body's load matrix whose force for a smooth pressure differs from the film's."""
         grid = film.parameters.grid
         for angle_of, component in ((np.cos, 1), (np.sin, 2)):
             pressure = 1.0 + angle_of(grid.node_positions[:, 0])
@@ -192,16 +196,17 @@ class BoreFilm:
             defect = np.abs(of_film - expected).max() / np.abs(expected).max()
             if not defect <= LOAD_TOLERANCE:
                 raise InterfaceMismatchError(
-                    f"forces of a pressure by film and by body differ by {defect:.1e} "
-                    f"(relative, component {component}), above {LOAD_TOLERANCE:.0e}: the body's "
-                    "load matrix does not belong to its bore"
+                    "the resultant of a film pressure, by the matrices of film and body, differs "
+                    f"by {defect:.1e} (relative, component {component}), above "
+                    f"{LOAD_TOLERANCE:.0e}: the body's load matrix does not belong to its bore"
                 )
 
 
 def _mean_translation(film: Film, outward: np.ndarray, tangential: np.ndarray) -> np.ndarray:
-    """Tangential component, at the Gauss points, of the mean translation in every mode, (g, n).
+    """Tangential component of the bore's mean translation in every mode, shape (g, n).
 
-    `outward` and `tangential` are components of the modes at the Gauss points, shape (g, n) each.
+    Components are those at the g Gauss points. `outward` and `tangential` are the components of the
+    n modes there, shape (g, n) each.
     """
     cosine, sine = (x.ravel()[:, None] for x in film.points.normal)
     area = film.assembly.area.ravel() / film.assembly.area.sum()
@@ -231,7 +236,7 @@ class ElasticBore(Surface):
     part
         Reduced body with this bore only.
     maps
-        Linear maps between film and body.
+        Linear maps between the film and the elastic modes of the body.
     """
 
     elastic = True
@@ -255,7 +260,7 @@ class ElasticBore(Surface):
         """Constant linear maps between the film and the amplitudes of the elastic modes.
 
         The film moves with the mean translation of the bore. The mean velocity of the surfaces is
-        relative to it, so that the translation of every mode is subtracted there.
+        relative to the film: the mean translation in every mode is subtracted from it.
         """
         maps = self.maps
         carried = _mean_translation(self.side.film, maps.outward, maps.tangential)
@@ -298,12 +303,18 @@ class ElasticBore(Surface):
         )
 
     def missing_flexibility(self, component: str) -> MissingFlexibility:
-        """Flexibility missing in basis or mesh, see `Surface.missing_flexibility`."""
+        """Flexibility that is missing in the basis or in the mesh of the body.
+
+        See `Surface.missing_flexibility`.
+        """
         return self._missing_in_basis if component == "basis" else self._missing_in_mesh
 
     @property
     def _missing_in_basis(self) -> MissingFlexibility:
-        """Error of the basis; with M4 also that of the neglected inertia of residual patterns."""
+        """Flexibility that the basis of the body lacks at this bore.
+
+        With M4 it includes the effect of the neglected inertia of residual patterns.
+        """
         missing = self.body.missing_flexibility_at(self.point)
         # Matrix from outward displacements of the bore's nodes to their x, y and z components.
         radial = self.part.bore_nodes * [1.0, 1.0, 0.0]
@@ -320,7 +331,10 @@ class ElasticBore(Surface):
 
     @property
     def _missing_in_mesh(self) -> MissingFlexibility:
-        """Error of the part's mesh due to pressures on its bores and forces on its points."""
+        """Flexibility that the mesh of the part lacks at this bore.
+
+        Loads are pressures on the bores of the part, and forces on its points.
+        """
         missing = self.body.mesh_flexibility
         if not missing.size:
             return MissingFlexibility(missing, sparse.csr_matrix((0, 0)), self.damping_time)
@@ -335,7 +349,10 @@ class ElasticBore(Surface):
         return MissingFlexibility(error, to_observed, self.damping_time)
 
     def displacement(self, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
-        """Displacement of the bore in modes and patterns, see `Surface.displacement`."""
+        """Displacement of the bore in elastic modes and residual patterns.
+
+        See `Surface.displacement`.
+        """
         bore = self.part.bore
         surface = bore_surface(bore.coordinates, bore.cells, bore.family)
         fields = bore_fields(self.part)
@@ -360,10 +377,11 @@ class ElasticBore(Surface):
 
 
 def neglected_inertia(body: ReducedBody, residual: ResidualFlexibility) -> np.ndarray:
-    """Gap error per acceleration of the residual amplitudes, shape (m, r).
+    """Gap error due to the neglected inertia of r residual patterns, per acceleration, (m, r).
 
     It is the outward displacement of the bore's m nodes in the static response of the residual
-    patterns to their inertia force ``-M_rr y''``.
+    patterns to their inertia force ``-M_rr y''``, with the accelerations ``y''`` of their
+    amplitudes.
     """
     shape = body.outward(residual.displacement)
     return (shape / residual.stiffness) @ residual.mass

@@ -32,7 +32,8 @@ class BoundSurface:
     marker
         Marker at the centre of the undeformed surface.
     modes
-        Indices of the elastic coordinates of the surface in z, shape (n,).
+        Indices of the surface's elastic coordinates among the coordinates z of the mechanism, shape
+        (n,).
     angle
         Index of the body's angle in z; None if the body cannot turn.
     mounted
@@ -51,9 +52,10 @@ class BoundSurface:
     key: str
 
     def angle_of(self, values: np.ndarray) -> float:
-        """Angle of the body from coordinates z [rad], or angular speed from rates of z [rad/s].
+        """Angle of the surface's body from the coordinates z of a mechanism [rad].
 
-        It is 0 if the body cannot turn.
+        If `values` are rates of z, it is the angular speed [rad/s]. It is 0 for a body that cannot
+        turn.
         """
         return 0.0 if self.angle is None else values[self.angle]
 
@@ -89,31 +91,40 @@ class FilmBinding:
     surfaces: tuple[BoundSurface, BoundSurface]
 
     def relative_angle(self, z: np.ndarray) -> float:
-        """Angle of the journal less that of the bore [rad]."""
+        """Angle of the journal less that of the bore, from coordinates z of the mechanism [rad]."""
         bore, journal = self.surfaces
         return self.relative_speed(z) + journal.mounted - bore.mounted
 
     def relative_speed(self, rates: np.ndarray) -> float:
-        """Angular speed of the journal less that of the bore [rad/s]."""
+        """Angular speed of the journal less that of the bore, from rates of z [rad/s]."""
         return float(self.signs @ rates[self.turning])
 
     def own_angles(self, z: np.ndarray) -> tuple[float, float]:
-        """Angles of bore and journal relative to the bore [rad]: 0 and `relative_angle`."""
+        """Angle of the bore relative to the bore, which is 0, and of the journal [rad]."""
         return 0.0, self.relative_angle(z)
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:
-        """Gap and surface velocities from z, its rates and the time [s], see `JointFilm.gap`."""
+        """Gap and surface velocities from coordinates z of a mechanism, their rates and the time.
+
+        See `JointFilm.gap`.
+        """
         speed = self.relative_speed(rates)
         angle = self.relative_angle(z)
         modes = z[self.turning_modes], rates[self.turning_modes]
         return self.film.gap(z[self.xi], rates[self.xi], speed, angle, time, modes)
 
     def turning_coordinates(self, z: np.ndarray) -> np.ndarray:
-        """Coordinates ``(q, alpha)`` of a turning surface from z, shape (k,)."""
+        """Coordinates ``(q, alpha)`` of the film's turning surface, shape (k,).
+
+        They are computed from the coordinates z of the mechanism.
+        """
         return np.append(z[self.turning_modes], self.relative_angle(z))
 
     def turning_rows(self, z: np.ndarray, rates: np.ndarray) -> TurningRows | None:
-        """Derivatives of the gap with respect to the turning surface's coordinates, or None."""
+        """Derivatives of the gap with respect to the coordinates of a turning surface.
+
+        None if no surface of the film turns.
+        """
         surface = self.film.turning
         if surface is None:
             return None
@@ -122,36 +133,47 @@ class FilmBinding:
 
     @cached_property
     def turning(self) -> np.ndarray:
-        """Indices in z of the angles of journal and bore, without bodies that cannot turn."""
+        """Indices of the angles of journal and bore in the coordinates z of the mechanism.
+
+        Angles of bodies that cannot turn are omitted.
+        """
         angles = [surface.angle for surface in reversed(self.surfaces)]
         return np.array([angle for angle in angles if angle is not None], dtype=int)
 
     @cached_property
     def signs(self) -> np.ndarray:
-        """Signs, +1 or -1, with which the angles `turning` enter `relative_angle`."""
+        """Sign of each angle of `turning` in the relative angle: journal +1, bore -1."""
         known = [surface.angle is not None for surface in reversed(self.surfaces)]
         return np.array([1.0, -1.0])[known]
 
     @cached_property
     def turning_modes(self) -> np.ndarray:
-        """Indices in z of the elastic coordinates of a turning surface; empty if none turns."""
+        """Indices of the turning surface's elastic coordinates in the coordinates z.
+
+        The array is empty if no surface turns.
+        """
         modes = [bound.modes for bound in self.surfaces if bound.surface.turning]
         return np.concatenate([*modes, np.zeros(0, dtype=int)])
 
     @cached_property
     def turning_dofs(self) -> np.ndarray:
-        """Indices in z of the elastic coordinates of a turning surface, then of `turning`."""
+        """Indices in z of a turning surface's elastic coordinates, then of the angles `turning`."""
         return np.concatenate([self.turning_modes, self.turning])
 
     @cached_property
     def turning_map(self) -> np.ndarray:
-        """Matrix from values of z at `turning_dofs` to coordinates ``(q, alpha)``."""
+        """Matrix from the coordinates z with the indices `turning_dofs` to ``(q, alpha)``.
+
+        q are the elastic coordinates of the turning surface, alpha is its angle relative to the
+        bore.
+        """
         return linalg.block_diag(np.eye(len(self.turning_modes)), self.signs)
 
     def angles(self, values: np.ndarray) -> tuple[float, float]:
-        """Angles of journal and bore [rad] from z, or angular speeds [rad/s] from rates of z.
+        """Angles of journal and bore from the coordinates z of a mechanism [rad].
 
-        The value of a body that cannot turn is 0.
+        If `values` are rates of z, they are angular speeds [rad/s]. The value of a body that cannot
+        turn is 0.
         """
         bore, journal = self.surfaces
         return journal.angle_of(values), bore.angle_of(values)

@@ -36,9 +36,9 @@ LARGEST_COMPRESSION = 0.6 / 1.7
 
 
 class FilmContent:
-    """Values of one film in the state of the time integration; this class stores none.
+    """Values of one film in the state of the time integration; in this base class there are none.
 
-    A film with unknowns that have a memory, a temperature for instance, needs a derived class.
+    A film with a memory from step to step, of a temperature for instance, needs a derived class.
 
     Parameters
     ----------
@@ -64,17 +64,18 @@ class FilmContent:
         return np.zeros(self.size)
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a step, whose formula has the past values of the state."""
+        """Start a time step: take the past values of this film from the formula `step`."""
 
     def at_end(self, point: FilmPoint, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values and their rates at the end of a step, shape (size,) each.
+        """Values of the film in the state, and their rates, at the end of a step, (size,) each.
 
-        `point` is the film evaluated at the solution, z are the coordinates there.
+        `point` has the equations of the film evaluated at the solution, z are the coordinates of
+        the mechanism there.
         """
         return np.zeros(0), np.zeros(0)
 
     def keep_within(self, states: np.ndarray, observed: np.ndarray) -> None:
-        """Bring this film's values in the first of `states` into their physical range.
+        """Bring the film's values in the first of several states into their physical range.
 
         Parameters
         ----------
@@ -95,11 +96,15 @@ class FilmContent:
     def of_void_fractions(
         self, fractions: np.ndarray | None, z: np.ndarray, observed: np.ndarray
     ) -> np.ndarray:
-        """Values for void fractions of all nodes, shape (size,); None for a full film."""
+        """Values of the film in the state for void fractions of all nodes, shape (size,).
+
+        `fractions` is None for a full film; `observed` is the gap at the points where gaps are
+        observed [m].
+        """
         return np.zeros(self.size)
 
     def oil(self, state: np.ndarray, observed: np.ndarray) -> float:
-        """Volume of oil in a state with the gap `observed` [m^3]; 0 if not stored."""
+        """Volume of oil in the film [m^3], for a state with the gap `observed`; 0 if not stored."""
         return 0.0
 
 
@@ -124,19 +129,20 @@ class OilContent(FilmContent):
         self._nodes = balance.unknown
 
     def full(self, thickness: np.ndarray) -> np.ndarray:
-        """Content ``int rho h N`` of a full gap at all nodes over ``c R^2``, shape (nodes,).
+        """Oil content of the nodes if the gap is full, ``int rho h N`` over ``c R^2``, (nodes,).
 
-        `thickness` is the gap at the Gauss points [m].
+        `thickness` is the gap h at the Gauss points [m]; ``c R^2`` is the unit of oil contents.
         """
         shape = self._film.assembly.area.shape
         thickness = thickness.reshape(shape) / self._film.parameters.clearance
         return self._film.assembly.source(self._film.equation.factors[1] * thickness)
 
     def _beyond_affine(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-        """Full content of the affine part of the gap, less that of the gap, over ``c R^2``.
+        """Content of the part of the gap that is affine in z, less that of the gap, both full.
 
         The gap differs from its affine part by the shape of a turning surface, and between rough
         surfaces by the excess of the average gap over the `nominal` gap at the Gauss points [m].
+        The unit of the result, shape (nodes,), is ``c R^2``.
         """
         surface = self._binding.film.turning
         surfaces = self._film.parameters.surfaces
@@ -155,7 +161,7 @@ class OilContent(FilmContent):
         return self.of_void_fractions(void, z, gap.thickness.ravel())
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a step: store the shift of its formula, and the past volumes."""
+        """Start a time step: store the shift of its formula, and the past of the stored volumes."""
         self._shift = step.shift
         #: Constant of the stored volumes in the formula ``x' = shift x + past`` [m^3/s].
         self.past = step.past_x[self.indices]
@@ -183,9 +189,10 @@ class OilContent(FilmContent):
         return self._balance.volume_scale * point.step.length * volumes
 
     def _gap_and_full(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gap at the Gauss points [m], and full content of the gap at all nodes over ``c R^2``.
+        """Gap at the Gauss points [m], and oil content of all nodes if this gap is full.
 
-        The Gauss points are the first of the points where gaps are observed.
+        `observed` is the gap at the points where gaps are observed, of which the Gauss points are
+        the first [m]. The unit of the content is ``c R^2``.
         """
         surfaces = self._film.parameters.surfaces
         gap = observed[: self._film.assembly.area.size]
@@ -194,7 +201,10 @@ class OilContent(FilmContent):
     def _full_and_void(
         self, state: np.ndarray, observed: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Full content of all nodes over ``c R^2``, and void volumes of unknown nodes [m^3]."""
+        """Oil content of all nodes if the gap is full, in ``c R^2``, and void volumes [m^3].
+
+        Void volumes are those of the nodes with unknowns, for a state with the gap `observed`.
+        """
         gap, full = self._gap_and_full(observed)
         beyond = self._beyond_affine(state, gap)
         void = state[self.indices] - self._balance.volume_scale * beyond
@@ -214,12 +224,12 @@ class OilContent(FilmContent):
         states[:, self.indices] += change
 
     def oil(self, state: np.ndarray, observed: np.ndarray) -> float:
-        """Volume of oil in a state with the gap `observed` [m^3]."""
+        """Volume of oil in the film [m^3], for a state with the gap `observed` [m]."""
         full, void = self._full_and_void(state, observed)
         return float(self._balance.volume_scale * full.sum() - void.sum())
 
     def void_fractions(self, state: np.ndarray, observed: np.ndarray) -> np.ndarray:
-        """Void fractions of all nodes in a state with the gap `observed`, shape (nodes,)."""
+        """Void fractions of all nodes, shape (nodes,), for a state with the gap `observed` [m]."""
         full, void = self._full_and_void(state, observed)
         fractions = np.zeros(self.size)
         full = self._balance.volume_scale * full[self._nodes]
@@ -229,7 +239,10 @@ class OilContent(FilmContent):
     def of_void_fractions(
         self, fractions: np.ndarray | None, z: np.ndarray, observed: np.ndarray
     ) -> np.ndarray:
-        """Stored volumes for void fractions of all nodes in the gap `observed`, (nodes,) [m^3]."""
+        """Volumes to store in the state for void fractions of all nodes, shape (nodes,) [m^3].
+
+        `observed` is the gap at the points where gaps are observed [m].
+        """
         gap, full = self._gap_and_full(observed)
         void = np.zeros(self.size)
         if fractions is not None:

@@ -75,7 +75,7 @@ class FilmCoupling:
         share: float,
         size: int,
     ) -> FilmBlock:
-        """Derivatives of the film's equations with respect to its own and all other unknowns.
+        """Derivatives of the film's equations with respect to all unknowns of a step.
 
         Parameters
         ----------
@@ -84,12 +84,13 @@ class FilmCoupling:
         shift
             Shift of the step's formula ``x' = shift x + ...`` [1/s].
         speed
-            Derivatives of all rates with respect to all unknowns x except for the patterns.
+            Derivatives of the rates of all coordinates with respect to coordinates and multipliers,
+            shape (coordinates, coordinates and multipliers).
         patterns, share
-            Indices of the retained patterns in x, and their response within the step over the
-            static one.
+            Indices of the retained patterns among the unknowns, and their response within the step
+            over the static response.
         size
-            Number of unknowns x.
+            Number of unknowns other than pressures.
         """
         model = self.model
         binding = model.binding
@@ -142,7 +143,10 @@ class FilmCoupling:
         shift: float,
         speed: np.ndarray,
     ) -> FilmBlock:
-        """Return the block with inputs for the coordinates of a turning surface and their rates."""
+        """Return derivatives with inputs for the coordinates of a turning surface and their rates.
+
+        `block` has the derivatives without these inputs.
+        """
         binding = self.model.binding
         dofs = binding.turning_dofs
         selection = binding.turning_map
@@ -162,18 +166,22 @@ class FilmCoupling:
     def _along_rate(
         self, point: FilmPoint, shift: float, along_gap: sparse.csc_matrix
     ) -> sparse.csc_matrix:
-        """Derivative with respect to the gap's rate, from derivatives by the gap at two shifts."""
+        """Derivative of the film's equations with respect to the rate of the gap, (nodes, g).
+
+        It is computed from the derivatives with respect to the gap for two derivatives ``d h' / d
+        h`` of the rate: `along_gap` for `shift`, and those for a larger one.
+        """
         rate = self.model.film.parameters.rate
         return (self.model.along_gap(point, shift + rate)[0] - along_gap) / rate
 
     def with_matrix(self, former: FilmBlock, point: FilmPoint) -> FilmBlock:
-        """Return earlier derivatives with the film's own matrices computed again at a point."""
+        """Return earlier derivatives, with the film's matrices A and W computed anew at `point`."""
         return replace(former, entries=self.model.along_unknowns(point), weights=point.weights)
 
     def add_turning_stiffness(self, point: FilmPoint, core: np.ndarray) -> None:
-        """Add to the core the derivative of the pressures' forces on a turning surface.
+        """Add the stiffness of pressure forces on a turning surface to the matrix `core`.
 
-        These forces change with the coordinates of the surface at constant pressure.
+        It is their derivative with respect to the coordinates of the surface at constant pressure.
         """
         if point.turning is None:
             return

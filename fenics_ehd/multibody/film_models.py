@@ -95,7 +95,7 @@ class FilmModel(ABC, Generic[PointT]):
     nodes
         Indices of the nodes with unknowns, shape (m,).
     inside
-        Mask of those of these nodes whose unknown is a pressure, shape (m,).
+        Mask of the nodes in `nodes` whose unknown is a pressure, shape (m,).
     pattern
         Sparsity pattern of the linear system, with the m nodes first.
     content
@@ -145,14 +145,14 @@ class FilmModel(ABC, Generic[PointT]):
     # Unknowns
 
     def unknowns(self, pressure: np.ndarray, void: np.ndarray | None = None) -> np.ndarray:
-        """Vector of unknowns from pressures [Pa] and void fractions of all nodes.
+        """Vector of the film's unknowns from pressures [Pa] and void fractions of all nodes.
 
-        Without void fractions every node is full of oil.
+        If no void fractions are given, every node is full of oil.
         """
         return pressure[self.nodes] / self.film.parameters.pressure_scale
 
     def admissible(self, unknowns: np.ndarray) -> np.ndarray:
-        """Extrapolated unknowns, clipped to their bounds."""
+        """Extrapolated unknowns of the film, clipped to their lower bounds."""
         return np.maximum(unknowns, self.lower)
 
     def nodal(self, unknowns: np.ndarray) -> np.ndarray:
@@ -166,13 +166,16 @@ class FilmModel(ABC, Generic[PointT]):
         return self.film.parameters.pressure_scale * self.nodal(unknowns)
 
     def full_nodes(self, free: np.ndarray) -> np.ndarray:
-        """Full nodes in the linear system, from the unknowns `free` off their bounds (indices)."""
+        """Indices of the full nodes in the linear system.
+
+        `free` are the indices of the unknowns that are above their bounds.
+        """
         return free[free < len(self.nodes)]
 
     # Residual
 
     def begin(self, step: ImplicitStep, past_gap: np.ndarray) -> None:
-        """Start a step.
+        """Start a time step with a formula of the time integration.
 
         `past_gap`, shape (g,) [m/s], is the part of the gap's rate at the Gauss points that comes
         from past amplitudes of residual patterns.
@@ -182,16 +185,22 @@ class FilmModel(ABC, Generic[PointT]):
 
     @abstractmethod
     def evaluate(self, gap: Gap, unknowns: np.ndarray) -> PointT:
-        """Evaluate the equations for a gap and a vector of unknowns."""
+        """Evaluate the equations of the film for a gap and a vector of unknowns."""
 
     @abstractmethod
     def settled(self, point: PointT, tolerance: float) -> bool:
-        """Whether equations and complementarity hold to a tolerance, in the maximum norm."""
+        """Whether the film's equations and complementarity hold to a tolerance.
+
+        Defects are compared in the maximum norm.
+        """
 
     # Derivatives, and the linear system of a Newton step
 
     def linear_system(self, options_prefix: str) -> ActiveSetSystem:
-        """Make the solver of the linear system: film matrix at full nodes, W at others."""
+        """Make the solver of the film's linear system in a Newton step.
+
+        Its matrix has the columns of the film matrix at full nodes, and those of W at other nodes.
+        """
         return ActiveSetSystem(
             self.pattern,
             weighted=self.weighted,
@@ -205,40 +214,53 @@ class FilmModel(ABC, Generic[PointT]):
 
     @abstractmethod
     def along_gap(self, point: PointT, shift: float) -> AlongGap:
-        """Derivatives of the equations of all nodes with respect to the gap, not scaled.
+        """Derivatives of the equations of all nodes with respect to the gap, without scaling.
 
-        `shift` is the derivative of the thickness rate by the thickness [1/s].
+        `shift` is the derivative of the thickness rate with respect to the thickness [1/s].
         """
 
     @abstractmethod
     def along_turn(self, point: PointT) -> np.ndarray:
-        """Derivative of the equations of all nodes by the journal's angle, not scaled, (nodes,).
+        """Derivative of the equations of all nodes with respect to the journal's angle, (nodes,).
 
-        It is not zero if the journal has supplies.
+        It is not scaled. It is zero unless the journal has supplies.
         """
 
     def rows(self, nodal: np.ndarray) -> np.ndarray:
-        """Rows of the linear system, scaled, from values for all nodes that are not scaled."""
+        """Select and scale the rows of the linear system from values for all nodes' equations.
+
+        `nodal`, shape (nodes, ...), is not scaled.
+        """
         return nodal[self.nodes] / self.scale
 
     def columns(self, per_pressure: np.ndarray) -> np.ndarray:
-        """Columns for the unknowns of the linear system, from effects of unit nodal pressures.
+        """Effects of unit values of the m unknown pressures, shape (..., m).
 
-        The effects per pressure [1/Pa] have the shape (..., nodes).
+        `per_pressure` has the effects of nodal pressures of 1 Pa, shape (..., nodes); the unknown
+        pressures are dimensionless.
         """
         scale = self.film.parameters.pressure_scale
         return scale * per_pressure[..., self.nodes] * self.inside
 
     @abstractmethod
     def right_side(self, point: PointT, full: np.ndarray) -> np.ndarray:
-        """Right-hand side of the linear system for an active set with the given full nodes."""
+        """Right-hand side of the film's linear system in a Newton step.
+
+        `full` are the indices of the full nodes of the active set.
+        """
 
     def update(self, point: PointT, full: np.ndarray, solution: np.ndarray) -> np.ndarray:
-        """Newton update of all unknowns, from the solution of the linear system."""
+        """Newton update of all unknowns of the film, from the solution of its linear system.
+
+        `full` are the indices of the full nodes.
+        """
         return solution
 
     def pressure_update(self, solution: np.ndarray, full: np.ndarray) -> np.ndarray:
-        """Newton update of the pressures of all nodes [Pa], zero except for full nodes."""
+        """Newton update of the pressures of all nodes [Pa], from the solution of the linear system.
+
+        It is zero at nodes that are not full.
+        """
         nodal = np.zeros(self.film.assembly.size)
         pressed = full[self.inside[full]]
         nodal[self.nodes[pressed]] = self.film.parameters.pressure_scale * solution[pressed]
@@ -247,7 +269,7 @@ class FilmModel(ABC, Generic[PointT]):
     # State
 
     def state(self, point: PointT) -> FilmState:
-        """State of the film at a point, without verification."""
+        """State of the film at one iterate of Newton's method, without verification."""
         free = point.nodal[self.film.free]
         result = CavitationResult(free, self.scale * point.defect, np.flatnonzero(free > 0.0), 0)
         pressure = self.film.parameters.pressure_scale * point.nodal
@@ -255,7 +277,7 @@ class FilmModel(ABC, Generic[PointT]):
 
     @abstractmethod
     def end(self, point: PointT, tolerance: float) -> FilmState:
-        """State of the film at the end of a step, with verification.
+        """State of the film at the end of a step, after its complementarity is verified.
 
         Raises
         ------
@@ -285,18 +307,27 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
         self.symmetric = film.parameters.lubricant.linear
 
     def evaluate(self, gap: Gap, unknowns: np.ndarray) -> FilmPoint:
-        """Evaluate the Reynolds equation, divided by the source at the step's first evaluation."""
+        """Evaluate the Reynolds equation for a gap and unknowns.
+
+        It is divided by the norm of its source at the first evaluation in the step.
+        """
         problem = self.film.equation.problem(gap)
         self.scale = self.scale or problem.scale
         defect = self.film.cavitation.defect(problem, unknowns) / self.scale
         return FilmPoint(unknowns, self.nodal(unknowns), gap, problem, defect)
 
     def along_gap(self, point: FilmPoint, shift: float) -> AlongGap:
-        """Derivatives with respect to the gap, see `ReynoldsEquation.gap_derivatives`."""
+        """Derivatives of the equations with respect to the gap, for `shift` = ``d h' / d h`` [1/s].
+
+        See `ReynoldsEquation.gap_derivatives`.
+        """
         return self.film.equation.gap_derivatives(point.gap, point.nodal, shift)
 
     def along_turn(self, point: FilmPoint) -> np.ndarray:
-        """Derivative with respect to the journal's angle, see `ReynoldsEquation.along_turn`."""
+        """Derivative of the equations with respect to the journal's angle.
+
+        See `ReynoldsEquation.along_turn`.
+        """
         return self.film.equation.along_turn(point.gap, point.nodal)
 
     def _open_defect(self, point: FilmPoint) -> np.ndarray:
@@ -305,22 +336,22 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
         return np.where(is_open, point.defect, 0.0)
 
     def right_side(self, point: FilmPoint, full: np.ndarray) -> np.ndarray:
-        """Right-hand side of the linear system: W times the defects that must vanish."""
+        """Right-hand side of the film's linear system: W times the defects that must vanish."""
         defect = self._open_defect(point)
         weights = point.weights
         return defect if weights is None else self.pattern.multiply(weights, defect)
 
     def settled(self, point: FilmPoint, tolerance: float) -> bool:
-        """Whether defects that must vanish are below the tolerance, or round-off."""
+        """Whether the defects that must vanish are below the tolerance, or only round-off."""
         largest: float = np.abs(self._open_defect(point)).max(initial=0.0)
         return largest <= self._limit(point, tolerance)
 
     def _limit(self, point: FilmPoint, tolerance: float) -> float:
-        """Largest defect that counts as zero."""
+        """Largest defect of the film's equations that counts as zero: tolerance or round-off."""
         return max(tolerance, FLOW_ROUND_OFF * np.abs(point.defect).max(initial=0.0))
 
     def end(self, point: FilmPoint, tolerance: float) -> FilmState:
-        """State at the end of a step, whose complementarity is verified."""
+        """State of the film at the end of a step, whose complementarity is verified."""
         state = self.state(point)
         limit = 10 * self._limit(point, tolerance)
         result = state.cavitation
@@ -362,7 +393,10 @@ class MassConservingFilm(FilmModel[OilPoint]):
         self.lower = np.concatenate([self.lower, np.full(len(self.nodes), -np.inf)])
 
     def unknowns(self, pressure: np.ndarray, void: np.ndarray | None = None) -> np.ndarray:
-        """Vector of unknowns from pressures [Pa] and void fractions, see `FilmModel.unknowns`."""
+        """Vector of the film's unknowns from pressures [Pa] and void fractions of all nodes.
+
+        See `FilmModel.unknowns`.
+        """
         nodal = np.zeros(self.balance.assembly.size) if void is None else void
         return np.concatenate([super().unknowns(pressure), nodal[self.nodes]])
 
@@ -371,7 +405,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         return np.maximum(unknowns, 0.0)
 
     def begin(self, step: ImplicitStep, past_gap: np.ndarray) -> None:
-        """Start a step, see `FilmModel.begin`."""
+        """Start a time step with the past of oil contents and gap, see `FilmModel.begin`."""
         self.content.begin(step)
         joint = self.binding.film
         rate = self.film.parameters.rate
@@ -385,7 +419,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         self._rows = np.zeros(0)
 
     def evaluate(self, gap: Gap, unknowns: np.ndarray) -> OilPoint:
-        """Evaluate the equations of the pressures, and after them the oil balance."""
+        """Evaluate the equations for a gap: those of the pressures, followed by the oil balance."""
         pressures, void = np.split(unknowns, 2)
         step = self.balance.ending(gap, self._length, self._former)
         problem = self.balance.problem(step)
@@ -401,23 +435,29 @@ class MassConservingFilm(FilmModel[OilPoint]):
         return OilPoint(pressures, nodal, gap, problem, defects, void, step, transport)
 
     def along_gap(self, point: OilPoint, shift: float) -> AlongGap:
-        """Derivatives with respect to the gap, see `OilBalance.gap_derivatives`."""
+        """Derivatives of the oil balance with respect to the gap.
+
+        See `OilBalance.gap_derivatives`.
+        """
         return self.balance.gap_derivatives(point.step, point.nodal, point.transport)
 
     def along_turn(self, point: OilPoint) -> np.ndarray:
-        """Derivative with respect to the journal's angle, see `OilBalance.along_turn`."""
+        """Derivative of the oil balance with respect to the journal's angle.
+
+        See `OilBalance.along_turn`.
+        """
         return self.balance.along_turn(point.step, point.nodal)
 
     def _void_update_of_full(self, point: OilPoint, full: np.ndarray) -> np.ndarray:
-        """Newton update of void fractions at full nodes, zero at other nodes, shape (m,)."""
+        """Newton update of the void fractions at full nodes, shape (m,); zero at other nodes."""
         void = np.zeros(len(point.void))
         void[full] = point.defect[full] - DEFECT_WEIGHT * point.balance[full] / self._rows[full]
         return void
 
     def right_side(self, point: OilPoint, full: np.ndarray) -> np.ndarray:
-        """Right-hand side of the linear system: defect of the oil balance, shape (m,).
+        """Right-hand side of the film's linear system: defect of the oil balance, shape (m,).
 
-        It contains the change by the void fractions of full nodes, whose Newton update is known.
+        It includes the effect of the void fractions of full nodes, whose Newton update is known.
         """
         void = self._void_update_of_full(point, full)
         return point.balance + self.pattern.multiply(point.weights, void)
@@ -442,7 +482,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         )
 
     def end(self, point: OilPoint, tolerance: float) -> FilmState:
-        """State at the end of a step, with oil content and outflow.
+        """State of the film at the end of a step, with oil content and outflow of the nodes.
 
         Raises
         ------
@@ -455,7 +495,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:
             raise CavitationError(
-                f"a fluid fraction is {excess:.2g} below 0, but at most {UNDERSHOOT} is accepted"
+                f"a fluid fraction is {-excess:.2g}: at least {-UNDERSHOOT} is accepted"
             )
         outflow = balance.outflow(step, point.nodal, point.pressures, point.transport)
         content = balance.volume_scale * step.length * step.full - self.content.void_volumes(point)
@@ -475,7 +515,10 @@ MODELS: Mapping[str, Callable[[FilmBinding, int], FilmModel[Any]]] = {
 
 
 def film_models(bindings: Sequence[FilmBinding], first: int) -> list[FilmModel[Any]]:
-    """Make the models of all films, with contents from index `first` of the integration's state."""
+    """Make the models of all films.
+
+    Their values in the state of the time integration begin at index `first`.
+    """
     models = []
     for binding in bindings:
         model = MODELS[binding.joint.cavitation](binding, first)

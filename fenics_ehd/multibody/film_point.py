@@ -19,24 +19,26 @@ from fenics_ehd.multibody.surface import TurningRows
 
 @dataclass(frozen=True, eq=False)
 class FilmPoint:
-    """Equations of a film evaluated at one iterate.
+    """Equations of a film evaluated at one iterate of Newton's method.
 
     Attributes
     ----------
     pressures
-        Dimensionless pressures of the m nodes with unknowns; at dry sides dimensionless outflows.
+        Dimensionless pressures of the m nodes with unknowns, shape (m,); at dry sides dimensionless
+        outflows.
     nodal
-        Dimensionless pressures of all nodes.
+        Dimensionless pressures of all nodes, shape (nodes,).
     gap
         Gap at the Gauss points.
     problem
         Complementarity problem of the equations at this gap.
     defect
-        Residual of all equations of the film, scaled to order one.
+        Residual of all equations of the film, scaled to order one, shape (unknowns,).
     contact
         Asperity contact at the Gauss points; None for smooth surfaces.
     turning
-        Derivatives of the gap by the coordinates of a turning surface; None if no surface turns.
+        Derivatives of the gap with respect to the coordinates of a turning surface; None if no
+        surface turns.
     """
 
     pressures: np.ndarray
@@ -54,13 +56,16 @@ class FilmPoint:
 
     @property
     def weights(self) -> np.ndarray | None:
-        """Entries of W in the model's sparsity pattern; None if W is the identity."""
+        """Entries of the matrix W that multiplies the film's defects, in the model's pattern.
+
+        None if W is the identity.
+        """
         return self.problem.weights
 
 
 @dataclass(frozen=True, eq=False)
 class OilPoint(FilmPoint):
-    """Equations of a film with mass-conserving cavitation, evaluated at one iterate.
+    """Equations of a film with mass-conserving cavitation at one iterate of Newton's method.
 
     Attributes
     ----------
@@ -83,7 +88,10 @@ class OilPoint(FilmPoint):
 
     @property
     def weights(self) -> np.ndarray:
-        """Entries of W, the derivative of the transport with respect to void fractions."""
+        """Entries of the derivative of the transport of void with respect to void fractions.
+
+        They are those of the matrix W of the film's equations, in the model's pattern.
+        """
         return self.transport.entries
 
     @property

@@ -204,7 +204,7 @@ class Columns(dict[str, np.ndarray]):
         return self[f"{joint}.{name}"]
 
     def get(self, name: str, default: Any = None) -> Any:
-        """Column of a name, which may lack its joint; `default` if there is none."""
+        """Column of a name, which may omit the joint; `default` if no column has this name."""
         try:
             return self[name]
         except KeyError:
@@ -228,7 +228,7 @@ class Summary(dict[str, Any]):
         return joints[joint][name]
 
     def get(self, name: str, default: Any = None) -> Any:
-        """Entry of a name, which may be that of a joint; `default` if there is none."""
+        """Entry of a name, of the run or of its only joint with it; `default` if none has it."""
         try:
             return self[name]
         except KeyError:
@@ -302,7 +302,7 @@ class History:
         return self[name].units
 
     def _group(self, path: str) -> dict[str, Quantity]:
-        """Quantities whose path is `path` followed by their name, by name."""
+        """Quantities directly under a path, by name: those of ``joints/big_end`` for instance."""
         quantities = {}
         for full_path, quantity in self.values.items():
             group, _, name = full_path.rpartition("/")
@@ -318,7 +318,7 @@ class History:
 
     @cached_property
     def run(self) -> Quantities:
-        """Quantities of the complete run: energies, works, step sizes."""
+        """Quantities that belong to no joint or body: energies, works, step sizes."""
         return Quantities({"time": self.values["time"]} | self._group("run"))
 
     @cached_property
@@ -352,8 +352,8 @@ class History:
     def time(self) -> Quantity:
         """Times of the accepted steps, shape (steps,) [s].
 
-        They are counted from the start of the run, or from that of the cycle if the history has
-        only one cycle of a search.
+        They are counted from the start of the run. If the history has one cycle of a search for a
+        periodic solution, they are counted from the start of this cycle.
         """
         numbers = self.values.get("run/cycle")
         one = numbers is not None and len(numbers) and numbers[0] == numbers[-1]
@@ -376,9 +376,9 @@ class History:
 
     @property
     def pressures(self) -> dict[str, np.ndarray]:
-        """Nodal pressures of every film by joint, shape (steps, nodes) [Pa].
+        """Nodal pressures of every film, by name of the joint, shape (steps, nodes) each [Pa].
 
-        The result is empty if the history was read without films.
+        The dictionary is empty if the history was read without films.
         """
         parts = [(path.split("/"), v) for path, v in self.values.items()]
         return {path[1]: np.asarray(v) for path, v in parts if path[2:] == ["film", "pressure"]}
@@ -398,7 +398,7 @@ class History:
 
     @property
     def figures(self) -> Mapping[str, Mapping[str, Any]]:
-        """Entries of the summary, extremes and means, of every lubricated joint by its name."""
+        """Extremes and means in the summary of every lubricated joint, by name of the joint."""
         return self.entries.get("joints", {})
 
     @property
@@ -448,7 +448,7 @@ class History:
         return self.changed({path: change(v) for path, v in self.values.items() if not fixed(path)})
 
     def changed(self, arrays: Mapping[str, np.ndarray]) -> Self:
-        """Return a history with other arrays by path, in the units of the arrays they replace."""
+        """Return a history in which `arrays`, by path, replace arrays; units do not change."""
         changed = {path: Quantity(array, self.values[path].units) for path, array in arrays.items()}
         return replace(self, values={**self.values, **changed})
 
@@ -598,7 +598,7 @@ def _text(value: str | list[str]) -> np.ndarray:
 
 
 def missing(path: Path, lacks: str) -> str:
-    """Reason for a missing file of a run: `lacks` followed by its name, or a missing folder."""
+    """Reason why a file of a run is missing: `lacks` and the file's name, or no such folder."""
     return f"{lacks} {path.name}" if path.parent.is_dir() else "no such folder"
 
 
@@ -630,8 +630,8 @@ def require_present_format(file: h5py.File) -> None:
     if file.attrs["format_version"] != FORMAT_VERSION:
         version = attribute(file, "fenics_ehd", Value("text"))
         raise ValueError(
-            f"the history was made by version {version}, which {__version__} does not continue: "
-            "run the scene again"
+            f"the history was written by version {version}, and version {__version__} cannot "
+            "continue it: run the scene again"
         )
 
 
@@ -735,7 +735,7 @@ def _summary(folder: Path) -> dict[str, Any]:
             raise ValueError("not an object")
         for name, kinds in SUMMARY_KINDS.items():
             if not isinstance(entries.get(name, kinds[0]()), kinds):
-                raise ValueError(f"{name} = {entries[name]!r} is of another kind")
+                raise ValueError(f"{name} = {entries[name]!r} has the wrong type")
         return _with_nan(_with_joints(entries))
 
 

@@ -34,7 +34,10 @@ POINT_ATTRIBUTES = ("between", "line", "point", "journal", "bore", "body", "angl
 
 
 def named_points(source: object) -> list[tuple[str, str]]:
-    """Pairs of attribute and marker for every point or body that a joint or force names."""
+    """Markers that a joint or force names, as pairs of the attribute's name and the marker.
+
+    A marker is the name of a body, or of a body and its point.
+    """
     names: list[tuple[str, str]] = []
     for attribute in POINT_ATTRIBUTES:
         value = getattr(source, attribute, ())
@@ -53,11 +56,11 @@ def require_body(key: str, name: str, points: PointNames) -> None:
     Raises
     ------
     SettingsError
-        If there is no such body; the message names the key and all bodies.
+        If no body has this name; the message has the key and the names of all bodies.
     """
     if name not in points:
         known = ", ".join(sorted(points))
-        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
+        raise SettingsError(f"{key}: there is no body {name!r}: choose from {known}")
 
 
 def require_point(key: str, marker: str, points: PointNames) -> None:
@@ -66,7 +69,8 @@ def require_point(key: str, marker: str, points: PointNames) -> None:
     Raises
     ------
     SettingsError
-        If there is none; the message names the key, and all bodies or all points of the body.
+        If the body or the point does not exist; the message has the key, and the names of all
+        bodies or of all points of the body.
     """
     name, dot, point = marker.partition(".")
     require_body(key, name, points)
@@ -77,18 +81,20 @@ def require_point(key: str, marker: str, points: PointNames) -> None:
 
 
 def require_two_bodies(key: str, markers: Sequence[str]) -> None:
-    """Refuse markers of which two are different points of one body.
+    """Refuse two markers that are different points of one body.
 
     Raises
     ------
     SettingsError
-        If two are; the message names the key and both points.
+        If two of the markers are so; the message has the key and both points.
     """
     first: dict[str, str] = {}
     for marker in markers:
         other = first.setdefault(marker.partition(".")[0], marker)
         if other is not marker:
-            raise SettingsError(f"{key}: {other} and {marker} are points of one body")
+            raise SettingsError(
+                f"{key}: {other} and {marker} are points of one body: choose points of two bodies"
+            )
 
 
 def require_single_bores(bores: Mapping[str, str]) -> None:
@@ -110,7 +116,7 @@ def require_single_bores(bores: Mapping[str, str]) -> None:
         if other != name:
             raise SettingsError(
                 f"joints.{name}.bore = {bore!r} is the bore of joints.{other} already: a bore "
-                "holds one journal; give the second a point of its own"
+                "holds one journal; give one of the joints another bore"
             )
 
 
@@ -123,7 +129,7 @@ def require_turning(key: str, name: str, *, turns: bool) -> None:
         If `turns` is false; the message names the key and the body.
     """
     if not turns:
-        raise SettingsError(f"{key}: body {name} cannot turn")
+        raise SettingsError(f"{key}: body {name} cannot turn: choose a body that can")
 
 
 #: Index in u of the first value of a joint's second marker.
@@ -174,16 +180,26 @@ class Joint(ABC):
 
     @abstractmethod
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Constraint function at values u of markers and additional coordinates, shape (k,)."""
+        """Constraint function of the joint and its derivatives, at the values u.
+
+        u, shape (k,), has the values of the joint's markers, then its additional coordinates.
+        """
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Imposed values ``h(t)`` and their rates ``h'(t)``, shape (m,) each; None if zero."""
+        """Values that the joint imposes on its m constraints at a time [s], and their rates.
+
+        Both have the shape (m,); None if they are zero.
+        """
         return None
 
 
 @cache
 def _difference(rows: int) -> np.ndarray:
-    """Matrix (rows, k) from u to the first values of marker 1 less those of marker 2."""
+    """Matrix (rows, k) that subtracts the second of two markers from the first.
+
+    It is applied to the values u of both markers, shape (k,). Its result are the differences of
+    their first `rows` values.
+    """
     return np.eye(rows, 2 * WIDTH) - np.eye(rows, 2 * WIDTH, SECOND)
 
 

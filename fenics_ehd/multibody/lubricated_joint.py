@@ -204,7 +204,7 @@ class Eccentric(Joint):
         return self.additional
 
     def geometry(self, u: np.ndarray) -> Geometry:
-        """Constraint function: difference between eccentricity and tilt and those of the bodies.
+        """Constraint function: eccentricity and tilt of the joint less those of its bodies.
 
         See `Joint.geometry`.
         """
@@ -249,7 +249,7 @@ class JointFilm:
     bore, journal
         Functions that make the two surfaces (`Body.surface`).
     tilting
-        Whether the journal tilts.
+        Whether the axis of the journal tilts.
 
     Attributes
     ----------
@@ -272,13 +272,15 @@ class JointFilm:
     thickness
         Change of the gap at the g Gauss points for unit coordinates, shape (g, n).
     mean_velocity, sliding_velocity
-        Change of mean and sliding velocity at the Gauss points for unit rates, shape (g, n) each.
+        Change of mean and sliding velocity at the g Gauss points for unit rates of the coordinates,
+        shape (g, n) each.
     observed
-        Change of the gap at Gauss points and nodes for unit coordinates, shape (w, n).
+        Change of the gap at the w Gauss points and nodes for unit coordinates, shape (w, n).
     deviation
-        Constant change of the gap at Gauss points and nodes, shape (w,) [m].
+        Constant change of the gap at the w Gauss points and nodes due to the shapes of surfaces,
+        shape (w,) [m].
     load
-        Generalised forces on xi for unit nodal pressures, shape (n, nodes).
+        Generalised forces on the coordinates xi for unit nodal pressures, shape (n, nodes).
     """
 
     def __init__(
@@ -330,7 +332,7 @@ class JointFilm:
 
     @property
     def size(self) -> int:
-        """Number n of the coordinates xi."""
+        """Number n of the joint's coordinates ``xi = (e, psi, q)``."""
         return self.thickness.shape[1]
 
     @property
@@ -369,15 +371,15 @@ class JointFilm:
         time: float = 0.0,
         modes: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros(0)),
     ) -> Gap:
-        """Gap and velocities at the Gauss points, without residual patterns.
+        """Gap and surface velocities at the Gauss points, without effects of residual patterns.
 
         Parameters
         ----------
         xi, xi_rate
             Coordinates of the joint and their rates, shape (n,).
         shaft_rate, relative_angle
-            Angular speed [rad/s] and angle [rad] of the journal relative to the bore. The angle
-            matters only if the journal is not round or has supplies.
+            Angular speed [rad/s] and angle [rad] of the journal relative to the bore. The angle has
+            an effect only if the journal is not round or has supplies.
         time
             Time [s], on which supply pressures may depend.
         modes
@@ -410,9 +412,10 @@ class JointFilm:
 def _journal_fields(
     angle: np.ndarray, height: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outward and tangential displacement of the journal for unit ``e_x, e_y, psi_x, psi_y``.
+    """Outward and tangential displacement of the journal at points of a bore.
 
-    Both have the shape (points, count); count is 2 without tilt, else 4.
+    The displacements are those for unit eccentricities and tilts ``e_x, e_y, psi_x, psi_y``. Both
+    arrays have the shape (points, count); `count` is 4, or 2 for a journal that does not tilt.
     """
     cosine = np.cos(angle)
     sine = np.sin(angle)

@@ -98,7 +98,7 @@ class Mechanism:
         require_pair("gravity", self.gravity)
 
     def variations(self) -> Iterator[tuple[str, Variation]]:
-        """Yield key and variation of every force, drive and supply that varies."""
+        """Yield the key and the variation of every force, drive and supply that is not constant."""
         for kind in ("forces", "drives", "joints"):
             for name, source in getattr(self, kind).items():
                 # A force of two components has two names: "wind.x" and "wind.y".
@@ -114,11 +114,12 @@ class BoundMarker:
     Attributes
     ----------
     body, point
-        Body and name of the point.
+        Body of the marker, and name of its point on the body.
     dofs
-        Indices of the body's coordinates in z.
+        Indices of the body's coordinates among the coordinates z of the mechanism.
     columns
-        Indices of the marker's values in u, one slice for each joint and force with this marker.
+        Indices of the marker's values in the vector u of the values of all joints and forces, one
+        slice for each joint and force with this marker.
     """
 
     body: Body
@@ -131,22 +132,23 @@ class BoundMarker:
         return self.body.marker(self.point, self.body.start)
 
     def at(self, z: np.ndarray) -> Marker:
-        """Values and derivatives of the marker at coordinates z; constant if the body has none."""
+        """Values of the marker and their derivatives at coordinates z of the mechanism."""
         return self.body.marker(self.point, z[self.dofs]) if self.body.size else self._rough
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """Joint or drive, the rows of its equations in the constraints g, and its values in u.
+    """Joint or drive, with the indices of its equations and values among those of all joints.
 
     Attributes
     ----------
     name, joint
-        Name and object of the joint.
+        Name of the joint or drive, and its object.
     rows
-        Indices of its equations in g.
+        Indices of its equations in the vector g of all constraints.
     columns
-        Indices in u of the values of its markers and of its additional coordinates.
+        Indices of the values of its markers, and of its additional coordinates, in the vector u of
+        the values of all joints and forces.
     """
 
     name: str
@@ -165,7 +167,7 @@ class System:
     mechanism
         The mechanism.
     n, m, k
-        Number of coordinates z, of constraints g, and of values u of all joints and forces.
+        Numbers of coordinates z, of constraints g, and of values u of all joints and forces.
     bodies, angles
         Indices in z of every body's coordinates, and of the angle of every body that can turn, by
         name of the body.
@@ -180,7 +182,8 @@ class System:
     forces
         Pairs of a force and the indices of its markers' values in u.
     weights, mobility
-        Diagonal of W, and compliance of each coordinate in assembly, shape (n,) each.
+        Weight W of the velocity multipliers on every coordinate, and compliance of every coordinate
+        in assembly, shape (n,) each.
     minus_gravity
         Negative gravitational acceleration, shape (2,) [m/s^2].
     """
@@ -298,7 +301,7 @@ class System:
         Raises
         ------
         SettingsError
-            If there are any; the message names the key of the joint, force or drive in a scene.
+            If such a name or bore is found; the message has the key of the joint, force or drive.
         """
         points = {name: body.point_names for name, body in self._bodies.items()}
         mechanism = self.mechanism
@@ -321,12 +324,15 @@ class System:
         require_single_bores(bores)
 
     def _named(self, marker: str) -> tuple[str, Body, str]:
-        """Name of a marker's body, the body, and name of the point."""
+        """Name of the body of a marker, the body itself, and the name of the marker's point."""
         name, _, point = marker.partition(".")
         return name, self._bodies[name], point
 
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
-        """Yield every body with coordinates: indices in z, body, and its parts of arrays over z."""
+        """Yield every body that has coordinates, with their indices in z.
+
+        Third is a list of the entries of `values`, arrays in the order of z, for this body.
+        """
         for name, body in self._bodies.items():
             dofs = self.bodies[name]
             if body.size:
@@ -334,7 +340,7 @@ class System:
 
     @cached_property
     def tables(self) -> list[TabulatedLoad]:
-        """Tables whose rows no step may miss, with the indices of their angles in z."""
+        """Loads, drives and supplies given by tables, whose rows no time step may miss."""
         return [
             TabulatedLoad(variation.curve, self.angles.get(variation.angle_of))
             for _, variation in self.mechanism.variations()
@@ -344,7 +350,7 @@ class System:
 
     @cached_property
     def rough_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates before assembly, and their rates, shape (n,) each."""
+        """Coordinates of the mechanism before assembly, and their rates, shape (n,) each."""
         z = np.zeros(self.n)
         v = np.zeros(self.n)
         for dofs, body, _ in self.each_body():
@@ -357,7 +363,10 @@ class System:
         return z, v
 
     def worst(self, rows: np.ndarray) -> tuple[str, float]:
-        """Name of the joint in whose rows the largest of m values lies, and its absolute value."""
+        """Name of the joint or drive with the largest absolute value in its rows, and this value.
+
+        `rows` has a value for each of the m constraints.
+        """
         row = int(np.argmax(np.abs(rows)))
         worst = next(c for c in self.constraints if c.rows.start <= row < c.rows.stop)
         return worst.name, float(np.abs(rows[row]))
@@ -369,13 +378,16 @@ class System:
 
     @cached_property
     def error_measure(self) -> np.ndarray:
-        """Matrix from changes of z to dimensionless errors, shape (k, n), see `Body`."""
+        """Matrix from changes of the coordinates z to dimensionless errors, shape (k, n).
+
+        See `Body.error_measure`.
+        """
         measure = linalg.block_diag(*(body.error_measure() for body in self._bodies.values()))
         return np.pad(measure, ((0, 0), (0, self.n - measure.shape[1])))
 
 
 def consecutive(first: int, sizes: Sequence[int]) -> list[slice]:
-    """Adjacent slices of the given sizes, of which the first begins at index `first`."""
+    """Slices of the given sizes that follow each other; the first one begins at index `first`."""
     ends = [first, *(first + np.cumsum(sizes, dtype=int))]
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
@@ -393,10 +405,10 @@ class Instant:
     gradient
         Derivative of all constraints with respect to u, shape (m, k).
     jacobian, defect
-        Derivative G of all constraints with respect to z, shape (m, n), and their values g, shape
-        (m,).
+        Derivative G of all constraints with respect to z, shape (m, n), and values g of the
+        constraints, shape (m,).
     imposed_rate
-        Value ``-g_t`` of ``G v`` that the drives impose, shape (m,).
+        Rates that the drives impose on the constraints, ``-g_t``, shape (m,).
     """
 
     def __init__(self, system: System, time: float, z: np.ndarray):
@@ -433,7 +445,7 @@ class Instant:
 
     @cached_property
     def _curvatures(self) -> list[tuple[Constraint, np.ndarray]]:
-        """Second derivatives of the constraints that are not linear in u, with the constraints."""
+        """Constraints that are not linear in u, each with its second derivatives."""
         return [(constraint, curvature()) for constraint, curvature in self._curved]
 
     def rate_defect(self, rates: np.ndarray) -> np.ndarray:
@@ -441,11 +453,18 @@ class Instant:
         return self.jacobian @ rates - self.imposed_rate
 
     def force_derivative(self, multipliers: np.ndarray) -> np.ndarray:
-        """Derivative of the constraint forces ``G^T l`` with respect to z, shape (n, n)."""
+        """Derivative of the constraint forces ``G^T l`` with respect to z, for multipliers l.
+
+        Its shape is (n, n).
+        """
         return self.values_derivative(multipliers @ self.gradient, self.form(multipliers))
 
     def form(self, multipliers: np.ndarray) -> np.ndarray:
-        """Second derivative of ``l . phi`` with respect to u, for multipliers l, shape (k, k)."""
+        """Second derivative of ``l . phi`` with respect to u, shape (k, k).
+
+        phi are the constraints as functions of the values u of all joints and forces, l their
+        multipliers, shape (m,).
+        """
         result = np.zeros((len(self.u),) * 2)
         for constraint, curvature in self._curvatures:
             columns = constraint.columns
@@ -453,9 +472,11 @@ class Instant:
         return result
 
     def values_derivative(self, force: np.ndarray, form: np.ndarray) -> np.ndarray:
-        """Derivative of ``U^T f`` with respect to z, shape (n, n).
+        """Derivative of the generalised forces ``U^T f`` with respect to z, shape (n, n).
 
-        `form` is the derivative of the force f with respect to u, shape (k, k).
+        U is the derivative of the values u of all joints and forces with respect to z. `force` are
+        the forces f on u, shape (k,), and `form` is the derivative of f with respect to u, shape
+        (k, k).
         """
         result = self.values_along.T @ (form @ self.values_along)
         for bound, marker in self._markers:
@@ -465,7 +486,11 @@ class Instant:
         return result
 
     def rate_derivative(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of ``U v``, shape (k, n), and of ``G v``, shape (m, n), with respect to z."""
+        """Derivatives with respect to z of the rates of values and of constraints, for rates v.
+
+        They are the derivatives of ``U v``, the rates of the values u of all joints and forces,
+        shape (k, n), and of ``G v``, the rates of the constraints, shape (m, n).
+        """
         values = np.zeros_like(self.values_along)
         along = np.zeros_like(self.gradient)
         for bound, marker in self._markers:
@@ -486,7 +511,7 @@ class Motion:
     Attributes
     ----------
     instant
-        Markers and constraints at z.
+        Markers and constraints at the coordinates z.
     rates, accelerations, multipliers
         Rates v and accelerations v', shape (n,) each, and multipliers l, shape (m,).
     value_rates
@@ -525,14 +550,17 @@ class Motion:
 
     @cached_property
     def carried(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of ``u'``, shape (k, n), and of ``G v``, shape (m, n), with respect to z."""
+        """Derivatives with respect to z of the rates of values and of constraints.
+
+        See `Instant.rate_derivative`, of which these are the results for the rates v.
+        """
         return self.instant.rate_derivative(self.rates)
 
     def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
-        """Forces of joints and loads on a points of a body, shape (2 a,) [N].
+        """Forces of joints and loads on some points of a body, two components for each point [N].
 
-        They are x and y components in the frame of the body, for points in the order of their
-        names.
+        `name` is that of the body, `points` are the names of its points. The components are x and y
+        in the frame of the body, for points in the order of their names.
         """
         instant = self.instant
         forces = np.zeros((len(points), 2))
@@ -543,7 +571,10 @@ class Motion:
         return forces.ravel()
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of the residual with respect to z, v and v', shape (n, n) each."""
+        """Derivatives of the residual of motion with respect to z, v and v', shape (n, n) each.
+
+        z, v and v' are the coordinates, their rates and their accelerations.
+        """
         instant = self.instant
         along = instant.values_along
         form = instant.form(self.multipliers)
@@ -609,7 +640,7 @@ def assemble(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and rates that satisfy all constraints, near to rough ones, shape (n,) each.
 
-    The frames of bodies move, and shafts as rigid bodies; eccentricities and elastic coordinates
+    Frames of bodies move, and shafts move as rigid bodies. Eccentricities and elastic coordinates
     change as little as possible. The rough coordinates and rates are those of the bodies unless
     `rough` and `rates` are given.
 
@@ -643,7 +674,10 @@ def assemble(
 
 
 def _closer(instant: Instant, change: np.ndarray) -> Instant:
-    """Instant after a Newton step, which is halved until the largest defect decreases."""
+    """Markers and constraints after a Newton step on the constraints.
+
+    The step `change` of the coordinates is halved until the largest defect decreases.
+    """
     before = np.abs(instant.defect).max()
     for halving in range(MAX_ITERATIONS):
         trial = Instant(instant.system, instant.time, instant.z + 0.5**halving * change)
@@ -653,7 +687,10 @@ def _closer(instant: Instant, change: np.ndarray) -> Instant:
 
 
 def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndarray:
-    """Smallest change of coordinates, weighted by their compliance, that removes a defect, (n,)."""
+    """Smallest change of the coordinates that removes a defect of the constraints, shape (n,).
+
+    Changes are weighted by the compliance of the coordinates. `defect` has the shape (m,).
+    """
     weights = system.mobility
     if not len(defect):  # no joints: LAPACK refuses empty matrices
         return np.zeros_like(weights)
@@ -661,14 +698,16 @@ def _correction(system: System, instant: Instant, defect: np.ndarray) -> np.ndar
     lengths = np.linalg.norm(gradients, axis=0)
     if not lengths.all():
         name, _ = system.worst((lengths == 0.0).astype(float))
-        raise SettingsError(f"joint {name} connects nothing that can move")
+        raise SettingsError(
+            f"joint {name} connects only bodies that cannot move: remove it, or let a body move"
+        )
     q, r, order = linalg.qr(gradients / lengths, mode="economic", pivoting=True)
     rank = int(np.sum(np.abs(np.diag(r)) > INDEPENDENT))
     if rank < len(order):
         name, _ = system.worst(np.arange(len(order)) == order[rank])
         raise SettingsError(
-            f"joint {name} repeats or contradicts other joints: remove one of them, or let it turn "
-            "or slide; a linkage at a change point has to be assembled elsewhere"
+            f"joint {name} repeats or contradicts other joints: remove one of them, or let {name} "
+            "turn or slide; a linkage at a change point has to be assembled in another position"
         )
     scaled = (defect / lengths)[order]
     return -weights * (q @ linalg.solve_triangular(r, scaled, trans="T"))
@@ -683,7 +722,7 @@ def check_inertia(system: System, z: np.ndarray) -> None:
     Raises
     ------
     SettingsError
-        If there is such a motion; the message names the body.
+        If such a motion exists; the message has the name of the body that moves.
     """
     frames = np.flatnonzero(system.weights == 1.0)
     rest = np.zeros(system.n)
@@ -711,7 +750,8 @@ def unresisted(system: System, columns: np.ndarray, blocks: Sequence[np.ndarray]
     columns
         Indices in z of the k coordinates that may move.
     blocks
-        Constraints, stiffness and inertia of these coordinates, shape (any, k) each.
+        Matrices of constraints, stiffness and inertia with a column for each of these coordinates,
+        shape (any, k) each.
     """
     _, sizes, motions = linalg.svd(np.vstack([_directions(block) for block in blocks]))
     if not len(columns) or (len(sizes) == len(columns) and sizes[-1] >= NOTHING * sizes[0]):
@@ -722,7 +762,7 @@ def unresisted(system: System, columns: np.ndarray, blocks: Sequence[np.ndarray]
 
 
 def _directions(rows: np.ndarray) -> np.ndarray:
-    """Rows of a matrix scaled to length 1, without rows of round-off."""
+    """Rows of a matrix scaled to length 1; rows that are only round-off are omitted."""
     lengths = np.linalg.norm(rows, axis=1)
     kept = lengths > 1e-14 * lengths.max(initial=0.0)
     return rows[kept] / lengths[kept, None]

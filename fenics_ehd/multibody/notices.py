@@ -10,7 +10,7 @@ Notices about a mechanism:
 Notices about the pressures of a run:
 
 - a peak above the strength of any lining, or a pressure that is only round-off;
-- a peak in a single step, or the first swing of a start that rings (oscillates).
+- a peak in a single step, or the first swing of an oscillation after the start.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ REACHES = 10.0
 
 
 def unusual_totals(bodies: Mapping[str, Body]) -> list[str]:
-    """Make a line for every centre of mass or moment of inertia that does not fit its body."""
+    """Notices of centres of mass and moments of inertia that do not fit their body, by line."""
     lines = []
     for name, body in bodies.items():
         if isinstance(body, FlexibleBody) and not body.held:
@@ -91,7 +91,7 @@ def _of_rigid(key: str, body: RigidBody) -> list[str]:
 
 
 def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
-    """Make a line for every measured shape of a joint whose spline would overshoot its rows."""
+    """Notices of the measured shapes of joints whose spline would overshoot its rows, by line."""
     lines = []
     for name, joint in joints.items():
         if isinstance(joint, LubricatedJoint):
@@ -101,7 +101,7 @@ def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
 
 
 def stepped_shape(key: str, shape: Shape | None) -> list[str]:
-    """Make a line for a measured shape if its spline would overshoot its rows, else none."""
+    """Notice of a measured shape whose spline would overshoot its rows; an empty list if none."""
     table = getattr(shape, "measured", None)
     if table is None or not table.stepped.any():
         return []
@@ -141,7 +141,7 @@ RINGING = 0.02
 
 
 def ratio_to_neighbours(values: np.ndarray) -> float:
-    """Ratio of the largest value to the larger of the values before and after it.
+    """Ratio of the largest value of a column to the larger one of its two neighbours.
 
     `values` has the shape (steps,). The ratio is 1 for a single step.
     """
@@ -196,7 +196,7 @@ def resting_films(system: System, peaks: Mapping[str, float]) -> list[str]:
 
 
 def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
-    """Make a line for every largest pressure that is above `HIGHEST` or only round-off.
+    """Notices of films whose largest pressure is above `HIGHEST` or only round-off, by line.
 
     Parameters
     ----------

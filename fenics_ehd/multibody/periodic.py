@@ -81,7 +81,7 @@ SUBHARMONIC = (2, 3)
 
 
 def repeating(mechanism: Mechanism) -> tuple[float, str]:
-    """Time from which all loads and drives recur [s], and key of the last one to do so."""
+    """Time from which all loads and drives are periodic [s], and key of the last to become so."""
     over_time = ((key, each) for key, each in mechanism.variations() if not each.angle_of)
     return max([(0.0, ""), *((each.settled, key) for key, each in over_time)])
 
@@ -140,7 +140,8 @@ def check_period(
     Raises
     ------
     SettingsError
-        If one does not recur; the message names its key, and a factor for the period.
+        If a load, drive or supply does not recur; the message has its key and a factor for the
+        period.
     """
     counts = repeats(mechanism, period)
     for key, pressure in (supplies or {}).items():
@@ -157,9 +158,10 @@ def check_period(
 
 
 def temperatures(binding: FilmBinding, means: Mapping[str, float]) -> dict[str, float]:
-    """Entries of the summary for the temperatures of a joint, from its mean power and flow [C].
+    """Entries of the summary about the temperatures of a joint's film [C].
 
-    They are empty if the heat of the joint is not balanced.
+    They are computed from the means of power and flow. They are empty if the heat of the joint is
+    not balanced.
     """
     heat = binding.joint.heat
     temperature = binding.film.film.equation.lubricant.temperature
@@ -191,10 +193,11 @@ class FilmTemperatures(Stateful):
     Attributes
     ----------
     thinning
-        Estimated relative decrease of each film thickness by the last change of its temperature,
-        shape (count,), as the square root of the viscosity.
+        Estimated relative decrease of the thickness of each of the `count` films by the last change
+        of its temperature, shape (count,). The thickness is assumed to change as the square root of
+        the viscosity.
     times, rates
-        Times [s] of the k steps of the current cycle and of three steps before it, shape (k,);
+        Times [s] of the k steps of the current cycle and of three steps before it, shape (k,); and
         power [W] and flow [m3/s] of every film at these times, shape (k, 2 count).
     first
         Index of the step at the start of the cycle in `times`.
@@ -237,7 +240,10 @@ class FilmTemperatures(Stateful):
         self.rates = np.vstack([self.rates, rates])
 
     def _balances(self) -> Iterator[tuple[str, TemperatureSearch, list[float]]]:
-        """Yield name and search of every film, and its mean power and flow over the cycle."""
+        """Yield the name of every film, its temperature search, and its mean power and flow.
+
+        Means are those over the current cycle [W], [m3/s].
+        """
         if not self.count:
             return
         integrals = integral(self.times, self.rates, self.first)
@@ -257,9 +263,9 @@ class FilmTemperatures(Stateful):
         return ""
 
     def move(self) -> None:
-        """Set the temperatures of films whose heat is not balanced for the next cycle.
+        """Set new temperatures, for the next cycle, of the films whose heat is not balanced.
 
-        Balanced temperatures are not changed, because every change causes other steps.
+        Balanced temperatures are not changed, because every change leads to other time steps.
 
         Raises
         ------
@@ -279,7 +285,10 @@ class FilmTemperatures(Stateful):
         self._resume()
 
     def end(self) -> np.ndarray:
-        """Temperatures [C] and rates of zero, shape (2, count), as a state for extrapolation."""
+        """Temperatures of the films at the end of a cycle [C], and zeros as their rates.
+
+        The shape is (2, count), that of states from which the next start is extrapolated.
+        """
         temperatures = [search.temperature for search in self.searches.values()]
         return np.stack([temperatures, np.zeros(self.count)])
 
@@ -292,7 +301,7 @@ class FilmTemperatures(Stateful):
         self._resume()
 
     def failed(self, error: Exception) -> HeatError | None:
-        """Heat error that explains the failure of a cycle; None if every heat can be balanced."""
+        """Heat error that explains an error during a cycle; None if every heat can be balanced."""
         causes = (search.cause_of(error) for search in self.searches.values())
         return next(filter(None, causes), None)
 
@@ -333,12 +342,13 @@ class PeriodicSolver(Stateful):
     began
         State of the integration at the start of the current cycle.
     moved
-        Relative difference between the films at the starts of the last two complete cycles, root
+        Relative difference between the gaps at the starts of the last two complete cycles, root
         mean square [-].
     left
-        Relative change of the films over the last complete cycle, root mean square [-].
+        Relative change of the gaps over the last complete cycle, root mean square [-].
     contraction
-        Difference between the ends of the last two complete cycles over that of their starts [-].
+        Difference between the gaps at the ends of the last two complete cycles, over the difference
+        at their starts [-].
 
     Raises
     ------
@@ -388,12 +398,12 @@ class PeriodicSolver(Stateful):
         return (self.number - 1) * self.period
 
     def restarted(self, run: Run, period: float, periodicity: float, most: int) -> PeriodicSolver:
-        """Make a search with another run from the start of a cycle, with temperatures of this one.
+        """Make a search that continues with another run, and with the temperatures of this search.
 
         Parameters
         ----------
         run
-            Run at the end of a cycle, which is compared with the end of the next cycle.
+            Run at the end of a cycle; its films are compared with those at the end of the next one.
         period, periodicity
             Arguments of `PeriodicSolver`.
         most
@@ -406,7 +416,7 @@ class PeriodicSolver(Stateful):
         return search
 
     def figures(self) -> dict[str, float]:
-        """Entries of the summary about the search."""
+        """Entries of ``summary.json`` about the search for a periodic solution."""
         return {"cycles": self.number, "periodicity_defect": self.defect}
 
     def _films(self) -> np.ndarray:
@@ -435,7 +445,7 @@ class PeriodicSolver(Stateful):
             raise PeriodicityError(
                 f"{self._changing} changes until {self._repeats:g} s, so that cycle {self._counted}"
                 f" of {self.period:g} s is the first that could repeat, above cycles = "
-                f"{self.most}: allow more cycles or let it end sooner"
+                f"{self.most}: allow more cycles, or let {self._changing} end sooner"
             )
         while True:
             yield from self._steps()
@@ -470,7 +480,7 @@ class PeriodicSolver(Stateful):
                         f"{tolerance:g}"
                     )
                 elif not off and tolerance > self.periodicity:
-                    cure += f", or lower time.tolerance = {tolerance:g}, which is above it"
+                    cure += f", or lower time.tolerance = {tolerance:g}, which is above periodicity"
                 raise PeriodicityError(
                     f"after cycles = {self.number} of {self.period:g} s {still}: {cure}"
                 )
@@ -488,7 +498,7 @@ class PeriodicSolver(Stateful):
         Raises
         ------
         PeriodicityError
-            If they do; the message has the number of cycles.
+            If the films repeat after two or three cycles; the message has this number.
         """
         for k in SUBHARMONIC:
             if self.defect < NEAR or len(starts) < k:
@@ -503,7 +513,10 @@ class PeriodicSolver(Stateful):
                 )
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:
-        """Set `moved`, `left`, `contraction` from the gaps at start and end of a cycle."""
+        """Set `moved`, `left` and `contraction` from the gaps at the start and end of a cycle.
+
+        `ends` has both, shape (2, g) [m]; `lengths` are those to which changes are relative [m].
+        """
         if len(self.former):
             self.moved, distance = (
                 float(np.sqrt(np.mean((change / lengths) ** 2))) for change in ends - self.former

@@ -76,12 +76,12 @@ class JointStep:
     contact
         Asperity contact of the joint; None between smooth surfaces.
     x, rate
-        State of the mechanism and its rate.
+        State of the mechanism in the time integration, and its rate, shape (n,) each.
     force
-        Force of the film on the journal in the frame at rest, shape (2,) [N]; followed by two
-        torques if the journal tilts [N m].
+        Force of the film on the journal in the frame at rest, shape (2,) [N]; if the journal tilts,
+        two torques follow, shape (4,) [N m].
     gap
-        Film thickness at Gauss points, then at nodes [m].
+        Film thickness at the g Gauss points, then at the k nodes, shape (g + k,) [m].
     """
 
     binding: FilmBinding
@@ -119,7 +119,10 @@ class JointStep:
 
     @cached_property
     def powers(self) -> tuple[float, float]:
-        """Power lost to pressure flow, and power of the surfaces' drag [W], see `Film.powers`."""
+        """Power lost to pressure-driven flow, and power of the surfaces' drag on the oil [W].
+
+        See `Film.powers`.
+        """
         return self.film.powers(self.state)
 
     @cached_property
@@ -129,13 +132,13 @@ class JointStep:
 
     @property
     def rough(self) -> JointContact:
-        """Asperity contact of a joint that is known to have it."""
+        """Asperity contact of a joint with rough surfaces."""
         assert self.contact is not None
         return self.contact
 
     @cached_property
     def touch(self) -> AsperityContact:
-        """Contact pressure, its slope and its potential at the Gauss points."""
+        """Pressure of asperity contact, its slope and its potential at the Gauss points."""
         return self.rough.at_gap(self.state.gap.thickness)
 
     @cached_property
@@ -163,7 +166,10 @@ class JointStep:
 
     @cached_property
     def journal(self) -> np.ndarray:
-        """Eccentricity of the journal in the deformed and shaped bore, shape (2,) [m]."""
+        """Displacement of the journal's centre from that of the deformed bore, shape (2,) [m].
+
+        The centre of a bore that is not round is that of its least-squares circle.
+        """
         return self.binding.film.circle @ self.gap[-len(self.nodes) :]
 
     @cached_property
@@ -181,7 +187,7 @@ class JointStep:
 
     @cached_property
     def braking(self) -> float:
-        """Torque that brakes the journal about its own axis [N m]."""
+        """Friction torque that brakes the journal about its own axis [N m]."""
         # All torques that brake the journal are added here.
         torque = -self.friction.torque
         rows = self.binding.turning_rows(self.x, self.rate)
@@ -195,7 +201,7 @@ class JointStep:
 
     @property
     def dragging(self) -> float:
-        """Torque that drags the bore along about its own axis [N m]."""
+        """Friction torque that drags the bore along about its own axis [N m]."""
         e = self.x[self.binding.xi[:2]]
         return self.braking - float(e[0] * self.load[1] - e[1] * self.load[0])
 
@@ -234,8 +240,8 @@ class Output:
     column, meaning
         Name of the column with unit, and description.
     value, where
-        Function that computes the quantity from a joint at a step, and condition that joints with
-        the quantity satisfy.
+        Functions of a joint at a step: the first computes the quantity, the second decides whether
+        the joint has it.
     mean
         Whether the summary contains the mean.
     """
@@ -313,7 +319,7 @@ def joint_row(joint: JointStep) -> dict[str, float]:
 
 
 def averaged(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Those columns of a row whose mean is in the summary."""
+    """Select the columns of a row whose mean over time is in the summary."""
     means = {output.column for output in OUTPUTS if output.mean} | {FLOW}
     return {column: value for column, value in row.items() if column.rpartition(".")[2] in means}
 
@@ -323,7 +329,7 @@ FLOW = "flow_m3_per_s"
 
 
 def feed_flows(joint: JointStep) -> dict[str, float]:
-    """Flows of the supplies into the film of a joint, by column."""
+    """Flow of every supply into the film of a joint, by column [m3/s]."""
     flows = joint.flows.balance.feeds
     return {f"{name}.{FLOW}": flow for name, flow in flows.items()}
 
@@ -342,19 +348,19 @@ def min_film_thickness(joint: JointStep) -> float:
 
 @quantity("max_pressure_angle", "deg")
 def max_pressure_angle(joint: JointStep) -> float:
-    """Angle of the largest nodal pressure."""
+    """Angle of the node with the largest pressure."""
     return in_degrees(joint.nodes[np.argmax(joint.pressure), 0])
 
 
 @quantity("eccentricity_x", "m")
 def eccentricity_x(joint: JointStep) -> float:
-    """Displacement of the journal in the undeformed bore's frame, along x."""
+    """Displacement of the journal's centre from that of the undeformed bore, along x."""
     return joint.x[joint.binding.xi[0]]
 
 
 @quantity("eccentricity_y", "m")
 def eccentricity_y(joint: JointStep) -> float:
-    """Displacement of the journal in the undeformed bore's frame, along y."""
+    """Displacement of the journal's centre from that of the undeformed bore, along y."""
     return joint.x[joint.binding.xi[1]]
 
 
@@ -384,13 +390,13 @@ def force_angle(joint: JointStep) -> float:
 
 @quantity("eccentricity_in_bore_x", "m")
 def eccentricity_in_bore_x(joint: JointStep) -> float:
-    """Displacement of the journal in the deformed and shaped bore, along x."""
+    """Displacement of the journal's centre from that of the deformed bore, along x."""
     return joint.journal[0]
 
 
 @quantity("eccentricity_in_bore_y", "m")
 def eccentricity_in_bore_y(joint: JointStep) -> float:
-    """Displacement of the journal in the deformed and shaped bore, along y."""
+    """Displacement of the journal's centre from that of the deformed bore, along y."""
     return joint.journal[1]
 
 
@@ -408,19 +414,19 @@ def attitude_angle(joint: JointStep) -> float:
 
 @quantity("max_pressure_height", "m")
 def max_pressure_height(joint: JointStep) -> float:
-    """Height of the largest nodal pressure."""
+    """Height, from mid-width, of the node with the largest pressure."""
     return upper_most(joint.nodes, -joint.pressure)[1]
 
 
 @quantity("min_film_angle", "deg")
 def min_film_angle(joint: JointStep) -> float:
-    """Angle of the thinnest film."""
+    """Angle at which the film is thinnest."""
     return in_degrees(joint.thinnest[0])
 
 
 @quantity("min_film_height", "m")
 def min_film_height(joint: JointStep) -> float:
-    """Height of the thinnest film."""
+    """Height, from mid-width, at which the film is thinnest."""
     return joint.thinnest[1]
 
 
@@ -450,19 +456,19 @@ def friction_power(joint: JointStep) -> float:
 
 @quantity("journal_friction_power", "W", with_friction, mean=True)
 def journal_friction_power(joint: JointStep) -> float:
-    """Power supplied by the journal, which turns about its own axis in the frame at rest."""
+    """Power that the journal supplies: friction torque times its angular speed."""
     return joint.braking * joint.speeds[0]
 
 
 @quantity("bore_friction_power", "W", with_friction, mean=True)
 def bore_friction_power(joint: JointStep) -> float:
-    """Power supplied by the bore, which turns about its own axis in the frame at rest."""
+    """Power that the bore supplies: minus its friction torque times its angular speed."""
     return -joint.dragging * joint.speeds[1]
 
 
 @quantity("film_power", "W", with_friction, mean=True)
 def film_power(joint: JointStep) -> float:
-    """Power P supplied by the bodies, including that of the squeeze motion."""
+    """Power P that the two bodies supply to the film by squeeze and shear."""
     binding = joint.binding
     friction = joint.friction
     opening = joint.film.pressure_areas.T @ joint.state.gap.thickness_rate.ravel()
@@ -490,7 +496,7 @@ def dissipated_power(joint: JointStep) -> float:
     mean=True,
 )
 def supply_power(joint: JointStep) -> float:
-    """Power P_s of oil that enters under pressure."""
+    """Power P_s that oil brings into the film because it enters under pressure."""
     return joint.flows.work
 
 
@@ -512,7 +518,7 @@ def contact_share(joint: JointStep) -> float:
 
 
 def _share_of_bore(joint: JointStep, at_points: np.ndarray) -> float:
-    """Mean over the bore of a quantity that is given at the Gauss points, shape (g,)."""
+    """Mean over the bore of a quantity with the values `at_points` at the Gauss points, (g,)."""
     film = joint.film
     area = film.parameters.grid.radius**2 * film.assembly.area.sum()
     return joint.rough.area @ at_points / area
@@ -579,7 +585,7 @@ def supply_flow(joint: JointStep) -> float:
 
 
 def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Angle [rad] and height [m] of the smallest value, at the upper point of equal ones.
+    """Angle [rad] and height [m] of the point with the smallest value, the upper of equal ones.
 
     Parameters
     ----------
@@ -603,9 +609,10 @@ def rubbing(joint: JointStep) -> np.ndarray:
 
 
 def wear(binding: FilmBinding, slid: np.ndarray) -> dict[str, float]:
-    """Entries of ``summary.json``: largest ``int p_c |U| dt`` of a joint [Pa m], and its position.
+    """Entries of ``summary.json`` about wear: largest contact pressure times sliding distance.
 
-    `slid` has the integral at the Gauss points, shape (g,).
+    `slid` has this product at the Gauss points of a joint's film, shape (g,) [Pa m]. The angle and
+    the height of the point with the largest product are entries, too.
     """
     worst = int(np.argmax(slid))
     points = binding.film.film.points
@@ -623,9 +630,10 @@ CONTENT = "oil_content_m3"
 def oil_balance(start: float, end: float, totals: Mapping[str, float]) -> dict[str, float]:
     """Entries of ``summary.json`` about the oil of a joint with mass-conserving cavitation.
 
-    `start` and `end` are oil contents [m^3], `totals` the integrals of flows by column [m^3]. The
-    defect is the change of content less the net inflow, relative to content and supply. It is the
-    error of the integrals over time, because every step conserves oil.
+    `start` and `end` are the oil contents at the start and the end of the time span [m^3], `totals`
+    the integrals of the flows over it by column [m^3]. The defect is the change of the content less
+    the net inflow, over the sum of the larger content and the supplied oil. It is the error of the
+    integrals over time, because every step conserves oil.
     """
     # The column of all supplies exists only with a supply of given pressure.
     fed = sum(flow for name, flow in totals.items() if name.endswith(f".{FLOW}"))

@@ -36,7 +36,8 @@ class Quantities(Mapping[str, Quantity]):
         # A copy under construction has no attribute `quantities` yet.
         quantities = self.__dict__.get("quantities", {})
         if name not in quantities:
-            raise AttributeError(f"no {name!r} here, only {', '.join(quantities) or 'nothing'}")
+            names = ", ".join(quantities) or "none"
+            raise AttributeError(f"no quantity is named {name!r}: choose one of {names}")
         return quantities[name]
 
     def __dir__(self) -> list[str]:
@@ -48,7 +49,7 @@ class Quantities(Mapping[str, Quantity]):
         return {with_unit(name, v.units): np.asarray(v) for name, v in self.items()}
 
     def _pair(self, name: str) -> Quantity:
-        """Quantity with the components ``name_x`` and ``name_y``, shape (steps, 2)."""
+        """Vector quantity with the components x and y of a name, shape (steps, 2)."""
         x = self[f"{name}_x"]
         y = self[f"{name}_y"]
         return Quantity(np.column_stack([x, y]), x.units)

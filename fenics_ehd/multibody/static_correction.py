@@ -44,12 +44,13 @@ class _Body:
     Attributes
     ----------
     films
-        Indices of the body's films.
+        Indices of the body's films among all films.
     patterns, displacements, loads
         Indices of the body's amplitudes, of the displacements of its surfaces' nodes, and of the
-        loads of its surfaces, each among those of all bodies.
+        loads of its surfaces, in the arrays with the values of all bodies.
     shapes, amplitudes
-        Attributes of `Compliance`, for all surfaces of the body together.
+        Displacements for unit amplitudes, and static amplitudes for unit loads, see `Compliance`,
+        of all surfaces of the body together.
     """
 
     films: list[int]
@@ -61,9 +62,9 @@ class _Body:
 
     @cached_property
     def response(self) -> tuple[np.ndarray, ...]:
-        """Matrices that give static displacements when they are applied to loads in this order.
+        """Matrices that give static displacements when loads are multiplied by one after the other.
 
-        They are `amplitudes` and `shapes`, or the product of both if it has fewer entries.
+        They are `amplitudes` and `shapes`, or the product of both if the product has fewer entries.
         """
         product = self.shapes.shape[0] * self.amplitudes.shape[1]
         if self.shapes.size + self.amplitudes.size < product:
@@ -87,15 +88,16 @@ class PatternResponses:
     size
         Number r of the patterns of all bodies.
     indices
-        Indices of their amplitudes y in the state ``(z, y)``.
+        Indices of the patterns' amplitudes y in the state ``(z, y)``.
     bodies
-        Patterns of the bodies that have them, by name, in the order of their films.
+        Patterns of the bodies that have patterns, by name, in the order of their films.
     points
-        Indices of every film's Gauss points.
+        Indices of every film's Gauss points among those of all films.
     shift
-        Shift alpha of the step [1/s].
+        Shift alpha of the step's formula ``y' = alpha y + past`` [1/s].
     share
-        Factor s of the step at the Gauss points, shape (g,).
+        Response within the step over the static response, ``1 / (1 + zeta alpha)`` with the
+        structural damping time zeta of the body, at the Gauss points of all films, shape (g,).
     past_gap
         Part ``h' - alpha h`` of the rate of the gap change h, from past amplitudes, shape (g,)
         [m/s].
@@ -150,11 +152,14 @@ class PatternResponses:
         self.indices = slice(system.n, system.n + self.size)
 
     def bodies_of(self, i: int) -> list[_Body]:
-        """Patterns of the bodies that have a surface of film i, at most two bodies."""
+        """Residual patterns of the bodies of film i: at most two, of bore and journal."""
         return [body for body in self.bodies.values() if i in body.films]
 
     def of_body(self, name: str) -> slice:
-        """Indices of a body's amplitudes in the state ``(z, y)``; empty if it has no patterns."""
+        """Indices of a body's amplitudes y in the state ``(z, y)`` of the time integration.
+
+        The slice is empty if the body has no patterns.
+        """
         if name not in self.bodies:
             return slice(0, 0)
         patterns = self.bodies[name].patterns
@@ -162,18 +167,21 @@ class PatternResponses:
         return slice(first + patterns.start, first + patterns.stop)
 
     def observed(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Gap change for amplitudes y at points where gaps are observed, shape (w,) [m]."""
+        """Gap change at the w points where gaps are observed, for amplitudes y, shape (w,) [m]."""
         return self._to_observed @ self._displacement(amplitudes)
 
     def _displacement(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Displacements of the nodes of all surfaces for amplitudes y."""
+        """Displacements of the nodes of all surfaces for amplitudes y of residual patterns [m]."""
         displacement = np.zeros(self._to_gap.shape[1])
         for body in self.bodies.values():
             displacement[body.displacements] = body.shapes @ amplitudes[body.patterns]
         return displacement
 
     def _static_response(self, loads: Any) -> np.ndarray:
-        """Static gap change at the Gauss points for loads of all surfaces, shape (l,) or (l, a)."""
+        """Static gap change at the Gauss points of all films [m].
+
+        `loads` has the l loads of all surfaces, shape (l,), or several sets of them, shape (l, k).
+        """
         displacement = np.zeros((self._to_gap.shape[1], *loads.shape[1:]))
         for body in self.bodies.values():
             values = loads[body.loads]
@@ -183,11 +191,17 @@ class PatternResponses:
         return self._to_gap @ displacement
 
     def gap_change_from_pressure(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
-        """Gap change at the Gauss points in this step, from nodal pressures of all films [Pa]."""
+        """Gap change at the Gauss points of all films in this step, shape (g,) [m].
+
+        It is due to the nodal pressures of every film, `pressures` [Pa].
+        """
         return self.share * self._static_response(self._from_pressure @ np.concatenate(pressures))
 
     def gap_change_from_forces(self, forces: np.ndarray) -> np.ndarray:
-        """Gap change at the Gauss points in this step, from normal forces there, shape (g,) [N]."""
+        """Gap change at the Gauss points of all films in this step, shape (g,) [m].
+
+        It is due to normal forces at the same points, shape (g,) [N].
+        """
         return self.share * self._static_response(self._from_forces @ forces)
 
     def unit_force_response(self, points: np.ndarray) -> np.ndarray:
@@ -208,9 +222,10 @@ class PatternResponses:
         return self._static_response(self._from_forces)
 
     def unit_pressure_response(self, i: int, points: np.ndarray) -> np.ndarray:
-        """Gap change in this step at a chosen Gauss points for unit nodal pressures of film i.
+        """Gap change in this step at some Gauss points for unit nodal pressures of film i.
 
-        It has the shape (a, nodes) [m/Pa].
+        `points` has the indices of these points, shape (a,); the result has the shape (a, nodes)
+        [m/Pa].
         """
         response = np.zeros((len(points), self._pressures[i].stop - self._pressures[i].start))
         for body in self.bodies_of(i):
@@ -222,7 +237,7 @@ class PatternResponses:
         return self.share[points, None] * response
 
     def retained_patterns(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Softest patterns at every film, at most `count` of each of its bodies.
+        """Softest residual patterns at every film, at most `count` for each body of the film.
 
         Returns
         -------
@@ -244,9 +259,9 @@ class PatternResponses:
         return retained
 
     def pattern_indices(self, count: int, first: int) -> tuple[list[np.ndarray], int]:
-        """Indices of every film's retained patterns in the unknowns, and the first index after all.
+        """Indices of every film's retained patterns among the unknowns, and the next free index.
 
-        Films on one body share its patterns.
+        All films on a body have the same patterns of this body.
 
         Parameters
         ----------
@@ -265,7 +280,7 @@ class PatternResponses:
         return indices, last
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a step: store its shift and past amplitudes."""
+        """Start a time step: store the shift of its formula, and the past amplitudes."""
         self.shift = step.shift
         self._past = step.past_x[self.indices]
         self._share_of_patterns = 1.0 / (1.0 + self._damping * self.shift)
@@ -273,7 +288,10 @@ class PatternResponses:
         self.past_gap = self._to_gap @ self._displacement(self._past)
 
     def add(self, pressures: Sequence[np.ndarray], gaps: list[Gap]) -> None:
-        """Add the gap changes due to nodal pressures of all films [Pa] to the gaps."""
+        """Replace the gaps of all films by gaps that include the deformation in residual patterns.
+
+        The deformation is due to nodal pressures, one array for every film [Pa].
+        """
         if not self.size:
             return
         # Without pressure, the gap change and its rate are multiples of `past_gap`.
@@ -285,7 +303,10 @@ class PatternResponses:
             gaps[i] = gaps[i].changed(change[points], rate[points])
 
     def static(self, pressures: Sequence[np.ndarray], forces: np.ndarray) -> np.ndarray:
-        """Static amplitudes (r,) for nodal pressures [Pa] and forces at Gauss points [N]."""
+        """Static amplitudes of the r patterns of all bodies for loads on the films, shape (r,).
+
+        Loads are nodal pressures of every film [Pa], and normal forces at all Gauss points [N].
+        """
         loads = self._from_pressure @ np.concatenate(pressures)
         if forces.any():
             loads = loads + self._from_forces @ forces
@@ -295,16 +316,22 @@ class PatternResponses:
         return amplitudes
 
     def state(self, static: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes y at the end of the step and their rates, from static amplitudes."""
+        """Amplitudes of the residual patterns at the end of the step, and their rates, (r,) each.
+
+        `static` are the amplitudes without damping, shape (r,).
+        """
         y = self._share_of_patterns * (static - self._damping * self._past)
         return y, self.shift * y + self._past
 
     def energy(self, amplitudes: np.ndarray) -> float:
-        """Strain energy of the patterns for amplitudes y [J]."""
+        """Strain energy of the residual patterns for given amplitudes [J]."""
         return float(0.5 * self._stiffness @ amplitudes**2)
 
     def dissipation(self, rates: np.ndarray) -> float:
-        """Power that structural damping dissipates for rates of the amplitudes [W]."""
+        """Power that structural damping dissipates in residual patterns [W].
+
+        `rates` are the rates of their amplitudes, shape (r,).
+        """
         return float(self._damping * self._stiffness @ rates**2)
 
 
@@ -327,7 +354,11 @@ def _compliant_surfaces(films: Sequence[FilmBinding]) -> Iterator[tuple[int, str
 def _check_patterns(
     binding: FilmBinding, patterns: Sequence[tuple[BoundSurface, Compliance]]
 ) -> None:
-    """Refuse patterns of a surface that turns through the film, and different damping."""
+    """Refuse residual patterns that a film cannot have.
+
+    They are patterns of a surface that turns through the film, and patterns of both surfaces whose
+    bodies have different damping.
+    """
     for bound, _ in patterns:
         if bound.surface.turning:
             raise SettingsError(
@@ -340,17 +371,17 @@ def _check_patterns(
         different = ", ".join(f"{name}: {time:g} s" for name, time in times.items())
         raise SettingsError(
             f"joints.{binding.name}: the bodies of both surfaces have residual patterns (method "
-            f"M4), but different damping_time ({different}): give both the same"
+            f"M4), but different damping_time ({different}): give both bodies the same damping_time"
         )
 
 
 def _of_film(
     binding: FilmBinding, compliances: Sequence[Compliance]
 ) -> tuple[sparse.csr_matrix, ...]:
-    """Matrices `MATRICES` of `Compliance` for all compliant surfaces of a film together.
+    """Matrices of the residual patterns of both surfaces of a film, in the order of `MATRICES`.
 
-    Displacements and loads of the surfaces follow each other; without compliant surfaces there are
-    none.
+    `Compliance` describes them. Displacements and loads of one surface follow those of the other.
+    The matrices are empty if no surface has residual patterns.
     """
     joint = binding.film
     g = len(joint.thickness)
@@ -371,5 +402,5 @@ def _of_film(
 
 
 def _indices(slices: Sequence[slice], chosen: Sequence[int]) -> np.ndarray:
-    """Indices of all chosen slices, one slice after the other."""
+    """Indices of several chosen slices, one slice after the other, in one array."""
     return np.concatenate([np.arange(slices[i].start, slices[i].stop) for i in chosen])

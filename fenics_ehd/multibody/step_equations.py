@@ -75,7 +75,7 @@ class FilmFriction:
 def film_friction(
     journal: JointFilm, state: FilmState, sheared_fraction: np.ndarray | None = None
 ) -> FilmFriction:
-    """Friction of the film of a joint in a solved state.
+    """Forces and losses of the oil's shear in the film of a joint, in a solved state.
 
     The sheared fraction is computed from the state unless it is given.
     """
@@ -116,13 +116,14 @@ class Point:
     Attributes
     ----------
     drift
-        Multipliers on velocity level, shape (m,).
+        Multipliers of the m constraints on velocity level, shape (m,).
     films
         Equations of every film evaluated at the iterate.
     motion
         Equations of motion evaluated at the iterate.
     rest
-        Residual of motion and constraints, without films, shape (n + 2 m,).
+        Residual of the n equations of motion and of the m constraints on position and on velocity
+        level, shape (n + 2 m,).
     """
 
     drift: np.ndarray
@@ -132,18 +133,18 @@ class Point:
 
     @property
     def residual(self) -> np.ndarray:
-        """Residual of all equations, those of films first."""
+        """Residual of all equations of the step, the equations of the films first."""
         return np.concatenate([*(film.defect for film in self.films), self.rest])
 
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivatives of the equations at an iterate.
+    """Derivatives of the equations of a step at one iterate of Newton's method.
 
     Attributes
     ----------
     films
-        Derivatives of every film's equations, and their coupling.
+        Derivatives of every film's equations, and its coupling with motion and bores.
     core
         Matrix S of motion, constraints, patterns and contact, see `fenics_ehd.multibody.border`.
     """
@@ -160,8 +161,8 @@ class StepEquations:
     system
         The mechanism.
     weights
-        Weights W of the coordinates in the rates ``z' = shift z + past - W G^T m``, shape (n,);
-        None for those of the system.
+        Weights W in the rates ``z' = shift z + past - W G^T m`` of the coordinates, shape (n,); m
+        are multipliers. None for the weights of the system.
 
     Attributes
     ----------
@@ -172,19 +173,20 @@ class StepEquations:
     conserves_oil
         Whether at least one film has mass-conserving cavitation.
     film_indices, rest
-        Indices in u of every film's unknowns, and of ``(z, l, m)``.
+        Indices, among the unknowns u, of every film's unknowns, and of the coordinates and
+        multipliers ``(z, l, m)``.
     rest_size
-        Number of unknowns ``(z, l, m)``.
+        Number of coordinates and multipliers ``(z, l, m)``.
     most_patterns
         Largest number of residual patterns of a body.
     lower
-        Lower bounds of u.
+        Lower bounds of the unknowns u, shape (count,).
     responses
         Responses of bores with films through their residual patterns.
     contacts
         Asperity contact in the joints with rough surfaces.
     sheared_fraction
-        Sheared fractions that are frozen for this step, by name of a joint with friction.
+        Sheared fractions that are frozen for this step, by name of the joint.
     """
 
     def __init__(self, system: System, *, weights: np.ndarray | None = None):
@@ -211,12 +213,15 @@ class StepEquations:
             coupling.retain_patterns(gap, amplitudes)
 
     def resting(self, z: np.ndarray) -> np.ndarray:
-        """State after the coordinates z at the start: patterns of zero, initial oil contents."""
+        """Part of the initial state that follows the coordinates z.
+
+        It has zeros for the amplitudes of the residual patterns, and the initial oil contents.
+        """
         contents = [film.content.initial(z) for film in self.films]
         return np.concatenate([np.zeros(self.responses.size), *contents])
 
     def unknowns_at(self, state: np.ndarray, gaps: list[np.ndarray]) -> np.ndarray:
-        """Unknowns u for a state, with its void fractions and without pressures and forces.
+        """Unknowns u with the void fractions of a state, and zero in all other entries.
 
         `gaps` are the observed gaps of every film in this state [m].
         """
@@ -227,7 +232,7 @@ class StepEquations:
         return u
 
     def begin(self, step: ImplicitStep, gap_changes: GapChanges = ()) -> None:
-        """Start a step.
+        """Set the time step whose equations are evaluated.
 
         Parameters
         ----------
@@ -346,7 +351,10 @@ class StepEquations:
         return Derivative(films, core)
 
     def _speed_derivative(self, point: Point) -> np.ndarray:
-        """Derivative of the rates ``shift z + past - W G^T m`` by (z, l, m), shape (n, n + 2 m)."""
+        """Derivative of the rates with respect to coordinates and multipliers (z, l, m).
+
+        The rates of the coordinates are ``shift z + past - W G^T m``. The shape is (n, n + 2 m).
+        """
         n = self.system.n
         m = self.system.m
         weights = self._weights[:, None]
@@ -358,7 +366,10 @@ class StepEquations:
         return speed
 
     def _core(self, point: Point, speed: np.ndarray, size: int) -> np.ndarray:
-        """Core matrix S of motion and constraints, with ones on the diagonal of other unknowns."""
+        """Core matrix S with the blocks of motion and constraints, shape (size, size).
+
+        Unknowns of residual patterns and contact have ones on the diagonal.
+        """
         n = self.system.n
         m = self.system.m
         last = self.rest_size
@@ -409,9 +420,10 @@ class StepEquations:
         return changes, None if complete else residuals
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """State x of the integration at an iterate, and its rate.
+        """State x of the time integration at an iterate, and its rate.
 
-        The state has the coordinates z, the amplitudes y, and the stored values of all films.
+        The state has the coordinates z, the amplitudes y of the residual patterns, and the oil
+        contents of all films.
         """
         pressures = [
             film.film.parameters.pressure_scale * film_point.nodal

@@ -13,11 +13,11 @@ from fenics_ehd.multibody.surface import Surface
 
 
 class StepNorm:
-    """Norm of errors in a mechanism: the largest one of relative gap errors and coordinate errors.
+    """Norm of errors in a mechanism: the largest of relative gap errors and coordinate errors.
 
     Without films, only coordinates control the steps. Observed values are gaps, dimensionless
     coordinates (`Body.error_measure`), and the coordinates ``(q, alpha)`` of turning surfaces; all
-    are affine in the state. Gap changes due to turning surfaces are computed from the last ones.
+    are affine in the state. Gap changes due to turning surfaces are computed from ``(q, alpha)``.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class StepNorm:
     def _turning_coordinates(self, films: Sequence[FilmBinding], size: int) -> np.ndarray:
         """Rows that select the coordinates of all turning surfaces from a state.
 
-        `_turning` gets, for every surface, the indices of its gaps and of its coordinates among
-        observed values, and its coordinates at zero state.
+        The method also sets `_turning`. It has, for every turning surface, the indices of its gaps
+        and of its coordinates among the observed values, and its coordinates at zero state.
         """
         self._turning: list[tuple[slice, slice, np.ndarray, Surface]] = []
         rows = [np.zeros((0, size))]
@@ -117,5 +117,5 @@ class StepNorm:
         return max(float(np.max(np.abs(change) / lengths)), coordinates)
 
     def coordinate_error(self, change: np.ndarray) -> float:
-        """Largest dimensionless error for a change of the coordinates z, shape (n,)."""
+        """Largest dimensionless error that belongs to a change of the coordinates z, (n,)."""
         return float(np.abs(self._measure @ change).max(initial=0.0))

@@ -100,8 +100,8 @@ def cycle_figures(
     cycle, columns
         Last complete cycle, and columns by path.
     joint, rates
-        Name of the joint, and its columns that are averaged. Their means are omitted if they are
-        equal to the entries ``mean_...``.
+        Name of the joint, and names of its columns with a mean over the cycle. These means are
+        omitted if they are equal to the entries ``mean_...``.
     """
     figures: dict[str, float] = {}
     times = columns["time_s"]
@@ -139,8 +139,8 @@ class RunSummary:
     recorder
         Recorder of the run, which must not take steps while the summary is used.
     error_budget
-        Relative errors of entries by joint, see `fenics_ehd.analysis.error_budget`; empty if they
-        were not estimated.
+        Estimated relative errors of peak pressure and smallest film thickness, by name of the
+        joint, see `fenics_ehd.analysis.error_budget`; empty if they were not estimated.
     """
 
     recorder: Recorder
@@ -158,7 +158,10 @@ class RunSummary:
 
     @cached_property
     def extremes(self) -> dict[str, Extremes]:
-        """Extremes of every film over the current cycle of a search, or over the run, by joint."""
+        """Extremes of every film by name of the joint, over the current cycle or over the run.
+
+        The current cycle is that of a search for a periodic solution.
+        """
         columns = {name: v[self.first :] for name, v in self.columns.items()}
         return extremes_of(columns, self._period)
 
@@ -178,7 +181,10 @@ class RunSummary:
 
     @property
     def peaks(self) -> dict[str, float]:
-        """Largest pressure over the current cycle of a search, or over the run, by joint [Pa]."""
+        """Largest pressure of every film by name of the joint [Pa].
+
+        It is that over the current cycle of a search for a periodic solution, or over the run.
+        """
         return {name: extremes["max_pressure"][0] for name, extremes in self.extremes.items()}
 
     @property
@@ -242,9 +248,10 @@ class RunSummary:
         return figures | cycle_figures(cycle, self.columns, name, rates)
 
     def _basis_error(self, binding: FilmBinding) -> float:
-        """Largest estimate of the basis error at a joint after oscillations of the start [m].
+        """Largest estimated gap error at a joint due to the basis of a reduced body [m].
 
-        It is 0 if no step is later, and NaN without an estimate.
+        Steps do not count until the oscillations that follow the start have decayed. The result is
+        0 if no later step exists, and NaN if the error is not estimated.
         """
         estimates = self.recorder.estimates_at(binding).values()
         if not estimates:
@@ -256,9 +263,10 @@ class RunSummary:
         return float(np.max(counted, initial=0.0 if known else float("nan")))
 
     def _means(self, binding: FilmBinding, rates: Columns) -> dict[str, float]:
-        """Entries for the means of a joint's rates over the current cycle of a search, or the run.
+        """Entries of the summary for the means over time of the columns `rates` of a joint.
 
-        They include the oil balance and the temperatures, which are computed from means.
+        Means are those over the current cycle of a search, or over the run. The oil balance and the
+        temperatures, which are computed from means, are included.
         """
         begin = max(self.first - 1, 0)
         times = self.columns["time_s"]
@@ -275,7 +283,7 @@ class RunSummary:
         return figures if binding.joint.heat is None else figures | temperatures(binding, means)
 
     def notices(self) -> list[str]:
-        """Make a line for every value of the mechanism or the run that is probably a mistake."""
+        """Notices, one line each, of values of the mechanism or run that are probably mistakes."""
         system = self.recorder.system
         lines = unusual_pressures(system, self.peaks)
         may_ring = self.recorder.cycles is None and system.least_damping < RINGING

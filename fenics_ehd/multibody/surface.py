@@ -46,7 +46,7 @@ JOURNAL = -1.0
 def observed_positions(film: Film) -> tuple[np.ndarray, np.ndarray]:
     """Angles [rad] and heights [m] of the w points at which gaps are observed, shape (w,) each.
 
-    They are the Gauss points of a film, followed by its nodes.
+    The points are the Gauss points of a film, followed by its nodes.
     """
     nodes = film.parameters.grid.node_positions
     points = film.points
@@ -90,10 +90,11 @@ class SurfaceRows:
     Attributes
     ----------
     gap
-        Change of the gap at Gauss points and nodes for unit coordinates, shape (w, n).
+        Change of the gap at the w Gauss points and nodes for unit amplitudes of the modes, shape
+        (w, n).
     mean_velocity, sliding_velocity
-        Change of the mean and the sliding velocity at the Gauss points for unit rates, shape
-        (g, n) each.
+        Change of the mean and the sliding velocity at the g Gauss points for unit rates of the
+        amplitudes, shape (g, n) each.
     load
         Generalised forces on the modes for unit nodal pressures, shape (n, nodes).
     resultant
@@ -117,7 +118,7 @@ class TurningRows:
     gap, gap_rate
         Derivatives of the gap and of its rate at the g Gauss points, shape (g, k) each.
     second_derivative
-        Second derivatives of the gap with respect to each coordinate and alpha, shape (g, k). All
+        Second derivatives of the gap with respect to alpha and each coordinate, shape (g, k). All
         other second derivatives are zero.
     load, load_derivative
         Generalised forces for unit nodal pressures, and their derivatives with respect to alpha,
@@ -132,10 +133,10 @@ class TurningRows:
 
     @staticmethod
     def stiffness(along_angle: np.ndarray) -> np.ndarray:
-        """Matrix of the derivatives of the k forces with respect to the k coordinates (q, alpha).
+        """Matrix of the derivatives of k forces with respect to the k coordinates (q, alpha).
 
-        Its last row and column are `along_angle`, the derivatives with respect to the angle alpha,
-        shape (k,). All other entries are zero.
+        Its last row and column are `along_angle`, shape (k,): the derivatives of the forces with
+        respect to the angle alpha. All other entries are zero.
         """
         matrix = np.zeros((len(along_angle), len(along_angle)))
         matrix[-1] = along_angle
@@ -147,22 +148,23 @@ class TurningRows:
 class Compliance:
     """Residual patterns of a surface: displacement fields that respond to forces without inertia.
 
-    Displacements are those of the surface's m nodes along x and y. The r patterns of a body
-    displace the nodes of all its surfaces.
+    Displacements are those of the surface's m nodes along x and y. Each of the r patterns of a body
+    displaces the nodes of all its surfaces.
 
     Attributes
     ----------
     shapes
         Displacements of the nodes for unit amplitudes, shape (2 m, r).
     amplitudes
-        Static amplitudes for unit loads of the surface, shape (r, l). Loads are forces on the
-        nodes, l = 2 m; with a mortar, pressures at the body's pressure nodes.
+        Static amplitudes of the patterns for unit values of the l loads of the surface, shape
+        (r, l). Loads are forces on the nodes, l = 2 m; with a mortar, pressures at the body's
+        pressure nodes.
     to_gap, to_observed
-        Matrices from displacements to changes of the gap at the Gauss points, shape (g, 2 m), and
-        at Gauss points and film nodes, shape (w, 2 m).
+        Matrices from displacements to changes of the gap at the g Gauss points, shape (g, 2 m), and
+        at the w Gauss points and film nodes, shape (w, 2 m).
     from_pressure, from_forces
         Matrices to loads from nodal pressures of the film, shape (l, nodes), and from normal forces
-        on its Gauss points, shape (l, g). The latter is zero with a mortar.
+        on its Gauss points, shape (l, g). `from_forces` is zero with a mortar.
     stiffness
         Stiffness of every amplitude, shape (r,).
     damping_time
@@ -190,13 +192,13 @@ class MissingFlexibility:
         empty if the error is not known. Loads are the pressures `Surface.loads` [m/Pa], followed by
         forces on points of the body [m/N].
     to_observed
-        Matrix from these displacements to changes of the gap at Gauss points and nodes, shape
-        (w, m).
+        Matrix from displacements of the m points to changes of the gap at the w Gauss points and
+        nodes of the film, shape (w, m).
     damping_time
         Structural damping zeta of the body [s].
     neglected_inertia
-        Outward displacement per acceleration of the residual amplitudes, shape (m, r); None if no
-        inertia is neglected.
+        Outward displacement of the m points per acceleration of the r residual amplitudes, shape
+        (m, r); None if no inertia is neglected.
     inertia_time
         Time constant of the slowest residual pattern [s].
     """
@@ -213,14 +215,15 @@ class MissingFlexibility:
         return bool(self.flexibility.size)
 
     def scaled(self, factor: float) -> MissingFlexibility:
-        """The same with the flexibility times a factor."""
+        """Return the missing flexibility multiplied by a factor."""
         return replace(self, flexibility=factor * self.flexibility)
 
     def gap_changes(self, displacements: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Changes of the gap, shape (t, w) [m], due to displacements at t instants, shape (t, m).
+        """Changes of the gap at w points and t instants, shape (t, w) [m].
 
-        `angles` are those of the surface relative to the bore, shape (t,) [rad]. They have no
-        effect if the surface is at rest.
+        `displacements` are those of m points of the surface, shape (t, m) [m]. `angles` are those
+        of the surface relative to the bore, shape (t,) [rad]; they have no effect here, because the
+        surface is at rest.
         """
         return (self.to_observed @ displacements.T).T
 
@@ -267,11 +270,16 @@ class Surface:
 
     @property
     def largest_second_derivative(self) -> float:
-        """Largest magnitude of the deviation's second derivative by angle [m/rad^2]."""
+        """Largest second derivative of the surface's deviation with respect to angle [m/rad^2].
+
+        Its sign is ignored.
+        """
         return float(np.abs(self.shape.radial(self._angle, self._height, 2)).max())
 
     def outward(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Outward displacement in each elastic mode, or its derivative with respect to angle.
+        """Outward displacement of the surface in each of n elastic modes, or its derivative.
+
+        The derivative is that with respect to angle.
 
         Parameters
         ----------
@@ -289,14 +297,20 @@ class Surface:
 
     @cached_property
     def deviation(self) -> np.ndarray:
-        """Constant gap change at Gauss points and nodes due to the shape, shape (w,) [m]."""
+        """Constant gap change at the w Gauss points and nodes due to the surface's shape, (w,) [m].
+
+        It is zero for a turning surface, whose effect is not constant.
+        """
         if self.turning:
             return np.zeros(len(self._angle))
         return self.side.sign * self.shape.radial(self._angle, self._height)
 
     @property
     def rows(self) -> SurfaceRows | None:
-        """Constant maps of the elastic modes; None without modes, or if the surface turns."""
+        """Constant linear maps between the film and the elastic modes of the surface.
+
+        None if the surface has no modes, or turns through the film.
+        """
         if not self.modes or self.turning:
             return None
         film = self.side.film
@@ -307,11 +321,11 @@ class Surface:
 
     @property
     def compliance(self) -> Compliance | None:
-        """Residual patterns of the surface; None if it has none."""
+        """Residual patterns of the surface (M4); None if the surface has no patterns."""
         return None
 
     def missing_flexibility(self, component: str) -> MissingFlexibility | None:
-        """Flexibility that is missing at the surface.
+        """Flexibility that the model of the body lacks at this surface.
 
         Parameters
         ----------
@@ -322,12 +336,12 @@ class Surface:
         Returns
         -------
         MissingFlexibility or None
-            None if the surface has no such error, or it cannot be computed.
+            None if the surface has no such error, or if the error cannot be computed.
         """
         return None
 
     def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray | None:
-        """Loads on the body from film pressures, to which `missing_flexibility` refers.
+        """Loads of the body due to film pressures, for which the missing flexibility is given.
 
         Parameters
         ----------
@@ -339,8 +353,8 @@ class Surface:
         Returns
         -------
         numpy.ndarray or None
-            Pressures at the pressure nodes of all surfaces of the body, 0 at those of other films,
-            shape (k,) [Pa]; None if the body has no such nodes.
+            Pressures at the k pressure nodes of all surfaces of the body, shape (k,) [Pa]; 0 at
+            nodes of other films. None if the body has no such nodes.
         """
         return None
 
@@ -355,8 +369,9 @@ class Surface:
         Returns
         -------
         numpy.ndarray or None
-            Components x, y, z for unit coordinates, then for unit amplitudes, shape (p, 3, n + r);
-            None if the surface is rigid, or its displacement is not known.
+            Components x, y, z of the displacement of p points, for unit amplitudes of the n modes
+            and then of the r patterns, shape (p, 3, n + r). None if the surface is rigid, or its
+            displacement is not known.
         """
         return None
 
@@ -377,16 +392,18 @@ class Surface:
         Returns
         -------
         numpy.ndarray or None
-            Components x, y, z in the frame of the body, shape (t, m, 3) [N]; None without nodes.
+            Components x, y, z of the forces on the m nodes in the frame of the body, shape
+            (t, m, 3) [N]; None if the surface has no nodes.
         """
         return None
 
     def _displacement(
         self, coordinates: np.ndarray, points: slice = slice(None), order: int = 0
     ) -> np.ndarray:
-        """Outward displacement v of a turning surface [m], or its derivative with respect to phi_s.
+        """Outward displacement of a turning surface [m], or its derivative with respect to angle.
 
-        `coordinates` are ``(q, alpha)``; `points` selects some of the points of observed gaps.
+        `coordinates` are ``(q, alpha)``. `points` selects some of the points where gaps are
+        observed. `order` is the order of the derivative.
         """
         angle = self._angle[points] - coordinates[-1]
         height = self._height[points]
@@ -396,19 +413,19 @@ class Surface:
         return displacement
 
     def gap_change(self, coordinates: np.ndarray) -> np.ndarray:
-        """Gap change due to a turning surface at coordinates ``(q, alpha)``.
+        """Gap change due to this surface if it turns, at its coordinates ``(q, alpha)``.
 
         Returns
         -------
         numpy.ndarray
-            Gap change at Gauss points and nodes, shape (w,) [m].
+            Gap change at the w Gauss points and nodes, shape (w,) [m].
         """
         return self.side.sign * self._displacement(coordinates)
 
     def turning_gap(
         self, coordinates: np.ndarray, rates: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Gap change at the Gauss points due to a turning surface, and its rate.
+        """Gap change at the Gauss points due to this surface if it turns, and rate of the change.
 
         Parameters
         ----------
@@ -430,7 +447,10 @@ class Surface:
         return change, rate
 
     def turning_rows(self, coordinates: np.ndarray, rates: np.ndarray) -> TurningRows:
-        """Derivatives of the gap with respect to ``(q, alpha)``, see `turning_gap`."""
+        """Derivatives of the gap with respect to the coordinates ``(q, alpha)`` of this surface.
+
+        It turns through the film. `rates` are the rates of the coordinates, see `turning_gap`.
+        """
         inside = slice(self._inside)
         sign = self.side.sign
         slope = -sign * self._displacement(coordinates, inside, 1)

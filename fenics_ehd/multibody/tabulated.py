@@ -36,9 +36,10 @@ BLENDED_GROWTH = {2: 1.55, 3: 1.25}
 
 
 def derivative_weights(times: np.ndarray) -> np.ndarray:
-    """Weights of values at all times for the derivative of their polynomial at the first time.
+    """Weights with which values at n times give their derivative at the first of these times.
 
-    `times` and weights have the shape (n,).
+    It is the derivative of the polynomial through all values. `times` [s] and the weights [1/s]
+    have the shape (n,).
     """
     distance = times[0] - times[1:]
     share = 1.0 / _products(times[:, None] - times)
@@ -49,24 +50,27 @@ def derivative_weights(times: np.ndarray) -> np.ndarray:
 
 
 def extrapolation_weights(times: np.ndarray, target: float | np.ndarray) -> np.ndarray:
-    """Weights of values at all times for the value of their polynomial at `target`.
+    """Weights with which values at n times give the value at another time, `target`.
 
-    Weights have the shape (n,), or (n, k) for targets of shape (k, 1).
+    It is the value of the polynomial through all values. The weights have the shape (n,), or (n, k)
+    for k targets, given in an array of shape (k, 1).
     """
     distance = (target - times)[..., None, :]
     return (_products(distance) / _products(times[:, None] - times)).T
 
 
 def _products(factors: np.ndarray) -> np.ndarray:
-    """Products of the rows of a matrix without their diagonal elements, shape (n,).
+    """Product of the entries of every row of an n x n matrix except the diagonal, shape (n,).
 
-    A single row of factors is used for all n rows.
+    If `factors` is a single row, all n rows are equal to it.
     """
     return np.prod(np.where(np.eye(factors.shape[-1]), 1.0, factors), axis=-1)
 
 
 def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np.ndarray, float]:
-    """Weights of the rate at a new point, and the share of the formula of order k.
+    """Weights of the formula for the rate at a new point, blended from two orders.
+
+    The formulas are those of order k and of order k + 1.
 
     Parameters
     ----------
@@ -83,7 +87,7 @@ def blended(time: float, past: np.ndarray, order: int, blend: float) -> tuple[np
     weights : numpy.ndarray
         Weights of the values at the new point, then at the past points [1/s].
     share : float
-        Share ``1 - b``, or 1 without the formula of order k + 1.
+        Share of the formula of order k: ``1 - b``, or 1 if that of order k + 1 is not used.
     """
     times = np.concatenate([[time], past[: order + 1]])
     weights = derivative_weights(times[: order + 1])
@@ -117,9 +121,10 @@ class Curve:
     curve
         Piecewise polynomial whose breakpoints are the rows.
     periodic
-        Whether the values recur; if not, values outside the rows are the first or the last one.
+        Whether the values recur. If not, values before the first row are those of the first row,
+        and values after the last row those of the last row.
     scale
-        Value with which differences are compared; 0 for the largest value of the rows.
+        Value with which differences of values are compared; 0 for the largest value of the rows.
     """
 
     curve: PPoly
@@ -133,31 +138,31 @@ class Curve:
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variation of a load with this curve over time, see `variations_of`."""
+        """Variation of a load that follows this curve, see `variations_of`."""
         if self.periodic:
             return (Variation(period=self.period, curve=self),)
         return (Variation(settled=self.settled, curve=self),)
 
     @property
     def settled(self) -> float:
-        """Time or angle from which a non-periodic curve is constant; 0 if it always is."""
+        """Time [s] or angle [rad] from which a non-periodic curve is constant; 0 if always."""
         moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
         return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 
     def _inside(self, positions: Any) -> Any:
-        """Times or angles within the rows at which the curve has the values at `positions`."""
+        """Shift times or angles into the range of the rows, without changing the curve's values."""
         first, last = self.curve.x[[0, -1]]
         if self.periodic:
             return first + (positions - first) % self.period
         return np.clip(positions, first, last)
 
     def values(self, positions: np.ndarray) -> np.ndarray:
-        """Values at times or angles, in an array of the same shape."""
+        """Values of the curve at times [s] or angles [rad], in an array of the same shape."""
         return self.curve(self._inside(positions))
 
     @cached_property
     def largest(self) -> float:
-        """Value with which differences are compared, above 0."""
+        """Value, above 0, with which differences of the curve's values are compared."""
         largest = self.scale or float(np.abs(self.curve(self.curve.x)).max())
         return max(largest, float(np.finfo(float).tiny))
 
@@ -218,7 +223,7 @@ def variations_of(
     Parameters
     ----------
     source
-        Object with an attribute `variations`, or without.
+        Force, drive, table or function; only an object with an attribute `variations` has any.
     angle_of, setting
         Body over whose angle a table is given, and key of the table, see `Variation`.
     """
@@ -244,11 +249,17 @@ class TabulatedLoad:
     angle: int | None = None
 
     def positions(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Times [s] or angles [rad] of the curve at points of the integration, shape (points,)."""
+        """Times [s] or angles [rad] at which the curve is read at points of the integration.
+
+        `times` and `states` are those of the points; the result has the shape (points,).
+        """
         return times if self.angle is None else states[:, self.angle]
 
     def missed(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows within a step, and the distance of their values from the polynomial.
+        """Rows of the table within a step, and how far the step misses their values.
+
+        The polynomial through the load's values at the points of the integration predicts values
+        within the step.
 
         Parameters
         ----------
@@ -259,10 +270,9 @@ class TabulatedLoad:
         Returns
         -------
         when, amount : numpy.ndarray
-            Times of the rows strictly within the step [s], and distance of the rows' values from
-            the polynomial through the values at the points, over `Curve.largest`. If the step spans
-            more than `PERIODS` periods or its end is not finite, they are the middle of the step
-            and infinity.
+            Times of the rows strictly within the step [s], and difference of the rows' values from
+            the predicted ones, over `Curve.largest`. If the step spans more than `PERIODS` periods
+            or its end is not finite, they are the middle of the step and infinity.
         """
         positions = self.positions(times, states)
         end, start = positions[:2]
@@ -286,7 +296,10 @@ class TabulatedLoad:
 def rows_missed(
     loads: Sequence[TabulatedLoad], times: np.ndarray, states: np.ndarray, nearest: float
 ) -> tuple[np.ndarray, bool]:
-    """Rows of tables within a step, and whether the step misses one of them.
+    """Times of the rows of tables within a step, and whether the step misses one of the rows.
+
+    The step misses a row if the polynomial through the load's values at the ends of past steps
+    differs from the row's value.
 
     Parameters
     ----------
@@ -302,7 +315,8 @@ def rows_missed(
     when : numpy.ndarray
         Times of the rows, ascending [s].
     missed : bool
-        Whether the distance of a row's value from the polynomial exceeds `MISSED`.
+        Whether the difference of a row's value from the polynomial, over the largest value of the
+        table, exceeds `MISSED`.
     """
     parts = zip(*(load.missed(times, states) for load in loads), strict=True)
     when, amount = (np.concatenate(part) for part in parts)

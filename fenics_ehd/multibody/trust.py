@@ -46,9 +46,9 @@ def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarra
 
 
 def last_interval(times: np.ndarray) -> np.ndarray:
-    """Weights of values at k times for the integral of their polynomial over the last interval.
+    """Weights with which values at k times give their integral over the last interval [s].
 
-    `times` [s] and weights have the shape (k,).
+    The integrand is the polynomial through the values. `times` [s] and weights have the shape (k,).
     """
     step = times[-1] - times[-2]
     powers = np.vander((times - times[-2]) / step, increasing=True)
@@ -71,7 +71,7 @@ def energy_row(
     *,
     begins: bool = False,
 ) -> dict[str, Any]:
-    """Columns of the energy at a step: stored energy, works since the start, and the defect.
+    """Columns of a step about energy: stored energy, works since the start, and energy defect.
 
     Parameters
     ----------
@@ -169,7 +169,8 @@ class BasisErrorEstimate(Stateful):
         (S_full - S_basis) w   with   w + zeta dw/dt = P.
 
     It is an estimate within a factor of about two, not a bound. With M4 no flexibility is missing,
-    but the inertia of the residual patterns is neglected. Their response to it is added,
+    but the inertia of the residual patterns is neglected. The response of these patterns to their
+    inertia is added, with their flexibility S_res, mass matrix M and amplitudes y,
 
         S_res M y'',   delayed by zeta and by the time constant of the patterns' inertia.
 
@@ -180,15 +181,15 @@ class BasisErrorEstimate(Stateful):
     Parameters
     ----------
     missing_flexibility
-        Outward displacement of the surface per nodal pressure [m/Pa], and per further load, shape
-        (m, k).
+        Outward displacement of the surface at m points per nodal pressure [m/Pa], and per further
+        load, shape (m, k).
     damping_time
         Structural damping zeta of the body [s].
     neglected_inertia
-        Outward displacement of the surface per acceleration of the residual amplitudes, shape
-        (m, r); None if no inertia is neglected.
+        Outward displacement of the surface at m points per acceleration of the r residual
+        amplitudes, shape (m, r); None if no inertia is neglected.
     inertia_time
-        Time constant of the slowest pattern [s].
+        Time constant of the slowest residual pattern [s].
 
     Attributes
     ----------
@@ -249,7 +250,7 @@ class BasisErrorEstimate(Stateful):
     def field(
         self, step: float, pressure: np.ndarray, acceleration: np.ndarray | None = None
     ) -> np.ndarray:
-        """Add a step, and return the gap error at points of the surface at its end, (m,) [m].
+        """Add a step, and return the gap error at m points of the surface at its end, (m,) [m].
 
         Parameters
         ----------
@@ -274,7 +275,7 @@ class BasisErrorEstimate(Stateful):
 def surface_loads(
     system: System, pressures: Iterable[np.ndarray], z: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Loads of the films on all bodies, see `Surface.loads`, by name of the body [Pa].
+    """Loads that all films exert on every body, by name of the body, see `Surface.loads` [Pa].
 
     Parameters
     ----------

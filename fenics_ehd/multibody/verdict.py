@@ -70,9 +70,9 @@ def _energy_defect(summary: RunSummary) -> str:
 
 
 def reported_error(error_budget: Mapping[str, Any], component: str) -> float | None:
-    """Largest error over the cycle due to one component, over all joints.
+    """Largest error due to one component of the error budget, over the cycle and all joints.
 
-    It is None if the error of a joint is not known.
+    It is relative [-], and None if this error of a joint is not known.
     """
     errors = [
         budget["largest_over_cycle"][quantity][component]
@@ -85,7 +85,7 @@ def reported_error(error_budget: Mapping[str, Any], component: str) -> float | N
 
 
 def exceeding_limit(error_budget: Mapping[str, Any], limit: float) -> str:
-    """Reason for rejecting a run by its largest known error; empty if it is within the limit."""
+    """Reason for rejecting a run whose largest known error exceeds the limit; else empty."""
     errors: dict[tuple[str, str], float] = {}
     for joint, budget in error_budget.items():
         for quantity in QUANTITIES:

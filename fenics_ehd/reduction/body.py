@@ -52,17 +52,17 @@ class InertiaIntegrals:
     """Inertia integrals of a body in a planar floating frame, from the finite-element mass matrix.
 
     The columns of ``B`` are 3 + n fields of all dofs: the position relative to the centre of the
-    first bore, the unit translations along x and y, and the n elastic modes. ``S`` multiplies a
-    field by ``e_z x`` at every node.
+    first bore, the unit translations along x and y, and the n elastic modes. ``S u`` is the cross
+    product ``e_z x u`` at every node.
 
     Attributes
     ----------
     mass
-        ``B^T M B``, symmetric, shape (3 + n, 3 + n).
+        ``B^T M B`` with the mass matrix M of the part, symmetric, shape (3 + n, 3 + n).
     spin
-        ``B^T M S B``, antisymmetric, same shape; for Coriolis and Euler accelerations.
+        ``B^T M S B``, antisymmetric, shape (3 + n, 3 + n); for Coriolis and Euler accelerations.
     centrifugal
-        ``(S B)^T M (S B)``, symmetric, same shape; for centrifugal accelerations.
+        ``(S B)^T M (S B)``, symmetric, shape (3 + n, 3 + n); for centrifugal accelerations.
     """
 
     mass: np.ndarray
@@ -86,14 +86,14 @@ class InertiaIntegrals:
 
     @property
     def polar_inertia(self) -> float:
-        """Moment of inertia about the z axis through the centre of mass [kg m^2]."""
+        """Moment of inertia about the axis along z through the centre of mass [kg m^2]."""
         offset = self.centre_of_mass
         return float(self.centrifugal[0, 0] - self.total_mass * offset @ offset)
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualFlexibility:
-    """Bore flexibility that M4 adds to that of the coordinates; it follows pressure statically.
+    """Flexibility of the bores that M4 adds to that of the elastic coordinates, quasi-static.
 
     Attributes
     ----------
@@ -104,9 +104,9 @@ class ResidualFlexibility:
         Orthonormal pressure patterns over all bores, shape (r, k): nodal pressures w have the
         amplitudes ``patterns @ w`` [Pa].
     stiffness
-        Twice the strain energy for a unit amplitude of each pattern, the diagonal of
-        ``V^T J^T G_res J V``, shape (r,) [J/Pa^2]. The generalised force of a pressure on an
-        amplitude is this value times the amplitude of the pressure.
+        Twice the strain energy for a unit amplitude of each pattern, shape (r,) [J/Pa^2]. This
+        value times the amplitude of a pressure is the generalised force of the pressure on the
+        pattern.
     mass
         Mass matrix of the displacements due to the patterns, shape (r, r) [kg m^2/Pa^2]; empty
         if not computed. The method neglects this mass; the error estimate uses it.
@@ -125,7 +125,7 @@ class ResidualFlexibility:
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """Entry of the inventory of modes, kept and dropped.
+    """Record of one mode in the inventory of the kept and the dropped modes of a body.
 
     Attributes
     ----------
@@ -135,8 +135,8 @@ class ModeRecord:
         Natural frequency of the mode taken alone [Hz]; infinite for a mode without mass.
     participation
         Share of the mode in the flexibility of the bores, the trace of ``J^T G J`` over the
-        pressure family (`Reductor.measure`). If this trace is unknown, the share is that in the sum
-        over all listed modes.
+        pressure family (`Reductor.measure`). If this trace is unknown, share of the mode in the sum
+        over all modes of the inventory.
     dropped
         Reason why the mode was dropped; empty for a mode that was kept.
     """
@@ -148,7 +148,7 @@ class ModeRecord:
 
 
 def unknown() -> np.ndarray:
-    """Return an empty matrix, the value of an unknown one."""
+    """Return an empty matrix, which represents an unknown matrix."""
     return np.zeros((0, 0))
 
 
@@ -187,25 +187,26 @@ class ReducedBody:
     bore_basis
         Displacement of the bore nodes for unit coordinates, shape (m, 3, n).
     load_projection
-        Generalised forces due to unit nodal pressures on the fields of `InertiaIntegrals`:
-        ``B^T J``, shape (3 + n, k).
+        Generalised forces ``B^T J`` due to unit nodal pressures, for the fields B of
+        `InertiaIntegrals`, shape (3 + n, k).
     spin_load_projection
-        Generalised forces due to unit nodal pressures on these fields multiplied by ``e_z x``:
-        ``(S B)^T J``, shape (3 + n, k).
+        Generalised forces ``(S B)^T J`` due to unit nodal pressures, for the fields ``S B`` of
+        `InertiaIntegrals`, shape (3 + n, k).
     inertia
         Inertia integrals of plane motion.
     points
-        Mean position of each boundary point and its mean displacement in the other fields of
-        `InertiaIntegrals`, by name of the point, shape (3, 3 + n).
+        Mean position of each boundary point (column 0), and its mean displacements in the other
+        2 + n fields of `InertiaIntegrals`, by name of the point, shape (3, 3 + n).
     missing_flexibility
-        Outward bore displacement per nodal pressure that the basis does not contain, shape
-        (m, k) [m/Pa]; empty if not computed, and of M4, which has `flexibility_error` instead. It
-        is exact for the pressures of a family, see `fenics_ehd.reduction.family_responses`.
+        Outward displacement of the bores per nodal pressure that the basis does not contain, shape
+        (m, k) [m/Pa]. It is exact for the pressures of a family, see
+        `fenics_ehd.reduction.family_responses`. Empty if not computed, and for M4, which has
+        `flexibility_error` instead.
     mesh_flexibility
-        Difference of the outward bore displacement of the exact part from that of its mesh, under
-        unit smooth pressures [m/Pa] and unit forces on the boundary points [m/N]; see
-        `fenics_ehd.reduction.mesh_error`. Shape (p, s + 2 a): p nodes of the `SAMPLED` cells of
-        all bores, s smooth pressures, a points; empty if unknown.
+        Estimated mesh error of the outward bore displacement: exact part minus its mesh, see
+        `fenics_ehd.reduction.mesh_error`. Shape (p, s + 2 a), empty if unknown. Rows belong to p
+        nodes of the `SAMPLED` cells of all bores, columns to s unit smooth pressures [m/Pa] and to
+        unit forces along x and y on a boundary points [m/N].
     rigid_mass, rigid_coupling
         ``R^T M R``, shape (6, 6), and ``R^T M T``, shape (6, n); the columns of R are the unit
         translations and rotations about the centre of the first bore. Empty if unknown.
@@ -336,7 +337,7 @@ class ReducedBody:
         )
 
     def outward(self, displacements: np.ndarray) -> np.ndarray:
-        """Outward radial component, (m, n), of displacements of all bore nodes, (m, 3, n)."""
+        """Outward radial components, (m, n), of displacements of all bore nodes, (m, 3, n)."""
         return all_outward(self.bores, displacements)
 
     def basis_flexibility(self) -> np.ndarray:
@@ -348,23 +349,24 @@ class ReducedBody:
 
     @property
     def flexibility_error(self) -> float:
-        """Verified error of the bores' displacement under pressure, relative to it (M4).
+        """Verified relative error of the bores' displacement under pressure, for M4.
 
-        nan for other methods, and if errors were not to be estimated.
+        The result is nan for other methods, and if the error was not estimated.
         """
         verified = self.residual is not None and self.residual.mass.size > 0
         return self.accuracy.get("flexibility_error", np.nan) if verified else np.nan
 
     def missing_flexibility_at(self, bore: str) -> np.ndarray:
-        """Outward displacement of one bore per nodal pressure on all bores that the body lacks.
+        """Outward displacement of one bore that the body does not contain, per nodal pressure.
 
-        If only the size of the error is known (M4), it is this share of the body's displacement,
-        which is never too large.
+        For M4, only the relative error of the displacement is known; the result is then this error
+        times the displacement that the body contains.
 
         Returns
         -------
         numpy.ndarray
-            shape (m of the bore, k) [m/Pa]; empty if unknown.
+            Displacement of the m nodes of this bore per pressure at the k pressure nodes of all
+            bores, shape (m, k) [m/Pa]; empty if unknown.
         """
         nodes = self.rows_of(bore).nodes
         if self.missing_flexibility.size or not np.isfinite(self.flexibility_error):
@@ -379,7 +381,7 @@ class ReducedBody:
         return self.pressure_responses(np.eye(self.load_projection.shape[1]))[0]
 
     def pressure_responses(self, pressures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Static displacements under pressures, and their work on nodal pressures.
+        """Static displacements u under pressures, and the work of unit nodal pressures on u.
 
         For a free part, the pressures are in equilibrium with the inertia forces of the rigid
         acceleration, and the rigid motion is subtracted. The results do not depend on the frame.
@@ -550,7 +552,7 @@ ROUND_OFF = 1e-9
 
 
 def _require_sound(body: ReducedBody) -> None:
-    """Refuse a body whose values are impossible for a part, though the arrays have right shapes.
+    """Refuse a body whose arrays have the right shapes, but values that no part can have.
 
     Raises
     ------
@@ -589,7 +591,7 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
     Raises
     ------
     ValueError
-        If the matrix is not; the message names it.
+        If the matrix is not symmetric, or not positive semidefinite; the message has its name.
     """
     diagonal = np.diag(matrix)
     if diagonal.min(initial=0.0) < 0.0:
@@ -611,7 +613,7 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
 
 
 def _inventory(columns: Mapping[str, Any]) -> tuple[ModeRecord, ...]:
-    """Mode inventory from the arrays of a file, which have the keys of `_INVENTORY`."""
+    """Make the records of modes from the arrays of a file, whose keys are those of `_INVENTORY`."""
     rows = zip(
         columns["kind"],
         columns["frequency"],
@@ -634,7 +636,7 @@ _LABEL = 4096
 
 
 def _is_export(path: Path) -> bool:
-    """Whether `export_npz` wrote a file."""
+    """Whether a file is a body that `export_npz` wrote."""
     try:
         with ZipFile(path) as archive:
             label = archive.getinfo("format.npy")

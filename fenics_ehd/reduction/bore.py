@@ -62,8 +62,9 @@ BORE = "bore"
 def make_row_major(record: Any) -> None:
     """Store the arrays of a dataclass in row-major order, as in files; `columns` is left out.
 
-    Products of arrays in another order round differently, but a body read from a file must give
-    the same run to the last bit. The part-size array `columns` is not stored in files.
+    The round-off of products depends on the order in memory. A body that is read from a file must
+    give the same run, to the last bit, as the body that was stored. The part-size array `columns`
+    is not stored in files.
     """
     for name, value in vars(record).items():
         if isinstance(value, np.ndarray) and name != "columns":
@@ -109,7 +110,8 @@ class BoreSurface:
         order. `family` is ``"serendipity"``, ``"lagrange"`` or ``"triangle"``. Both are empty if
         the mesh is unknown; a film whose mesh does not match the bore needs them.
     pressure_cells, pressure_family
-        Surface mesh of the pressure, with row numbers in `pressure_coordinates`, else alike.
+        Surface mesh of the pressure, described as `cells` and `family`; row numbers are those of
+        `pressure_coordinates`.
     centre
         Centre of the bore relative to the origin of the part, shape (3,) [m]. The origin is the
         centre of the part's first bore.
@@ -129,7 +131,7 @@ class BoreSurface:
         make_row_major(self)
 
     def surface(self) -> BoreSurface:
-        """Copy the surface without the further attributes of a `Bore`."""
+        """Copy only the attributes of a `BoreSurface`, not the further attributes of a `Bore`."""
         return BoreSurface(**{f.name: getattr(self, f.name) for f in fields(BoreSurface)})
 
 
@@ -144,8 +146,8 @@ class Bore(BoreSurface):
         rank.
     load
         Load matrix J = M_ss of (15), shape (3 nodes of the part, k): nodal forces [N] due to unit
-        nodal pressures [Pa], which push the bore outward. Any type that `as_matrix` accepts; in a
-        `Structure` a PETSc matrix with the rows of K.
+        nodal pressures [Pa], which push the bore outward. Its type is any that `as_matrix` accepts;
+        in a `Structure`, it is a PETSc matrix with rows distributed as those of K.
     reference
         Weights of the mean motion at the bore's centre C2, shape (m, 3, 6), see `mean_motion`:
         ``sum_ic reference[i, c, k] u[i, c]`` is the mean translation [m] for k < 3, the mean
@@ -193,7 +195,7 @@ def only(bores: Mapping[str, B], of: str) -> B:
     bores
         Bores of the part by name.
     of
-        Noun for the part, used in messages.
+        Noun for the part in messages, such as ``"body"``.
 
     Raises
     ------
@@ -214,7 +216,7 @@ def outward(nodes: np.ndarray, displacements: np.ndarray) -> np.ndarray:
 
 
 def all_outward(bores: Mapping[str, BoreSurface], displacements: np.ndarray) -> np.ndarray:
-    """Radial component of displacements at the nodes of all bores, away from each bore's own axis.
+    """Radial component of displacements of the nodes of all bores, each away from its bore's axis.
 
     `displacements` has the shape (m, 3, n), with the m nodes of all bores, one bore after the
     other; the result has the shape (m, n).
@@ -242,9 +244,9 @@ def mean_motion(coordinates: np.ndarray, weights: Any) -> np.ndarray:
     -------
     numpy.ndarray
         Weights of the nodal displacements, shape (m, 3, 6): for the three components of a, then
-        the three of b, about the origin. For displacements of a rigid motion, the weighted sums
-        are this motion. Read as nodal forces, the only resultant of column k is a unit force or
-        moment at the origin.
+        for the three components of b, about the origin. For displacements of a rigid motion, the
+        weighted sums are this motion. If column k is regarded as nodal forces, their resultant is
+        a unit force (k < 3) or a unit moment (k >= 3) at the origin.
 
     Raises
     ------
@@ -282,8 +284,8 @@ class BoreHole:
     rim
         Numbers of the r nodes around the hole, in order, midpoints of edges included.
     polygon
-        Angle [rad] and height [m] of the rim's nodes, shape (r, 2); angles are within half a turn
-        of the first one.
+        Angle [rad] and height [m] of the rim's nodes, shape (r, 2); angles differ from the first
+        angle by at most half a turn.
     angle, height
         Angle [rad] and height [m] of the hole's centroid.
     diameter
@@ -305,7 +307,7 @@ class BoreHole:
         return abs(_moments(self.polygon)[0])
 
     def straight(self) -> BoreHole:
-        """Copy the hole with straight edges between corners; the mesh has quadratic cells."""
+        """Copy the hole with straight edges, without the midpoints of the mesh's curved edges."""
         polygon = self.polygon.copy()
         closed = np.vstack([polygon[0::2], polygon[:1]])
         polygon[1::2] = 0.5 * (closed[:-1] + closed[1:])
@@ -549,7 +551,7 @@ def surface_gram(coordinates: np.ndarray, cells: np.ndarray, element: str) -> sp
 def _checked(
     nodes: np.ndarray, faces: np.ndarray, element: str, centre: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, NodalElement]:
-    """Check nodes and faces; return nodes relative to the centre, ordered faces and the element."""
+    """Check nodes and faces; return positions relative to the centre, sorted faces, the element."""
     nodes = np.asarray(nodes, dtype=float)
     faces = np.asarray(faces)
     kind = surface_element(element, faces)
@@ -610,7 +612,10 @@ def in_order(
 
 
 def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the faces' nodes, sorted by z, then angle, and the faces renumbered likewise."""
+    """Sort the nodes of faces by z, then angle; return their numbers, and the faces renumbered.
+
+    A renumbered face has the positions of its nodes in the sorted array of numbers.
+    """
     numbers = np.unique(faces)
     order, cells = in_order(numbers, nodes[numbers], faces)
     return numbers[order], cells
@@ -636,7 +641,7 @@ def _area_vectors(
 def _normals(
     nodes: np.ndarray, faces: np.ndarray, kind: NodalElement
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions and area vectors as in `_area_vectors`, pointing away from the z axis."""
+    """Shape functions and area vectors, see `_area_vectors`; vectors point away from the z axis."""
     values, normals = _area_vectors(nodes, faces, kind, _LOAD_POINTS)
     x = values @ nodes[faces]
     outward = np.einsum("cqx,cqx->cq", normals[:, :, :2], x[:, :, :2])

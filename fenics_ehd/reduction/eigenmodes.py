@@ -59,9 +59,9 @@ def lowest_modes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the lowest elastic modes of a part, mass-normalised.
 
-    The eigensolver inverts K, shifted by zero, on the space orthogonal to the exact rigid-body
-    modes. The factorisation for static responses is used again. Missed modes are searched for and
-    added.
+    The eigensolver uses shift-and-invert with zero shift, on the space orthogonal to the exact
+    rigid-body modes. The inverse is the static response with its factorisation. If the eigensolver
+    misses modes, they are searched for and added.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ def lowest_modes(
 
 
 class LowestModes:
-    """Lowest modes of a part for different numbers of modes.
+    """Lowest modes of a part, for any number of modes.
 
-    If fewer modes are requested than before, they are taken from the earlier result.
+    The modes are computed again only if more modes are requested than before.
     """
 
     def __init__(self, flexibility: Flexibility, options_prefix: str):
@@ -147,7 +147,7 @@ def _solve(
     start
         Start vector, rows of this rank, shape (owned dofs, 1).
     deflated
-        Columns to which the modes are M-orthogonal, rows of this rank.
+        Known modes, to which the computed modes are M-orthogonal; rows of this rank.
     tolerance
         Tolerance of the residual, relative to the eigenvalue.
     """
@@ -196,9 +196,9 @@ def _solve(
 
 
 def _scattered(structure: Structure, phase: float) -> np.ndarray:
-    """Pseudo-random loads, shape (owned dofs,), the same on any number of ranks.
+    """Pseudo-random nodal loads, shape (owned dofs,), the same on any number of ranks.
 
-    They are not orthogonal to any mode; different phases give different loads.
+    The loads contain every mode. Different phases give different loads.
     """
     angle = (
         structure.coordinates / structure.largest_coordinate @ np.array([12.9898, 78.233, 37.719])
@@ -230,11 +230,11 @@ def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray
 def _with_missed(
     flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray, options_prefix: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Add missed modes: from one start vector, the solver finds only one mode of a double pair.
+    """Add modes that the solver has missed, such as the second of two modes of equal frequency.
 
-    The lowest mode that is orthogonal to the known modes is computed from another start vector. If
-    its eigenvalue is below the highest known one, further modes are computed, and the lowest ones
-    of all are kept. This is repeated until no mode is missing.
+    The lowest mode that is orthogonal to the known modes is computed with another start vector. If
+    its eigenvalue is below the highest known eigenvalue, a mode was missed: further modes are
+    computed, and the lowest of all modes are kept. This is repeated until no mode is missing.
 
     Raises
     ------
@@ -261,8 +261,8 @@ def _with_missed(
         modes = np.hstack([modes, further_modes])[:, order]
     frequencies = np.sqrt([lowest[0], eigenvalues[-1]]) / (2 * np.pi)
     raise VerificationError(
-        f"SLEPc misses modes: after {ROUNDS} attempts one of {frequencies[0]:.6g} Hz was missing "
-        f"below the highest one of {frequencies[1]:.6g} Hz: raise -{options_prefix}eps_ncv"
+        f"SLEPc misses modes: after {ROUNDS} attempts, a mode of {frequencies[0]:.6g} Hz was still "
+        f"missing among the modes up to {frequencies[1]:.6g} Hz: raise -{options_prefix}eps_ncv"
     )
 
 
@@ -330,7 +330,9 @@ class FixedBoundary:
             )
 
     def _hold(self, prescribed: np.ndarray, balance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reactions mu and rigid motion alpha from the two equations at the head of this module.
+        """Solve for the reactions mu at the boundary and the rigid motion alpha.
+
+            C^T G C mu - C^T U alpha = prescribed,       U^T C mu = balance
 
         Parameters
         ----------
@@ -375,7 +377,7 @@ class FixedBoundary:
         return combine(rigid, motion) - combine(self._responses, reactions)
 
     def _orthogonal(self, columns: np.ndarray) -> np.ndarray:
-        """Make columns orthogonal to the constraints by subtracting combinations of these."""
+        """Make columns orthogonal to C, by subtracting combinations of the columns of C."""
         constraints = self._constraints
         comm = self.structure.comm
         gram = inner(constraints, constraints, comm)
@@ -383,11 +385,11 @@ class FixedBoundary:
         return columns - combine(constraints, share)
 
     def admissible(self, columns: np.ndarray) -> np.ndarray:
-        """Subtract from columns a displacement of the boundary, so that the boundary is at rest."""
+        """Subtract constraint columns from displacements, so that the boundary is at rest."""
         return self._orthogonal(columns if self._lever.size else self._support.admissible(columns))
 
     def without_reactions(self, forces: np.ndarray) -> np.ndarray:
-        """Subtract from forces the reactions at the boundary, determined by least squares."""
+        """Subtract from forces the reactions at the boundary, which are fitted by least squares."""
         return self._orthogonal(
             forces if self._lever.size else self._support.without_reactions(forces)
         )

@@ -94,7 +94,7 @@ class NodalElement:
 
     @property
     def degree(self) -> int:
-        """Total degree of the polynomials, the largest of all monomials."""
+        """Largest total degree of the monomials."""
         return int(self.exponents.sum(axis=1).max())
 
     @property
@@ -156,14 +156,15 @@ class NodalElement:
     def _monomials(self, points: np.ndarray, less: np.ndarray | int = 0) -> np.ndarray:
         """Values of the monomials at reference points, shape (q, k).
 
-        The variables are -1 to 1 on the unit cube; `less` is subtracted from the exponents.
+        The variables of the monomials are ``2 s - 1``, ``2 t - 1``, ..., from -1 to 1. For
+        derivatives, `less` is subtracted from the exponents.
         """
         powers = np.maximum(self.exponents - less, 0)
         return np.prod((2 * np.asarray(points)[:, None, :] - 1) ** powers, axis=2)
 
 
 def with_middles(corners: Any, edges: Any, *others: tuple) -> np.ndarray:
-    """Stack the coordinates of corners, of the midpoints of edges, and of other nodes."""
+    """Stack coordinates: of the corners, of the midpoints of edges, and of further nodes."""
     ends = np.array(corners, dtype=float)
     return np.vstack([ends, ends[np.array(edges)].mean(axis=1), *others])
 
@@ -227,7 +228,7 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
     """Sort the nodes of each face into the order of this package.
 
     The order is recognised from the geometry, face by face. Of the three ways to pair four corners,
-    the diagonals of a convex quadrilateral have the largest total length; they give the opposite
+    the two diagonals of a convex quadrilateral have the largest total length; they join opposite
     corners. Other nodes are assigned to midpoints of edges and centre so that the sum of squared
     distances is smallest. Corners may come first or alternate with midpoints (corner, midpoint,
     corner, ...); the assumption with the smaller distances is used.
@@ -259,10 +260,21 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
 
 
 def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order of the nodes of faces whose corners come first, and the squared distances that remain.
+    """Order of the nodes of faces whose corners come first, and how well it fits.
 
-    `x` has the positions of the nodes, shape (c, k, d); the order has the shape (c, k). A distance
-    is that of a node from the midpoint or centre to which it is assigned; sums have shape (c,).
+    Parameters
+    ----------
+    x
+        Positions of the nodes of each face, shape (c, k, d).
+    corners
+        Number of corners of a face.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Indices that sort the nodes of each face, shape (c, k); for each face, sum of the squared
+        distances of its other nodes from the midpoints or centre to which they are assigned,
+        shape (c,).
     """
     first = _corner_order(x[:, :corners])
     targets = np.take_along_axis(x, first[:, :, None], axis=1)
@@ -279,9 +291,9 @@ def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corner_order(x: np.ndarray) -> np.ndarray:
-    """Order of the corners of faces, shape (c, 3 or 4).
+    """Indices that sort the corners of each face, shape (c, 3 or 4).
 
-    Of four corners, the first and the last get the ends of a diagonal. `x` has the positions of the
+    The first and the last of four sorted corners are opposite corners. `x` has the positions of the
     corners, shape (c, 3 or 4, d).
     """
     if x.shape[1] == 3:

@@ -90,7 +90,10 @@ def craig_bampton(
 
 
 def _boundary(reductor: Reductor) -> tuple[np.ndarray | None, np.ndarray, LowestModes]:
-    """Constraints of C2 (None if clamped), static modes of boundary dofs, fixed-boundary modes."""
+    """Constraints of C2 (None if clamped), static modes of boundary dofs, fixed-boundary modes.
+
+    The fixed-boundary modes are computed on request, see `LowestModes`.
+    """
     centre = centre_constraints(reductor.structure) if reductor.free else None
     support, constraint_modes = hold(reductor.static, centre, reductor.points)
     return centre, constraint_modes, LowestModes(support, f"{reductor.options_prefix}modes_")
@@ -286,7 +289,7 @@ class FirstStep:
     support
         Static response of the interior, with bores and boundary points held.
     bore
-        Products with the stiffness columns of all bore dofs.
+        Stiffness columns of all bore dofs.
     on_bore
         Whether each boundary dof is a mean over bore nodes, shape (all boundary dofs,).
     modes
@@ -359,9 +362,10 @@ def _on_bore(reductor: Reductor) -> np.ndarray:
 
 
 def _held_weights(reductor: Reductor) -> np.ndarray:
-    """Weights of bore dofs in the motions that the second step holds.
+    """Weights of the bore dofs in the motions that the second step holds.
 
-    The motions are that of C2, if the part is free, and the boundary dofs that are means of bores.
+    These motions are the mean motion of the first bore (of C2), if the part is free, and every
+    boundary dof that is a mean over bore nodes.
 
     Returns
     -------
@@ -419,7 +423,7 @@ def _second_step(
 
 
 def _expand(first: FirstStep, coordinates: np.ndarray) -> np.ndarray:
-    """Displacements ``T_1 x`` of the part for columns x of coordinates of (21), (owned dofs, n)."""
+    """Displacements of the part for columns of coordinates of (21), shape (owned dofs, n)."""
     others, bores = np.split(coordinates, [first.columns.shape[1]])
     columns = combine(first.columns, others)
     for part in blocks(coordinates.shape[1], len(columns), first.support.structure.comm):
@@ -445,7 +449,7 @@ class BoreColumns:
         self.stiffness = some_columns(structure.stiffness, dofs)
 
     def static_modes(self, support: Flexibility, values: np.ndarray) -> np.ndarray:
-        """Static modes, shape (owned dofs, w), for bore displacements `values`, (3 m, w)."""
+        """Static modes for bore displacements `values`, shape (3 m, w); result (owned dofs, w)."""
         columns = on_bores(self.structure, values.reshape(-1, 3, values.shape[1]))
         columns -= support.apply(load_columns(self.stiffness, values))
         return columns

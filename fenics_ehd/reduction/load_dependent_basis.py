@@ -1,9 +1,10 @@
-"""M3: load-dependent dual basis, (26)-(35); with all unit pressures, the full interface.
+"""M3: reduction with a load-dependent dual basis, (26)-(35), and its reference, the full interface.
 
 The static modes are mass-orthonormal and uncoupled in stiffness.
 
 Residual modes are selected by (31) and (32) from the responses to a set of pressure distributions.
-The set is (34), (35) or any other, for instance one computed from the pressures of a former run.
+The set is (34), (35) or any other set, for instance one computed from the pressures of a former
+run. The full interface uses all responses to the set (34), a unit pressure at every node.
 
 Imports inside functions: scipy.linalg is needed only for pressure sets given by name.
 """
@@ -50,9 +51,9 @@ def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np
     """Combinations of candidate responses, as columns, in the order in which modes are selected.
 
     ``"smallest-eigenvalue"`` follows (31), (32) literally. ``"largest-eigenvalue"`` puts the most
-    flexible pressure patterns first. Both depend on ``K_cc`` only. ``"lowest-frequency"`` uses
-    ``K_cc`` and ``M_cc``, within the range of ``K_cc``. ``"every-column"`` returns the candidates
-    themselves, in their order.
+    flexible pressure patterns first. Both depend on ``K_cc`` only. ``"lowest-frequency"`` sorts by
+    the frequencies of ``K_cc`` and ``M_cc``, within the range of ``K_cc``. ``"every-column"``
+    returns the candidates themselves, in their order.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def ranked(selection: str, stiffness: np.ndarray, mass: np.ndarray | None) -> np
 def without_redundancy(patterns: np.ndarray) -> np.ndarray:
     """Replace pressure patterns P by linearly independent ones with the same ``P P^T``.
 
-    Selections by energy or frequency give the same modes from fewer static solves.
+    Fewer static solves are then needed. Selections by energy or frequency give the same modes.
 
     Parameters
     ----------
@@ -169,18 +170,18 @@ def unit_pressures(bore: Bore) -> np.ndarray:
 def long_bearing_shapes(bore: Bore) -> np.ndarray:
     """Long-bearing patterns of (35), shape (k, m_sy): one per circumferential position.
 
-    Each one is constant in z.
+    Each pattern is constant in z.
     """
-    return LONG_BEARING_PRESSURE * _positions(bore)
+    return LONG_BEARING_PRESSURE * _circumferential_patterns(bore)
 
 
 def short_bearing_shapes(bore: Bore) -> np.ndarray:
     """Short-bearing patterns of (35), shape (k, m_sy): one per circumferential position.
 
-    Each one is a parabola in z, zero at the ends of the bore.
+    Each pattern is a parabola in z, zero at the ends of the bore.
     """
     parabola = 1.0 - (2.0 * bore.pressure_coordinates[:, 2] / bore.width) ** 2
-    return SHORT_BEARING_PRESSURE * parabola[:, None] * _positions(bore)
+    return SHORT_BEARING_PRESSURE * parabola[:, None] * _circumferential_patterns(bore)
 
 
 def bearing_shapes(bore: Bore) -> np.ndarray:
@@ -195,8 +196,11 @@ def bearing_shapes(bore: Bore) -> np.ndarray:
     return np.hstack([long_bearing_shapes(bore), short_bearing_shapes(bore)])
 
 
-def _positions(bore: Bore) -> np.ndarray:
-    """Patterns of one circumferential position each, by ascending angle, shape (k, m_sy)."""
+def _circumferential_patterns(bore: Bore) -> np.ndarray:
+    """Patterns that are each 1 at one circumferential position and 0 at the others, (k, m_sy).
+
+    The positions are in ascending order of their angles.
+    """
     x, y, _ = bore.pressure_coordinates.T
     # Round-off puts angles of the position 0 on both sides of zero.
     angle = np.mod(np.arctan2(y, x) + ANGLE_TOLERANCE, 2 * np.pi)
@@ -213,9 +217,10 @@ def _columns(angle: np.ndarray) -> np.ndarray:
 
 
 def _hats(angle: np.ndarray) -> np.ndarray:
-    """Patterns on an unstructured bore: piecewise linear hats at evenly spaced angles.
+    """Patterns on an unstructured bore: piecewise linear hat functions at evenly spaced angles.
 
-    On a structured bore with `HAT_POSITIONS` circumferential positions, they equal `_columns`.
+    On a structured bore with `HAT_POSITIONS` circumferential positions, the result is that of
+    `_columns`.
     """
     position = angle / (2 * np.pi) * HAT_POSITIONS
     distance = position[:, None] - np.arange(HAT_POSITIONS)
@@ -227,9 +232,9 @@ def journal_shapes(bore: Bore) -> np.ndarray:
     """Short-bearing pressures of an eccentric journal, for eccentricities in all directions.
 
     The patterns are half-Sommerfeld pressures for several eccentricities and both directions of
-    rotation. Along the bore they are parabolas or, as in a bent bore, flatter profiles. They are
-    smooth, as film pressures are, so that fewer of their most energetic combinations are needed
-    than of (35).
+    rotation. Along the bore they are parabolas or flatter profiles, as they occur in a bent bore.
+    The patterns are as smooth as film pressures. Fewer of their most energetic combinations are
+    therefore needed than of the patterns (35).
 
     Returns
     -------
@@ -261,7 +266,7 @@ PRESSURE_SETS = {
 
 
 def pressure_patterns(structure: Structure, pressure_set: str | np.ndarray) -> np.ndarray:
-    """Pressure patterns ``P_c`` of a named set, or given patterns after a check.
+    """Pressure patterns ``P_c`` of a set by its name; patterns in an array are checked.
 
     Returns
     -------
@@ -302,9 +307,9 @@ EQUAL = 1e-6
 def proper_orthogonal(snapshots: np.ndarray, count: int) -> np.ndarray:
     """Proper orthogonal decomposition of recorded pressures, largest singular value first.
 
-    The patterns minimise the least-squares error of the nodal pressures, all of equal weight, and
-    do not depend on the part. (Selecting the largest eigenvalues of ``K_cc`` is the same
-    decomposition in the norm of strain energy, but needs a static solve for every column.)
+    The patterns minimise the least-squares error of the nodal pressures, which have equal weights;
+    the patterns do not depend on the part. (A selection by the largest eigenvalues of ``K_cc`` is
+    the same decomposition in the norm of strain energy, but needs a static solve per column.)
 
     Patterns of equal singular values span a space whose basis is determined by round-off. Such a
     space is returned completely, so that there may be more patterns than `count`.
@@ -355,8 +360,8 @@ def load_dependent(
     selection
         Rule that selects residual modes, one of `SELECTIONS`.
     estimate_error
-        Whether to compute the bore flexibility that the basis does not contain; this needs one
-        static solve per pressure node.
+        Whether to compute the flexibility of the bores that the basis does not contain; this needs
+        static solves for the pressures of the base family, see `Reductor`.
     keep_basis
         Whether to store the part-size basis in the body.
 
@@ -456,9 +461,9 @@ def dual_basis(
         Weights of the responses in each combination, shape (count, r); nearly dependent
         combinations are dropped.
     requested
-        Number of static modes requested, for the figures of accuracy.
+        Number of static modes that were requested, for the accuracy figures.
     dropped
-        Inventory of the modes that were not selected.
+        Records of the modes that were not selected.
 
     Raises
     ------
@@ -531,7 +536,7 @@ def dropped_patterns(
     combinations
         All combinations in the order of `ranked`, shape (candidates, c).
     kept
-        Number of the first combinations, which were selected.
+        Number of combinations that were selected; they are the first columns of `combinations`.
     measure
         Orthonormal pressures over which flexibility is measured, shape (k, r).
     """

@@ -1,9 +1,9 @@
 """Matrices of any finite-element program as distributed PETSc matrices, and products with them.
 
-Degrees of freedom are ``3 * node + component``; a rank owns all three of a node. An error on one
-rank is raised on all ranks. "Columns" are tall arrays with a row for every degree of freedom; each
-rank has the rows that it owns. If a mass matrix is the same for x, y and z, products use only its
-entries for x.
+Degrees of freedom are ``3 * node + component``; a rank owns all three degrees of freedom of a node.
+An error on one rank is raised on all ranks. "Columns" are tall arrays with a row for every degree
+of freedom; each rank has the rows that it owns. If the mass matrices along x, y and z are equal,
+products use only the entries for x.
 
 Imports inside functions: scipy.io and gzip are needed only for files in their formats.
 """
@@ -53,7 +53,7 @@ def agree(comm: MPI.Comm, problem: str | None, cause: Exception | None = None) -
     Raises
     ------
     StructureError
-        If a rank has a problem; the message is that of the lowest such rank.
+        If a rank has a problem; the message is that of the lowest rank with a problem.
     """
     for message in comm.allgather(problem):
         if message is not None:
@@ -86,9 +86,9 @@ def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
 
 
 def even_range(count: int, comm: MPI.Comm) -> tuple[int, int]:
-    """Range of this rank among `count` items that are distributed as PETSc does.
+    """Distribute `count` items over the ranks as PETSc does; return the range of this rank.
 
-    The range is its first item and the item after its last one.
+    The range consists of the index of the first item, and the index of the last item + 1.
     """
     each, rest = divmod(count, comm.size)
     first = comm.rank * each + min(comm.rank, rest)
@@ -110,10 +110,10 @@ def owned_range(
     total, name
         Number of rows on all ranks, and the name of the matrix or vector for messages.
     rows
-        Number of rows of the stiffness matrix on this rank. If None, `owned` is used, or an even
-        distribution of nodes.
+        Number of rows of the stiffness matrix on this rank. None: the number is `owned`, or
+        nodes are distributed evenly.
     owned
-        Number of rows on this rank if they are already distributed, else None.
+        Number of rows on this rank if the rows are distributed already, else None.
 
     Raises
     ------
@@ -151,14 +151,14 @@ def as_matrix(
         ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
         HDF5 file has the CSR arrays ``data``, ``indices`` and ``indptr`` as datasets, and
         ``shape`` as a dataset or attribute. Each rank reads only its own rows from PETSc and HDF5
-        files, but all rows from the others.
+        files; from other files, each rank reads all rows.
     comm
         Communicator of the ranks that share the rows; a PETSc matrix keeps its own.
     name
         Name of the matrix in messages.
     rows
-        Number of rows on this rank, if it must match another matrix of the part; None for an
-        even distribution of nodes.
+        Number of rows on this rank, which is that of another matrix of the part; None for an even
+        distribution of nodes.
 
     Returns
     -------
@@ -205,7 +205,7 @@ def as_matrix(
 def assemble(block: sparse.csr_matrix, comm: MPI.Comm) -> PETSc.Mat:
     """Make a PETSc matrix from the rows of each rank; repeated entries are added.
 
-    Columns of a square matrix are distributed as its rows, columns of others evenly.
+    Columns of a square matrix are distributed as its rows; columns of other matrices evenly.
     """
     # PETSc would keep only the last of repeated entries.
     block.sum_duplicates()
@@ -267,12 +267,12 @@ def _open(path: str) -> Opened:
 
 
 def csr_layout(rows: str, entries: str = "entries") -> Group:
-    """Layout of a matrix in CSR form in a file; ``shape`` is an attribute or a dataset.
+    """Layout of a matrix in CSR form in an HDF5 file; ``shape`` is an attribute or a dataset.
 
     Parameters
     ----------
     rows, entries
-        Names of the numbers of rows and entries, as in the axes of a `Value`.
+        Symbols for the numbers of rows and of entries, as in the axes of a `Value`.
     """
     return Group(
         {
@@ -308,7 +308,7 @@ def _in_hdf5(path: str, group: str) -> Opened:
     Raises
     ------
     ValueError
-        If the arrays do not fit each other or the shape.
+        If the arrays, or the arrays and the shape, do not fit each other.
     """
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -384,9 +384,9 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     Returns
     -------
     scipy.sparse.csr_matrix
-        Matrix of shape (3 nodes, 3 nodes). A held degree of freedom is not coupled to others and
-        has the mean diagonal entry of `matrix`: the part remains clamped there, but its inertia
-        integrals contain that mass.
+        Matrix of shape (3 nodes, 3 nodes). A held degree of freedom is not coupled to others; its
+        diagonal entry is the mean diagonal entry of `matrix`. The part remains clamped there, but
+        its inertia integrals contain these masses.
 
     Raises
     ------
@@ -408,7 +408,10 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
     named, uses = np.unique(flat[free], return_counts=True)
     if not np.array_equal(named, np.arange(size)) or uses.max(initial=1) > 1:
         wrong = [*named[uses > 1], *np.setxor1d(named, np.arange(size))][0]
-        raise StructureError(f"dofs must have each of the {size} rows once: see row {wrong}")
+        raise StructureError(
+            f"dofs must have each of the {size} row numbers once, but row {wrong} is missing, "
+            "repeated or not a row"
+        )
     order = sparse.csr_matrix((np.ones(len(free)), (free, flat[free])), shape=(len(flat), size))
     held = np.ones(len(flat))
     held[free] = 0.0
@@ -506,7 +509,7 @@ def transpose_multiply(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
 
 
 def some_columns(matrix: PETSc.Mat, numbers: np.ndarray) -> PETSc.Mat:
-    """Copy the columns with given numbers of a matrix, evenly distributed over the ranks."""
+    """Copy the columns `numbers` of a matrix; the copy is evenly distributed over the ranks."""
     comm = matrix.comm
     (first, last) = matrix.getOwnershipRange()
     mine = np.array_split(numbers, comm.size)[comm.rank].astype(PETSc.IntType)
@@ -529,7 +532,7 @@ SAME_TOLERANCE = 1e-13
 
 
 class MassOperator:
-    """Operator of products with the mass matrix M of (16).
+    """Operator that multiplies columns by the mass matrix M of (16).
 
     If the density is a scalar, M is ``m (x) I_3`` with a matrix m that has one row per node.
     Products with m read a ninth of the entries that finite-element programs store for M.

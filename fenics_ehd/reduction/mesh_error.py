@@ -12,10 +12,11 @@ compliances C and C', the difference of the exact compliance from C is estimated
 
 Differences of displacements are estimated likewise. They are evaluated between the nodes of both
 meshes too, because a thin film is more sensitive to shapes shorter than the cells than to smooth
-ones. Errors are of order 1.09 at re-entrant edges (Williams' exponent is 0.5445 at a right angle),
-and of order 4 for smooth solutions with quadratic cells. If the cells of the other mesh are two
-thirds as large, the estimate is within a factor of 1.6 of both; with a coarser other mesh it would
-be within a factor of 3. The other mesh is therefore the finer one if it can be afforded.
+ones. The order of errors is 1.09 at re-entrant edges (Williams' exponent is 0.5445 at a right
+angle), and 4 for smooth solutions with quadratic cells. If the cells of the other mesh are two
+thirds as large, the estimate is within a factor of 1.6 of the error, for both orders. With cells
+1.5 times as large, it would be within a factor of 3. The other mesh is therefore finer, unless its
+solution would take too long.
 
 Imports inside functions: runs only read stored errors, and need no PETSc for this purpose.
 """
@@ -68,7 +69,7 @@ def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
 def _summit() -> np.ndarray:
     """Amplitudes of the smooth functions in ``exp(4 cos phi - 4)``, shape (`SMOOTH`,).
 
-    They are values of modified Bessel functions at 4.
+    The amplitudes are values of modified Bessel functions at 4.
     """
     amplitudes = np.zeros(SMOOTH)
     amplitudes[0] = ive(0, 4)
@@ -99,9 +100,11 @@ class SmoothResponses(NamedTuple):
     Attributes
     ----------
     compliance
-        Work of each smooth pressure under each load, shape (s, s + 2 a) [J/Pa^2], [J/(Pa N)].
+        Work of each smooth pressure (rows) on the displacement under each load (columns), shape
+        (s, s + 2 a) [J/Pa^2], [J/(Pa N)].
     outward
-        Outward displacement of the nodes of all bores, shape (m, s + 2 a) [m/Pa], [m/N].
+        Outward displacement of the nodes of all bores (rows) under each load (columns), shape
+        (m, s + 2 a) [m/Pa], [m/N].
     """
 
     compliance: np.ndarray
@@ -125,12 +128,12 @@ def smooth_responses(solver: StaticSolver) -> SmoothResponses:
 
 
 def point_columns(points: Collection[str], wanted: Collection[str], smooth: int) -> list[int]:
-    """Indices of the columns of `SmoothResponses` for all pressures and some boundary points.
+    """Indices of the columns of `SmoothResponses` for all pressures and for some boundary points.
 
     Parameters
     ----------
     points, wanted
-        Names of all boundary points, and of those whose columns are wanted.
+        Names of all boundary points, and names of the points whose columns are wanted.
     smooth
         Number of smooth pressures.
 
@@ -145,10 +148,9 @@ def point_columns(points: Collection[str], wanted: Collection[str], smooth: int)
 
 
 def excess(size: int, other: int, order: float = ORDER) -> float:
-    """Factor from the difference of two meshes to the estimated error of the first mesh.
+    """Factor that extrapolates the difference between two meshes to the error of the first mesh.
 
-    It is the exact value minus that of the first mesh, over that of the other mesh minus that of
-    the first.
+    The factor is ``(exact - first) / (other - first)``, for values of both meshes.
 
     Parameters
     ----------
@@ -160,7 +162,7 @@ def excess(size: int, other: int, order: float = ORDER) -> float:
     Raises
     ------
     StructureError
-        If the ratio of the sizes is not above `ANOTHER`.
+        If the ratio of the larger to the smaller size is not above `ANOTHER`.
     """
     if not max(size / other, other / size) > ANOTHER:
         raise StructureError(
@@ -171,26 +173,28 @@ def excess(size: int, other: int, order: float = ORDER) -> float:
 
 
 def compliance_errors(missing: np.ndarray, compliance: np.ndarray) -> dict[str, float]:
-    """Relative error of the compliance under each pressure of `PATTERNS`, largest of all bores.
+    """Largest relative error of the compliance of a bore, for each pressure of `PATTERNS`.
 
     Parameters
     ----------
-    missing, compliance
-        Exact compliance minus that of the mesh, and that of the mesh, shape (s, s).
+    missing
+        Estimated exact compliance minus that of the mesh, shape (s, s) [J/Pa^2].
+    compliance
+        Compliance of the mesh, shape (s, s) [J/Pa^2].
     """
     parts = [slice(start, start + SMOOTH) for start in range(0, len(compliance), SMOOTH)]
 
     def error(c: np.ndarray, bore: slice) -> float:
-        """Relative error of one bore for amplitudes c of the smooth pressures."""
+        """Relative error of the compliance of one bore for amplitudes c of smooth pressures."""
         return float(abs(c @ missing[bore, bore] @ c) / (c @ compliance[bore, bore] @ c))
 
     return {name: max(error(c, bore) for bore in parts) for name, c in PATTERNS.items()}
 
 
 def smooth_part(bores: Mapping[str, BoreSurface]) -> np.ndarray:
-    """Matrix, shape (s, k), from nodal pressures on all bores to smooth amplitudes.
+    """Matrix that fits smooth pressures to nodal pressures by least squares, shape (s, k).
 
-    The amplitudes fit the nodal pressures by least squares.
+    Its product with k nodal pressures on all bores is the amplitudes of the s smooth pressures.
     """
     fields = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores.values()]
     return np.asarray(block_diag(*map(np.linalg.pinv, fields)))

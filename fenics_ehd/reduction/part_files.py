@@ -112,9 +112,9 @@ class Rows(NamedTuple):
     Attributes
     ----------
     shape
-        Shape of the array of all rows of the rank.
+        Shape of the array of all rows that this rank writes.
     blocks
-        Consecutive blocks of rows.
+        Consecutive blocks of these rows.
     """
 
     shape: tuple[int, ...]
@@ -253,9 +253,9 @@ def load_structure(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Structu
 
 
 def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
-    """Arguments of `Structure` from a file, with paths in place of matrices.
+    """Read the arguments of `Structure` from a file; matrices are represented by their paths.
 
-    Coordinates are those of this rank's nodes.
+    The coordinates are those of the nodes of this rank.
 
     Raises
     ------
@@ -283,7 +283,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
 
 
 def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
-    """Boundary point of a group: its nodes with weights, or `matrix`, the path of a matrix."""
+    """Boundary point in a group of the file: nodes with weights; else `matrix`, a matrix's path."""
     if "nodes" not in group:
         return matrix
     if "weights" not in group:
@@ -463,7 +463,7 @@ class BasisFile(AbstractContextManager["BasisFile"]):
         Raises
         ------
         ValueError
-            If they are inconsistent; the message names the dataset.
+            If a shape or a node number is inconsistent; the message names the dataset.
         """
         BASIS_LAYOUT.check(self._file, "", {})
         if ("stress" in self._file) != ("stress_points" in self._file):

@@ -8,14 +8,15 @@ around it, the base family consists of
     (1 - zeta^2) P_n(zeta) cos m phi,   (1 - zeta^2) P_n(zeta) sin m phi,   m <= M_n,
 
 with Legendre polynomials P_n, and the uniform pressure. An edge at a height within the bore adds
-the same functions of every land between edges, and a hat that is 1 at the edge and 0 at its
-neighbours. An edge at an end of the bore adds ``exp(-d / (s B / 2))`` of the distance d from this
-end, for two lengths s. The functions are evaluated at the pressure nodes, which need not form a
-grid. Orders M_n are cut at the shortest wave of the mesh, so that its highest cosine is included.
+two kinds of axial functions: the polynomials above on every land between edges, and hat functions
+that are 1 at one edge and 0 at the neighbouring edges. An edge at an end of the bore adds the axial
+functions ``exp(-2 d / (s B))``, where d is the distance from this end, for two relative lengths s.
+The functions are evaluated at the pressure nodes, which need not form a grid. Orders M_n are
+limited to the shortest wave that the nodes resolve.
 
-A family has levels: each contains the columns of the level before, and the last one is every nodal
-pressure. The level that a part needs is found by pressures that are not in the family
-(`verification_pressures`).
+A family has levels: each level contains the columns of the level before, and the last level
+consists of all nodal pressures. The level that a part needs is determined by pressures that are not
+in the family (`verification_pressures`).
 """
 
 from __future__ import annotations
@@ -63,15 +64,15 @@ DIGITS = 5
 
 @dataclass(frozen=True, eq=False)
 class PressureFamily:
-    """Nested sets of nodal pressures of the bores of a part, zero in all bores but one.
+    """Nested sets of nodal pressures on the bores of a part; each pressure acts in one bore only.
 
     Attributes
     ----------
     bores
-        Surfaces by name of the bore.
+        Surface of every bore, by its name.
     edges
-        Heights of the films' edges from the middle of a bore, by its name [m]; minus infinity and
-        infinity are its ends.
+        Heights of the films' edges in a bore, measured from its middle, by the name of the bore
+        [m]; minus infinity and infinity are the ends of the bore.
     """
 
     bores: Mapping[str, BoreSurface]
@@ -83,7 +84,7 @@ class PressureFamily:
         return len(ORDERS)
 
     def every_edge(self, name: str) -> tuple[float, ...]:
-        """Heights of a bore's edges [m], ascending: those of films and of holes in its mesh."""
+        """Heights of the edges in a bore [m], ascending: of films, and of holes in its mesh."""
         bore = self.bores[name]
         heights = set(_rounded(self.edges.get(name, ())))
         if bore.cells.size and bore.family:
@@ -97,7 +98,7 @@ class PressureFamily:
         return self.columns(0, np.zeros((self._nodes, 0)))
 
     def up_to(self, level: int) -> np.ndarray:
-        """Orthonormal columns of all levels up to one, shape (k, r)."""
+        """Orthonormal columns of all levels up to `level`, shape (k, r)."""
         known = self.base
         for number in range(1, level + 1):
             known = np.hstack([known, self.columns(number, known)])
@@ -108,7 +109,7 @@ class PressureFamily:
         return sum(len(bore.pressure_coordinates) for bore in self.bores.values())
 
     def columns(self, level: int, known: np.ndarray) -> np.ndarray:
-        """Orthonormal columns that a level adds to known columns.
+        """Orthonormal columns that a level adds to the columns of the level before.
 
         Parameters
         ----------
@@ -120,7 +121,8 @@ class PressureFamily:
         Returns
         -------
         numpy.ndarray
-            Columns, shape (k, c); all that are missing if the level has most of them.
+            Columns, shape (k, c). If the level would have more than `COMPLETE` of all columns, the
+            result completes the set of all nodal pressures.
         """
         nodes = self._nodes
         if level >= self.last:
@@ -134,7 +136,7 @@ class PressureFamily:
         return added
 
     def verification(self) -> np.ndarray:
-        """Pressures of `verification_pressures` in each of the bores, shape (k, v)."""
+        """Pressures of `verification_pressures` for every bore, zero on other bores, (k, v)."""
         pressures = [
             verification_pressures(bore, self.every_edge(name)) for name, bore in self.bores.items()
         ]
@@ -142,7 +144,7 @@ class PressureFamily:
 
 
 def _added(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Orthonormal columns of the span of columns that are orthogonal to known ones."""
+    """Orthonormal basis of the space by which columns extend the span of known columns."""
     lengths = np.linalg.norm(columns, axis=0)
     # The sine of the shortest wave is zero at all nodes, but for round-off.
     present = lengths > INDEPENDENT * lengths.max()
@@ -156,12 +158,12 @@ def _added(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _complement(known: np.ndarray) -> np.ndarray:
-    """Orthonormal columns of everything that is orthogonal to known columns."""
+    """Orthonormal basis of the space that is orthogonal to known, orthonormal columns."""
     return np.ascontiguousarray(qr(known, mode="full")[0][:, known.shape[1] :])
 
 
 def _functions(bore: BoreSurface, edges: Sequence[float], level: int) -> np.ndarray:
-    """Functions of a level at the pressure nodes of a bore, shape (k, c), not independent."""
+    """Functions of a level at the pressure nodes of a bore, shape (k, c); they may be dependent."""
     x, y, z = bore.pressure_coordinates.T
     half = 0.5 * bore.width
     waves = _Waves(np.arctan2(y, x), _shortest_wave(bore))
@@ -187,7 +189,10 @@ def _functions(bore: BoreSurface, edges: Sequence[float], level: int) -> np.ndar
 
 
 def _bubbles(zeta: np.ndarray, orders: Sequence[int]) -> np.ndarray:
-    """``(1 - zeta^2) P_n``, n up to the number of orders, zero beyond -1 and 1; shape (k, n)."""
+    """Axial functions ``(1 - zeta^2) P_n(zeta)``, one for each of n orders, shape (k, n).
+
+    The functions are zero where zeta is outside -1 to 1.
+    """
     inside = np.clip(zeta, -1.0, 1.0)
     polynomials = np.polynomial.legendre.legvander(inside, len(orders) - 1)
     return (1.0 - inside**2)[:, None] * polynomials
@@ -209,7 +214,10 @@ class _Waves:
     highest: int
 
     def times(self, profiles: np.ndarray, orders: Sequence[int]) -> np.ndarray:
-        """Products of axial profiles, shape (k, n), with the waves up to the order of each."""
+        """Products of axial profiles and waves around the bore, as columns.
+
+        `profiles` has n profiles, shape (k, n); each is multiplied by all waves up to its order.
+        """
         products = []
         for profile, order in zip(profiles.T, orders, strict=False):
             phase = np.arange(min(order, self.highest) + 1) * self.angle[:, None]
@@ -233,7 +241,7 @@ def _rows(bore: BoreSurface) -> int:
 
 
 def _spaced(bore: BoreSurface, length: float) -> int:
-    """Twice the number of nodes on a length, were all nodes of the bore evenly spaced."""
+    """Twice the number of nodes on a length, if the bore had as many evenly spaced nodes."""
     spacing = np.sqrt(2 * np.pi * bore.radius * bore.width / len(bore.pressure_coordinates))
     return int(np.ceil(2.0 * length / spacing))
 
@@ -258,14 +266,15 @@ def edges_of(text: str) -> dict[str, tuple[float, ...]]:
 def missing_edges(
     provenance: Mapping[str, str], edges: Mapping[str, Sequence[float]]
 ) -> dict[str, list[float]]:
-    """Edges of films that the family of a body lacks, by name of the bore [m].
+    """Heights of films' edges that the pressure family of a body does not have, by bore [m].
 
     Parameters
     ----------
     provenance
-        Provenance of the body. Without a level it has every nodal pressure, as M4 of version 0.3.
+        Provenance of the body. If it has no level, the family consists of all nodal pressures, as
+        for M4 in version 0.3.
     edges
-        Edges of the films in its bores.
+        Heights of the edges of the films in the body's bores, by the name of the bore [m].
     """
     if int(provenance.get("pressure_level", len(ORDERS))) >= len(ORDERS):
         return {}
@@ -300,7 +309,7 @@ def short_bearing(
     Parameters
     ----------
     angle
-        Angles of the nodes [rad].
+        Angles of the nodes, shape (k,) [rad].
     eccentricity, turn
         Relative eccentricity, and angle of the thickest film [rad].
     direction
@@ -312,12 +321,12 @@ def short_bearing(
 
 
 def verification_pressures(bore: BoreSurface, edges: Sequence[float]) -> np.ndarray:
-    """Pressures outside of the family, with which its error is measured.
+    """Pressures outside of the pressure family, with which the error of the family is measured.
 
-    Sixteen pressures: short bearings of several eccentricities, six of them straight and four
-    tilted, one that is flat along the bore, one with peaks near its ends, and four of an elastic
-    run. Edges within the bore add two pressures, those of grooves without and with pressure; each
-    edge at an end adds the pressure of a contact there. Angles are fixed.
+    There are 16 pressures: ten of short bearings with several eccentricities (six straight, four
+    tilted), one that is flat along the bore, one with peaks near the ends, and four from a run with
+    an elastic bore. Edges within the bore add two pressures: of grooves without and with pressure.
+    Each edge at an end of the bore adds the pressure of a contact there. All angles are fixed.
 
     Parameters
     ----------
@@ -357,7 +366,7 @@ def verification_pressures(bore: BoreSurface, edges: Sequence[float]) -> np.ndar
 
 
 def _drained(z: np.ndarray, knots: Sequence[float]) -> np.ndarray:
-    """Parabolas on the lands between grooves, zero at the grooves' edges and at the ends."""
+    """Axial pressure profile between grooves without pressure: a parabola on every land, (k,)."""
     profile = np.zeros(len(z))
     for low, high in pairwise(knots):
         within = np.clip((2.0 * z - low - high) / (high - low), -1.0, 1.0)
@@ -385,5 +394,5 @@ def stored_pressures(angle: np.ndarray, zeta: np.ndarray) -> np.ndarray:
 
 @cache
 def _stored() -> np.ndarray:
-    """Table of `STORED`, its largest value 1."""
+    """Table of the pressures in the file `STORED`, scaled to the largest value 1."""
     return np.load(STORED).astype(float) / np.iinfo(np.uint16).max

@@ -187,8 +187,8 @@ class Structure:
     recovery
         Elements for displacement and stress fields; None if unknown.
     owner
-        Object that is kept as long as the structure. A dolfinx mesh must outlive the matrices, as
-        dolfinx frees the communicator together with the mesh.
+        Object that exists as long as the structure. A dolfinx mesh must outlive the matrices,
+        because dolfinx frees the communicator together with the mesh.
     comm
         MPI communicator (mpi4py) of the ranks that share the matrices. PETSc matrices keep their
         own communicator.
@@ -470,8 +470,8 @@ def _require(holds: bool | np.bool_, problem: str) -> None:
         raise StructureError(problem)
 
 
-def _place(row: int) -> str:
-    """Node and component of a row, as text for messages."""
+def _row_label(row: int) -> str:
+    """Text for messages about a row of a matrix: its node and its component."""
     return f"node {row // 3}, component {'xyz'[row % 3]}"
 
 
@@ -498,7 +498,7 @@ def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
     row = int(np.argmin(diagonal))
     _require(
         diagonal[row] > 0,
-        f"{name} has the diagonal entry {diagonal[row]:.3g} at {_place(row)}, which must be "
+        f"{name} has the diagonal entry {diagonal[row]:.3g} at {_row_label(row)}, which must be "
         "positive: is the row empty?",
     )
 
@@ -540,8 +540,8 @@ def _check_minors(stiffness: PETSc.Mat) -> None:
         worst = int(np.argmax(ratios))
         problem = (
             f"stiffness is not positive semidefinite: the entry {entries[worst]:.3g} of "
-            f"{_place(rows[worst])} and {_place(columns[worst])} is {ratios[worst]:.3g} times the "
-            "geometric mean of their diagonal entries, but at most 1 is possible"
+            f"{_row_label(rows[worst])} and {_row_label(columns[worst])} is {ratios[worst]:.3g} "
+            "times the geometric mean of their diagonal entries, but at most 1 is possible"
         )
     agree(comm, problem)
 
@@ -549,7 +549,7 @@ def _check_minors(stiffness: PETSc.Mat) -> None:
 def _check_order(structure: Structure) -> None:
     """Refuse degrees of freedom that are numbered component by component, not node by node.
 
-    If the numbering is right, a translation causes forces only at nodes with supports.
+    With the right numbering, a translation causes elastic forces only at nodes with supports.
     """
     stiffness = structure.stiffness
     comm = structure.comm
@@ -620,12 +620,12 @@ def _check_definite(mass: PETSc.Mat) -> None:
     _require(
         ratio > MASS_TOLERANCE and not indefinite,
         f"mass is singular or not positive definite: relative eigenvalue {ratio:.1e}, limit "
-        f"{MASS_TOLERANCE:.0e}; the eigenvector is largest at {_place(largest)}",
+        f"{MASS_TOLERANCE:.0e}; the eigenvector is largest at {_row_label(largest)}",
     )
 
 
 def _check_attachments(structure: Structure) -> None:
-    """Refuse boundary points whose vectors do not average displacements, or that are the same."""
+    """Refuse boundary points whose load vectors do not average displacements, and equal points."""
     translations = rigid_fields(structure.coordinates)[:, :3]
     comm = structure.comm
     units = {}
@@ -747,7 +747,7 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
 def _check_load(structure: Structure, bore: Bore, name: str) -> None:
     """Refuse a load matrix with forces off the bore, or with a wrong sum of outward forces.
 
-    The work of a uniform pressure on a growing bore must be the pressure times the area.
+    If the radius grows, the work of a uniform pressure must be the pressure times the area.
     """
     columns = bore.load.size[1]
     pressures = len(bore.pressure_coordinates)

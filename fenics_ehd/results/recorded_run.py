@@ -30,7 +30,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.analysis.error_budget import Estimator
-from fenics_ehd.analysis.flexibility_check import Responding
+from fenics_ehd.analysis.flexibility_check import PartInMemory
 from fenics_ehd.base.columns import csv_line
 from fenics_ehd.base.errors import EhdError, InputError, OutputError, SolverError
 from fenics_ehd.base.files import (
@@ -151,7 +151,9 @@ def require_folder_of(directory: Path, command: str) -> None:
     """
     require_made_by(directory, command)
     if command == "run" and is_part(directory):
-        raise InputError(f"{directory} belongs to the run in its parent: choose another folder")
+        raise InputError(
+            f"{directory} belongs to the run in its parent folder: choose another folder"
+        )
 
 
 def require_no_result(directory: Path) -> None:
@@ -507,7 +509,7 @@ def recorded_steps(
 
 
 def estimate_errors(
-    run: Recorder, directory: Path, parts: Mapping[str, Responding] | None = None
+    run: Recorder, directory: Path, parts: Mapping[str, PartInMemory] | None = None
 ) -> tuple[Budgets, dict[str, Any]]:
     """Estimate the errors of a complete run, and store them over time in its folder.
 
@@ -516,8 +518,7 @@ def estimate_errors(
     run, directory
         The run and its folder.
     parts
-        Static responses of those flexible bodies for which they were computed, by body, see
-        `Estimator`.
+        Parts in memory, by the name of their body, see `Estimator`.
 
     Returns
     -------

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import attrs
+import numpy as np
 
-from fenics_ehd.analysis.flexibility_check import Responding
+from fenics_ehd.analysis.flexibility_check import PartInMemory
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import (
@@ -192,7 +193,7 @@ def run_scene(
             save_body(body, directory / BODY_FILE.format(name))
     judge = None
     if alone and scene.output.error_budget and scene.films:
-        judge = partial(_judged, scene=scene, search=search, parts=_responding(scene, built))
+        judge = partial(_judged, scene=scene, search=search, parts=_parts_in_memory(scene, built))
     run = Run(built.mechanism, built.steps, scene.span)
     time = scene.time
     cycles = (
@@ -222,7 +223,7 @@ def _judged(
     directory: Path,
     scene: Scene,
     search: Search | None,
-    parts: Mapping[str, Responding],
+    parts: Mapping[str, PartInMemory],
 ) -> tuple[Budgets, dict[str, Any]]:
     """Estimate the errors of a run: its budgets, and summary entries on errors and the search."""
     budgets, entries = estimate_errors(recorded, directory, parts)
@@ -235,18 +236,21 @@ def _judged(
     return budgets, entries
 
 
-def _responding(scene: Scene, built: Machine) -> dict[str, Responding]:
-    """Static responses of the parts that were reduced by this process alone, by body name."""
+def _parts_in_memory(scene: Scene, built: Machine) -> dict[str, PartInMemory]:
+    """Parts that were reduced by this process alone, by the name of their body."""
     if not built.reduced:
         return {}
-    from fenics_ehd.reduction.family_responses import respond
+    from fenics_ehd.reduction.family_responses import Responses, respond
     from fenics_ehd.reduction.static import StaticSolver
 
-    def responding(structure: Structure, solver: str) -> Responding:
+    def responding(structure: Structure, solver: str) -> Callable[[np.ndarray], Responses]:
         return lambda pressures: respond(StaticSolver(structure, solver=solver), pressures)
 
     return {
-        name: responding(part.structure, scene.bodies[name].reduction.solver)
+        name: PartInMemory(
+            built.bodies[name],
+            responding(part.structure, scene.bodies[name].reduction.solver),
+        )
         for name, part in built.reduced.items()
         if part.structure.comm.size == 1
     }
