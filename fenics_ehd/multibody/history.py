@@ -8,13 +8,15 @@ with its unit.
 
 `History.with_start` adds a row at the start of a periodic cycle: the state at the end of the cycle,
 less a period and whole turns.
+
+Imports inside functions: figures need matplotlib, which is loaded when one is drawn.
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -41,13 +43,12 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.base.layout import Group, Value, attribute, read_declared
 from fenics_ehd.base.renamed import (
-    joint_of_bare_name,
     renamed_arguments,
     renamed_attributes,
-    warn_renamed,
 )
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
 from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.names_without_joint import Columns, Summary
 from fenics_ehd.multibody.recorded_quantities import (
     FAMILIES,
     BodyResult,
@@ -189,61 +190,6 @@ def column_name(path: str) -> str:
     """
     group, _, name = path.partition("/")
     return (name or group).replace("/", ".", 1)
-
-
-class Columns(dict[str, np.ndarray]):
-    """Columns of ``history.csv`` by name.
-
-    A name without its joint is accepted if only one joint has the column.
-
-    Attributes
-    ----------
-    joints
-        Names of the lubricated joints.
-    """
-
-    joints: Collection[str] = ()
-
-    def __missing__(self, name: str) -> np.ndarray:
-        columns = {
-            joint: [key.removeprefix(f"{joint}.") for key in self if key.startswith(f"{joint}.")]
-            for joint in self.joints
-        }
-        joint = joint_of_bare_name(name, columns)
-        if joint is None:
-            raise KeyError(name)
-        return self[f"{joint}.{name}"]
-
-    def get(self, name: str, default: Any = None) -> Any:
-        """Column of a name, which may omit the joint; `default` if no column has this name."""
-        try:
-            return self[name]
-        except KeyError:
-            return default
-
-
-class Summary(dict[str, Any]):
-    """Entries of ``summary.json`` by name.
-
-    The entry of a joint is accepted without the joint if only one joint has it.
-    """
-
-    def __missing__(self, name: str) -> Any:
-        joints = super().get("joints", {})
-        if name == "joint" and len(joints) == 1:
-            warn_renamed("joint", "the key under joints", depth=1)
-            return next(iter(joints))
-        joint = joint_of_bare_name(name, joints, before="joints.")
-        if joint is None:
-            raise KeyError(name)
-        return joints[joint][name]
-
-    def get(self, name: str, default: Any = None) -> Any:
-        """Entry of a name, of the run or of its only joint with it; `default` if none has it."""
-        try:
-            return self[name]
-        except KeyError:
-            return default
 
 
 def fixed(path: str) -> bool:
