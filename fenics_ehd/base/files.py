@@ -786,7 +786,7 @@ def _plain(value: object) -> object:
 def versions(*, installed: bool = False) -> dict[str, str]:
     """Versions of this package, Python and the imported libraries, by name.
 
-    With `installed`, of all known libraries, also those that are not imported.
+    With `installed`, the result has all known libraries, even if they are not imported.
     """
     names = ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "dolfinx", "gmsh", "matplotlib")
     return {

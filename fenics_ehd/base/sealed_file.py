@@ -218,7 +218,7 @@ UNREADABLE = (
 
 
 def stored_as(words: str, kind: str) -> Kind:
-    """Make the kind of the output files of a format, of any version, without a broken seal."""
+    """Make the `Kind` of output files in a format: of any version, with no seal or a sound one."""
 
     def holds(path: Path) -> bool:
         try:

@@ -74,7 +74,7 @@ class Placement:
 
 
 def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
-    """Placement with the bore's axis along z, its centre at the origin, and x towards a point.
+    """Placement with the bore's axis along z, its centre at the origin, the x axis towards a point.
 
     Parameters
     ----------
@@ -496,7 +496,7 @@ class PlacedPart:
         }
 
     def quadratic(self) -> PlacedPart:
-        """Convert to second-order cells with curved edges.
+        """Convert the cells of the part to second-order cells with curved edges.
 
         Mid-side nodes of all cylindrical faces are put on the cylinders. If this turns a cell
         inside out, only the mid-side nodes of bores are put on cylinders. A part that has

@@ -62,7 +62,7 @@ def included_text(path: Path, opened: list[Path]) -> str:
     path
         Path of the file to read.
     opened
-        Paths of the files read before, the main file first; `path` is appended.
+        Paths of the files that were read before, the main file first; `path` is appended.
 
     Raises
     ------
