@@ -66,7 +66,10 @@ class PartFields:
     def displacement(self, coordinates: np.ndarray, quasi_static: np.ndarray) -> np.ndarray:
         """Elastic displacement of the nodes, shape (p, 3) [m].
 
-        It belongs to elastic coordinates, shape (n,), and amplitudes of patterns, shape (r,).
+        Parameters
+        ----------
+        coordinates, amplitudes
+            Elastic coordinates, shape (n,), and amplitudes of residual patterns, shape (r,).
         """
         return self.basis @ coordinates + self.patterns @ quasi_static
 
