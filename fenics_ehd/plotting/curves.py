@@ -151,7 +151,9 @@ def _largest(values: np.ndarray) -> np.intp:
 def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
     """Draw the panel of one joint, with the curves of one or more runs."""
     over = common_axis(joints)
-    curves = [(joint, *column) for joint in joints for column in panel.labels_of(joint.columns).items()]
+    curves = [
+        (joint, *column) for joint in joints for column in panel.labels_of(joint.columns).items()
+    ]
     drawn = []
     for number, (joint, column, called) in enumerate(curves):
         look = style(number)

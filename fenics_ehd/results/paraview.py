@@ -144,7 +144,9 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
         fitting = {name: part for name, part in candidates.items() if part is not None}
         if not fitting:
             sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in reduced.items())
-            raise SettingsError(f"--basis {path}: it fits no flexible body ({sizes or 'none'})")
+            raise SettingsError(
+                f"--basis {path}: the basis fits no flexible body of the run ({sizes or 'none'})"
+            )
         parts |= fitting
     return parts
 
