@@ -325,8 +325,8 @@ class FilmFlows:
         """Power of the pressure on oil that fills voids where the film forms again [W].
 
         This power closes the energy balance, which is the weak form tested with its own pressure.
-        It arises from fronts of the full film within a cell, vanishes as the mesh is refined, and
-        is zero without voids.
+        It arises in cells that contain the edge of the full film, vanishes as the mesh is refined,
+        and is zero without voids.
         """
         if not self._lumped:
             return 0.0

@@ -175,7 +175,7 @@ class ShapeTable:
         return PPoly(pieces, closed, extrapolate="periodic")
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation at angles [rad] and heights [m], or its derivative with respect to angle.
+        """Radial deviation at angles [rad] and heights [m], or its derivative by angle.
 
         `order` is the order of the derivative: 0, 1 or 2.
         """
@@ -277,7 +277,7 @@ class Shape(Deviations):
         return not (self.ovality or any(self.misalignment) or self.measured)
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation [m] at angles [rad] and heights [m], or its derivative with respect to angle.
+        """Radial deviation at angles [rad] and heights [m], or its derivative by angle.
 
         `order` is the order of the derivative: 0, 1 or 2.
         """

@@ -413,7 +413,7 @@ class OilBalance:
         return nodal
 
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
-        """Oil balance of a full film at all nodes, shape (nodes,), for pressures `nodal`."""
+        """Defect of the oil balance of a full film at all nodes, for pressures `nodal`."""
         # Contents are summed in one way only: if two sums differed by round-off, oil would be lost
         # in every step.
         full = step.full

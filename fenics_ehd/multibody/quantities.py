@@ -342,7 +342,7 @@ def max_pressure(joint: JointStep) -> float:
 
 @quantity("min_film_thickness", "m")
 def min_film_thickness(joint: JointStep) -> float:
-    """Minimum oil film thickness (MOFT), interpolated between the nodes; nominal if rough."""
+    """Minimum oil film thickness (MOFT), interpolated between the nodes; nominal gap if rough."""
     return -joint.rows.largest(-joint.gap[None, -len(joint.nodes) :])[0][0]
 
 
