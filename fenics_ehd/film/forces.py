@@ -390,9 +390,10 @@ def under_pressure(film: Film) -> bool:
 
 
 def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
-    """Flow into a film through one side, for every edge of a cell there, around the bore [m3/s].
+    """Flow into a film through one side, for each edge of a cell on this side [m3/s].
 
-    With 4-node cells there is one entry for every node of the side instead.
+    The edges are in their order around the bore. With 4-node cells there is one entry for every
+    node of the side instead.
 
     Parameters
     ----------

@@ -401,10 +401,11 @@ class ShaftMotion:
 
 
 def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, np.ndarray]:
-    """Components (3) of the shaft's centre, e_r toward each point and e_t at right angles to it.
+    """Components e_r and e_t (3) of the shaft's centre, toward each point and at right angles.
 
-    The centre is that in the plane of the point. `pair` is the centre at mid-width and `tilt` the
-    rotation of the axis; with the rates of both, the components are those of the velocity.
+    The centre of a tilted shaft is the one in the plane of the point. `pair` is the centre at
+    mid-width, and `tilt` the rotation of the axis. If both are rates, the components are those of
+    the centre's velocity.
     """
     cosine, sine = points.normal
     x = pair[0] + points.height * tilt[1]
