@@ -68,9 +68,9 @@ class FilmResult:
     angle, height
         Positions of the nodes on the bore, in its frame, shape (nodes,) [rad], [m].
     cells
-        Node numbers of every cell, shape (c, v). The corners come first: at the smaller angle and
-        height, at the larger angle, at the larger height, at both. Middles of edges and the centre
-        follow if `family` has them.
+        Numbers of the v nodes of every cell, shape (c, v). First are the two corners at the smaller
+        height, then the two at the larger height, each pair with the smaller angle first. Middles
+        of edges and the centre follow if `family` has them.
     radius, clearance
         Radius and radial clearance of the bore [m].
     pressure, gap
