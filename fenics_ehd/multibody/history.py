@@ -547,7 +547,7 @@ class History:
         path, packing
             Path of the file, and options of h5py that compress fields; None: no compression.
         state
-            State from which the run can be resumed, a tree for `put_tree`; None if it is not stored.
+            State from which the run can be resumed, a tree for `put_tree`; None: not stored.
 
         Raises
         ------

@@ -49,7 +49,7 @@ class Quantities(Mapping[str, Quantity]):
         return {with_unit(name, v.units): np.asarray(v) for name, v in self.items()}
 
     def _pair(self, name: str) -> Quantity:
-        """Vector quantity with the components x and y of a name, shape (steps, 2)."""
+        """Vector of two columns, such as ``force_x`` and ``force_y`` for ``force``, (steps, 2)."""
         x = self[f"{name}_x"]
         y = self[f"{name}_y"]
         return Quantity(np.column_stack([x, y]), x.units)
