@@ -57,13 +57,12 @@ def _defaults(size: int, symmetric: bool) -> dict[str, str]:
 class ActiveSetSystem:
     """Linear system of a complementarity problem ``y = W^-1 (A p - b)`` for any active set.
 
-    With I the full and C the cavitated nodes, the pressure of the full nodes
-    and the defect y of the others solve
+    The pressures ``p_I`` of the full nodes I and the defects ``y_C`` of the cavitated nodes C solve
 
         A_I p_I - W_C y_C = b,
 
-    in which A_I and W_C are columns of A and W. Without weights W the defect decouples, and only
-    the block ``A_II`` remains.
+    in which A_I and W_C are columns of A and W. Without weights W the system for the pressures has
+    the block ``A_II`` only, and the defects follow from it.
 
     Parameters
     ----------
