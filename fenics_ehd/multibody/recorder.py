@@ -131,9 +131,9 @@ def coordinate_units(system: System) -> dict[str, str]:
 
 
 def columns_of(rows: Sequence[Row], names: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Columns of rows by path with unit, each of shape (steps,): all, or those in `names`.
+    """Columns of recorded rows by path with unit, each of shape (steps,).
 
-    The result is empty without rows.
+    They are all columns, or those whose paths are in `names`. Without rows the result is empty.
     """
     present = rows[0] if rows else {}
     chosen = [name for name in names or filter(is_column, present) if name in present]

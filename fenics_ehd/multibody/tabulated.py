@@ -145,7 +145,10 @@ class Curve:
 
     @property
     def settled(self) -> float:
-        """Time [s] or angle [rad] from which a non-periodic curve is constant; 0 if always."""
+        """Time [s] or angle [rad] from which a non-periodic curve is constant.
+
+        It is 0 if the curve is constant everywhere.
+        """
         moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
         return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 
