@@ -5,11 +5,11 @@
     python benchmarks/house.py --list
 
 COMMIT is checked out and set up in `DIR` (default: `build/former`), or is the folder of a checkout
-that is set up. Each row is a command, in a process of its own in either checkout by turns: processor
-seconds of the whole process and of its phases (wall time if a commit has no other), peak memory,
-and the counts that both have. Figures are medians; the ratio is the median of the ratios of the
-pairs. One run of each comes first, which compiles forms and is not counted. Reduced bodies are not
-kept, except in the row that says so. Without names, all rows but those on request:
+that is set up. Each row is a command in a process of its own, in the two checkouts by turns. Its
+figures are processor seconds of the process and of its phases, wall seconds, peak memory, and the
+counts that a commit has. They are medians; the ratio is the median of the ratios of the pairs. The
+first run of each checkout compiles forms and is not counted. Reduced bodies are not kept, except
+for the row `slider-crank-kept`. Without names, all rows are measured but those on request:
 
     --machines   scenes of `tests/golden/house` in memory, their bodies stored; `house_case.py`
     --large      reductions of 64 209 degrees of freedom
@@ -116,9 +116,8 @@ class Row:
                 )
                 for part in self.arguments
             ]
-            figures, output = timed(
-                command, checkout, str(scratch / "kept" if self.kept else "off")
-            )
+            cache = str(scratch / "kept") if self.kept else "off"
+            figures, output = timed(command, checkout, cache)
             answer = answer_of(out / "summary.json", output)
         figures |= {text: answer[key] for key, text in PHASES.items() if answer.get(key)}
         if "error budget, s" in figures:
@@ -298,11 +297,11 @@ def compare(row: Row, checkouts: Sequence[Path], pairs: int) -> list[list[Measur
         scratches = [Path(folder) / name for name in ("then", "now")]
         for scratch in scratches:
             scratch.mkdir()
-        places = list(zip(checkouts, scratches, strict=True))
+        sides = list(zip(checkouts, scratches, strict=True))
         try:
-            for place in places:
-                row.measure(*place)  # forms are compiled, files are in memory
-            measured = [[row.measure(*place) for place in places] for _ in range(pairs)]
+            for side in sides:
+                row.measure(*side)  # forms are compiled, files are in memory
+            measured = [[row.measure(*side) for side in sides] for _ in range(pairs)]
         except RuntimeError as error:
             print(f"| {row.name} | failed: {error} | | | |", flush=True)
             return []
@@ -373,11 +372,11 @@ def main() -> None:
         if row.name in names:
             measured[row.name] = compare(row, checkouts, options.pairs)
     if all(measured.get(name) for name in PAIR):
-        fine, coarse = (
+        runs = (
             [np.array([m.figures["run, s"] for m in side]) for side in measured[name]]
             for name in PAIR
         )
-        print_ratio("M4 over M3, 40 x 10", "run", *(m4 / m3 for m4, m3 in zip(fine, coarse)))
+        print_ratio("M4 over M3, 40 x 10", "run", *(m4 / m3 for m4, m3 in zip(*runs, strict=True)))
     if "scipy" in asked:
         against_scipy(options.pairs)
 
