@@ -228,7 +228,7 @@ def test_rotors_without_equilibria_are_refused(what):
     if isinstance(changes, str):
         scene = ehd.read_scene(changes)
     else:
-        scene = ehd.read_scene("rotor-two-bearings", **COARSE, **changes)
+        scene = ehd.read_scene("rotor-two-bearings", **{**COARSE, **changes})
     kinds = (ehd.errors.SettingsError, ehd.errors.SolverError)
     with pytest.raises(kinds) as caught:
         ehd.rotor_map(scene, [500.0], meshes=1)

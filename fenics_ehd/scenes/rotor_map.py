@@ -241,7 +241,8 @@ def _unbalances(
         require_point("unbalance", each.point, points)
         if each.rotates_with not in rotating:
             raise SettingsError(
-                f"unbalance of {each.point}: body {each.rotates_with} does not rotate at the speeds of the "
-                f"map, {', '.join(rotating)} does: choose it with --of, or drop the unbalance"
+                f"unbalance of {each.point}: body {each.rotates_with} does not rotate at the "
+                f"speeds of the map, {', '.join(rotating)} does: choose it with --of, or drop the "
+                "unbalance"
             )
     return tuple(unbalances)
