@@ -557,7 +557,7 @@ class History(Described):
         path, packing
             Path of the file, and options of h5py that compress fields; None: no compression.
         state
-            State from which the run can be resumed, a tree for `put_tree`; None for none.
+            State from which the run can be resumed, a tree for `put_tree`; None: not stored.
 
         Raises
         ------
