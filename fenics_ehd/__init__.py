@@ -50,7 +50,7 @@ _NAMES = {
         "Sides",
     ),
     "multibody.body": ("FlexibleBody", "MasslessBody", "RigidBody", "ground"),
-    "multibody.forces": ("PointForce", "RotatingForce", "SpringDamper", "Torque"),
+    "multibody.forces": ("PointForce", "RotatingForce", "SpringDamper", "Torque", "Unbalance"),
     "multibody.history": ("History", "load_history", "load_results"),
     "multibody.joints": ("Fixed", "Revolute", "Slider", "Speed"),
     "multibody.elastic_bore": ("BoreFilm",),

@@ -177,3 +177,25 @@ def test_flows_balance_to_round_off(family, sides):
     assert flow.cavities >= 0.0
     if sides.upper is None:
         assert flow.upper == 0.0
+
+
+def test_an_unbalance_rotates_with_its_body():
+    speed, time = 600.0, 1.3e-3
+    unbalance = ehd.Unbalance("shaft.disk", 4e-4, 25.0)
+    turning = ehd.RotatingForce("shaft.disk", 4e-4 * speed**2, speed)
+    u, rates = np.zeros(5), np.zeros(5)
+    u[2], rates[2] = speed * time - np.radians(25.0), speed
+    np.testing.assert_allclose(
+        unbalance.load(time, u, rates).value, turning.load(time, u, rates).value, rtol=1e-12
+    )
+    (variation,) = unbalance.variations
+    assert variation.angle_of == "shaft"
+    np.testing.assert_allclose(variation.period, 2 * np.pi)
+
+
+def test_a_magnitude_and_an_amplitude_of_zero_are_values():
+    rates = np.array([0.0, 0.0, 600.0, 0.0, 0.0])
+    for force in (ehd.Unbalance("shaft", 0.0), ehd.RotatingForce("shaft", 0.0, 600.0)):
+        assert not force.load(0.1, np.zeros(5), rates).value.any()
+    with pytest.raises(ehd.errors.SettingsError, match=r"magnitude = -1.0 .*at least 0"):
+        ehd.Unbalance("shaft", -1.0)

@@ -237,3 +237,27 @@ def test_the_temperature_converges_with_the_steps(figure):
     for tolerance, off in zip((1e-3, 1e-4), np.abs(np.array(found[:-1]) - found[-1]), strict=True):
         figure("heat", f"slider-crank: effective temperature at tolerance {tolerance:g} from that "
                "at 1e-5", off, most=0.1 if tolerance > 1e-4 else 0.02, unit="K")  # fmt: skip
+
+
+def test_an_equilibrium_has_the_temperature_of_the_steady_bearing():
+    heat = ehd.Heat(supply_temperature=SUPPLY, conducted_share=0.1, tolerance=1e-3)
+    rest = ehd.equilibrium(journal(oil_film((32, 6)), heat=heat))
+    bearing = ehd.solve_bearing(
+        ehd.BearingSettings(
+            viscosity_40=46.0, viscosity_100=6.645, supply_temperature=SUPPLY, conducted=0.1
+        ),
+        load=3000.0,
+    )
+    off = abs(rest.temperatures["bearing"] - bearing.heat.effective_temperature)
+    assert off < 0.05
+    assert rest.temperatures["bearing"] > SUPPLY + 1.0
+    heavier = journal(oil_film((32, 6)), load=3500.0, heat=heat)
+    anew, continued = ehd.equilibrium(heavier), ehd.equilibrium(heavier, start=rest)
+    difference = continued.temperatures["bearing"] - anew.temperatures["bearing"]
+    assert abs(difference) < 2 * heat.tolerance
+
+
+def test_an_equilibrium_whose_heat_cannot_leave_is_refused():
+    film = oil_film(radius=22.5e-3, width=0.1)
+    with pytest.raises(ehd.errors.HeatError, match=r"bearing\.heat: the oil cannot carry away"):
+        ehd.equilibrium(journal(film, load=30.0, heat=ehd.Heat(supply_temperature=SUPPLY)))

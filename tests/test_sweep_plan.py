@@ -8,7 +8,7 @@ from sweep_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
 from fenics_ehd.scenes.scene import as_stored
-from fenics_ehd.study.cases import MOST_CASES, parse_values, resolve_key
+from fenics_ehd.study.cases import MOST_CASES, parse_quantities, parse_values, resolve_key
 from fenics_ehd.study.sweep import make_sweep
 
 
@@ -160,3 +160,33 @@ def test_files_given_as_values_are_those_of_the_working_directory(tmp_path, monk
     sweep = make_sweep(write_scene(elsewhere, LOADED_JOURNAL), ["load.file=other.csv"])
     assert sweep.cases[0].scene.forces["load"].file == str(tmp_path / "other.csv")
     assert sweep.identity["forces.load.file"].startswith("other.csv ")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("500", (500.0,)),
+        ("30 rpm, 2", (np.pi, 2.0)),
+        ("60rpm:300rpm:3", (2 * np.pi, 6 * np.pi, 10 * np.pi)),
+        ("1:100:3:log", (1.0, 10.0, 100.0)),
+    ],
+)
+def test_values_of_an_option_may_have_units(text, expected):
+    np.testing.assert_allclose(parse_quantities("--speeds", text, "rad/s"), expected, rtol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fast", "--speeds = 'fast' must be"),
+        ("1 m", "--speeds = '1 m' must be .*m is of another kind"),
+        ("1,,2", "a value is missing"),
+        ("1,1", "--speeds = 1: the value is given twice"),
+        ("1rpm:2rpm", "must be first:last:count"),
+        ("1rpm:nan:3", "must be"),
+        ("-1:5:3:log", "above 0 for log"),
+    ],
+)
+def test_values_of_an_option_that_cannot_be_used_are_refused(text, message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
+        parse_quantities("--speeds", text, "rad/s")

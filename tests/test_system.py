@@ -42,6 +42,7 @@ def everything(rod_body):
             "motor": ehd.Torque("rod", curve=wave, damping=0.1, speed=3.0),
             "gas": ehd.PointForce("rod.pin", (1.0, 1.0), wave, "crank"),
             "unbalance": ehd.RotatingForce("shaft.end", 10.0, 600.0, 0.2),
+            "off axis": ehd.Unbalance("shaft.middle", 3e-3, 40.0),
         },
         gravity=(0.3, -9.81),
     )

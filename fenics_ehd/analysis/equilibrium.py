@@ -18,6 +18,12 @@ force f. On the motions that the joints allow, spanned by the columns of Z, it i
 Mass M, damping D and stiffness K contain all films. They are exact derivatives of the discrete
 equations with fixed active sets.
 
+The force of a film on the journal changes by ``-(k_f q + d_f q')``. Its coefficients follow from
+the same response, because the constraint that ties the eccentricity to the bodies carries it.
+
+If a joint has a heat balance, its film has the effective temperature at which the leaving oil
+carries away the dissipated power (`fenics_ehd.film.heat`). In small motions temperatures stay.
+
 A rigid rotor of mass M with ``M x'' + b x' + k x = 0``, the stiffness and damping of its bearing,
 is at the threshold of whirl if a solution ``exp(i nu t)`` exists:
 
@@ -32,15 +38,16 @@ It is stable for masses below ``kappa / nu^2``, and for every mass if there is n
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.arguments import require_class, require_number
-from fenics_ehd.base.errors import SettingsError, SolverError
+from fenics_ehd.base.errors import HeatError, SettingsError, SolverError
 from fenics_ehd.base.renamed import renamed_arguments
+from fenics_ehd.film.heat import TemperatureSearch
 from fenics_ehd.film.supply import CircumferentialGrooveSupply, Supply
 from fenics_ehd.multibody.bdf import ImplicitStep
 from fenics_ehd.multibody.body import POSITION, PlanarBody
@@ -73,6 +80,28 @@ STEADY = 1e-10
 
 #: Shift over the largest rate of a film, with which damping is computed.
 SLOW = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class SearchStart:
+    """Start of a search for an equilibrium: the solution at another speed or load.
+
+    Attributes
+    ----------
+    x
+        State x of the integration, which starts with the coordinates z.
+    values
+        Unknowns of the step equations, shape (u,).
+    patterns
+        Number of residual patterns that the derivatives retain.
+    temperatures
+        Temperatures of films with a heat balance, by name of the joint [C].
+    """
+
+    x: np.ndarray
+    values: np.ndarray
+    patterns: int = 0
+    temperatures: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +144,23 @@ class Equilibrium:
         """Lubricated joints in equilibrium, by name."""
         return {joint.binding.name: joint for joint in self.state.joints}
 
+    @property
+    def temperatures(self) -> dict[str, float]:
+        """Effective temperatures of the films with a heat balance, by name of the joint [C]."""
+        temperatures = {}
+        for film in self.system.films:
+            temperature = film.film.film.equation.lubricant.temperature
+            if film.joint.heat is not None and temperature is not None:
+                temperatures[film.name] = temperature
+        return temperatures
+
+    @property
+    def search_start(self) -> SearchStart:
+        """Start of a search at another speed or load."""
+        assert self.unknowns is not None
+        newest = self.unknowns
+        return SearchStart(self.x, newest.values[0], newest.patterns, self.temperatures)
+
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
@@ -126,18 +172,30 @@ class Linearisation:
         Motions Z that the joints allow, shape (n, k).
     mass, damping, stiffness
         Matrices M, D and K, shape (k, k).
+    films
+        Coefficients ``(k_f, d_f)`` of every film by the name of its joint, shape (2, 2, k): the
+        force on the journal in the frame at rest is ``-(k_f q + d_f q')``.
     """
 
     basis: np.ndarray
     mass: np.ndarray
     damping: np.ndarray
     stiffness: np.ndarray
+    films: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def along(self, places: np.ndarray) -> Linearisation:
         """The same motions with k of the coordinates z as q; these must determine all motions."""
-        turn = np.linalg.inv(self.basis[places])
-        parts = (turn.T @ part @ turn for part in (self.mass, self.damping, self.stiffness))
-        return Linearisation(self.basis @ turn, *parts)
+        return self.with_coordinates(np.linalg.inv(self.basis[places]))
+
+    def with_coordinates(self, turn: np.ndarray) -> Linearisation:
+        """The same motions with other coordinates p, ``q = turn p``, shape (k, k)."""
+        return Linearisation(
+            self.basis @ turn,
+            turn.T @ self.mass @ turn,
+            turn.T @ self.damping @ turn,
+            turn.T @ self.stiffness @ turn,
+            {name: film @ turn for name, film in self.films.items()},
+        )
 
     @property
     def roots(self) -> np.ndarray:
@@ -150,7 +208,10 @@ class Linearisation:
 
 
 def equilibrium(
-    mechanism: Mechanism, *, start: Equilibrium | None = None, tolerance: float = TOLERANCE
+    mechanism: Mechanism,
+    *,
+    start: Equilibrium | SearchStart | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Equilibrium:
     """Equilibrium of a mechanism under its constant loads.
 
@@ -161,8 +222,8 @@ def equilibrium(
         The rates are kept. Rotating forces are left out, with a warning that is also in
         `Equilibrium.notices`.
     start
-        Equilibrium of the same mechanism at another speed or load, from which the search starts
-        (continuation); by default it starts from the approximate pose.
+        Equilibrium of the same mechanism at another speed or load, or its `search_start`, from
+        which the search starts (continuation); by default it starts from the approximate pose.
     tolerance
         Tolerance of the last update, relative to the gaps.
 
@@ -176,20 +237,23 @@ def equilibrium(
     """
     require_class("mechanism", mechanism, Mechanism)
     if start is not None:
-        require_class("start", start, Equilibrium)
+        require_class("start", start, Equilibrium, SearchStart)
     require_number("tolerance", tolerance, above=0)
     mechanism, notices = _without_rotating_forces(mechanism)
     for line in notices:
         warnings.warn(line, stacklevel=2)
     system = System(mechanism)
-    if start is not None:
+    if isinstance(start, Equilibrium):
         _require_same(system, start)
+        start = start.search_start
     z, rates = assemble(system)
     variation = next(_variations(system, z, rates), "")
     if variation:
         raise SettingsError(f"no equilibrium: {variation}")
     try:
-        return replace(balanced(system, tolerance, start), notices=notices)
+        return replace(_with_balanced_heat(system, tolerance, start), notices=notices)
+    except HeatError:
+        raise
     except SolverError as error:
         conserving = any(binding.joint.cavitation != "reynolds" for binding in system.films)
         hint = "; use cavitation = 'reynolds', or simulate" if conserving else ""
@@ -198,7 +262,7 @@ def equilibrium(
 
 
 def balanced(
-    system: System, tolerance: float = TOLERANCE, former: Equilibrium | None = None
+    system: System, tolerance: float = TOLERANCE, former: SearchStart | None = None
 ) -> Equilibrium:
     """State of a mechanism in balance with its loads at time zero; later times are ignored.
 
@@ -206,21 +270,25 @@ def balanced(
     ----------
     system
         Mechanism, whose approximate pose and rates are assembled.
-    tolerance, former
-        As `tolerance` and `start` of `equilibrium`.
+    tolerance
+        Tolerance of the last update, relative to the gaps.
+    former
+        Start of the search; None for the approximate pose.
 
     Raises
     ------
     SettingsError, SolverError
         As for `equilibrium`.
     """
-    z, rates = assemble(system, rough=None if former is None else former.z)
+    z, rates = assemble(system, rough=None if former is None else former.x[: system.n])
     # Rates are given, except those of eccentricities, which follow in the frame of a rotating bore.
     weights = np.full(system.n, GIVEN)
     for binding in system.films:
         weights[binding.xi[: binding.film.journal_coordinates]] = 1.0
     solver = CoupledSteps(system, weights=weights)
     norm = StepNorm(solver.equations)
+    if former is not None and len(former.values) != len(solver.equations.lower):
+        raise SettingsError(OTHER_MECHANISM)
     rest = solver.equations.resting(z) if former is None else former.x[len(z) :]
     x = np.concatenate([z, rest])
     observed = norm.observe(x)
@@ -228,9 +296,9 @@ def balanced(
     moving = np.concatenate([rates, np.zeros(len(x) - len(z))])
     past = moving - shift * x, -shift * moving
     step = ImplicitStep(0.0, shift, *past, x, x, (observed, observed), tolerance)
-    if former is not None and former.unknowns is not None:
-        newest = former.unknowns
-        start: SolverState | None = SolverState(np.zeros(1), newest.values[:1], newest.patterns)
+    start: SolverState | None
+    if former is not None:
+        start = SolverState(np.zeros(1), former.values[None], former.patterns)
     else:
         start = None if solver.equations.conserves_oil else _start(solver.equations, z, rates)
     attempt = solver(norm, step, start)
@@ -249,6 +317,77 @@ def balanced(
     )
 
 
+#: Largest number of temperatures in the search for a heat balance.
+MOST_TEMPERATURES = 50
+
+#: Least change of ln(viscosity) between two equilibria from which the exponent of power over flow
+#: is computed; it is small because the equilibria differ in temperature only.
+LEAST_CHANGE = 1e-6
+
+
+def _with_balanced_heat(system: System, tolerance: float, start: SearchStart | None) -> Equilibrium:
+    """Equilibrium in which the heat of every film with a heat balance is balanced.
+
+    Raises
+    ------
+    SolverError, HeatError
+        No equilibrium was found at a temperature, or no temperature balances the heat of a film.
+    """
+    searches = _temperature_searches(system, {} if start is None else start.temperatures)
+    for _ in range(MOST_TEMPERATURES):
+        for binding in system.films:
+            if binding.name in searches:
+                binding.film.film.set_temperature(searches[binding.name].temperature)
+        try:
+            rest = balanced(system, tolerance, start)
+        except SolverError as error:
+            causes = (search.cause_of(error) for search in searches.values())
+            raise next(filter(None, causes), error) from error
+        unsettled = ""
+        for name, search in searches.items():
+            joint = rest.joints()[name]
+            power = joint.dissipated
+            flow = joint.flows.leaving
+            if not search.settled(power, flow):
+                unsettled = name
+                search.move(power, flow)
+        if not unsettled:
+            return rest
+        start = rest.search_start
+    raise HeatError(
+        f"joints.{unsettled}.heat: the effective temperature, "
+        f"{searches[unsettled].temperature:.6g} C, is not balanced after {MOST_TEMPERATURES} "
+        f"equilibria: raise joints.{unsettled}.heat.tolerance"
+    )
+
+
+def _temperature_searches(
+    system: System, temperatures: Mapping[str, float]
+) -> dict[str, TemperatureSearch]:
+    """Searches for the temperatures of films with a heat balance, by name of the joint.
+
+    They start from the temperatures of another equilibrium [C], by default at the supply's.
+    """
+    searches = {}
+    for binding in system.films:
+        heat = binding.joint.heat
+        oil = binding.film.film.parameters.lubricant.oil
+        if heat is None or oil is None:
+            continue
+        key = f"joints.{binding.name}.heat"
+        search = TemperatureSearch(heat, oil, key, least_change=LEAST_CHANGE)
+        search.shift(temperatures.get(binding.name, search.temperature) - search.temperature)
+        searches[binding.name] = search
+    return searches
+
+
+#: Message about the start of a search that has other unknowns than the mechanism.
+OTHER_MECHANISM = (
+    "start: this is an equilibrium of another mechanism: give one with the same bodies, joints and "
+    "film meshes, or leave start out"
+)
+
+
 def _require_same(system: System, former: Equilibrium) -> None:
     """Refuse to continue from the equilibrium of another mechanism.
 
@@ -262,10 +401,7 @@ def _require_same(system: System, former: Equilibrium) -> None:
         for each in (system, former.system)
     )
     if (system.bodies, system.m, nodes) != (former.system.bodies, former.system.m, former_nodes):
-        raise SettingsError(
-            "start: this is an equilibrium of another mechanism: give one with the same bodies, "
-            "joints and film meshes, or leave start out"
-        )
+        raise SettingsError(OTHER_MECHANISM)
 
 
 # Mechanisms without an equilibrium
@@ -313,6 +449,9 @@ MOST_ROWS = 200
 #: Relative change of a load that counts as round-off.
 UNCHANGED = 1e-9
 
+#: Rate of a point over the fastest rotation that is round-off of the assembly [m].
+ROUNDING = 1e-13
+
 
 def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
     """Reasons by drives, forces and supplies that vary while the bodies keep their rates."""
@@ -331,6 +470,8 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
     instant = Instant(system, 0.0, z)
     u = instant.u
     u_rates = instant.values_along @ rates
+    fastest = max((abs(rates[angle]) for angle in system.angles.values()), default=0.0)
+    u_rates[np.abs(u_rates) < ROUNDING * fastest] = 0.0
     for name, (force, columns) in zip(sorted(mechanism.forces), system.forces, strict=True):
         loads = [
             force.load(t, u[columns] + t * u_rates[columns], u_rates[columns]).value
@@ -441,14 +582,37 @@ def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
             "cavitation = 'mass-conserving': stiffness and damping of the film depend on the "
             "frequency: use 'reynolds'"
         )
-    basis = linalg.null_space(Instant(system, 0.0, rest.z).jacobian)
+    jacobian = Instant(system, 0.0, rest.z).jacobian
+    basis = linalg.null_space(jacobian)
     mass = basis.T @ rest.state.motion.derivatives().acceleration @ basis
     slow = SLOW * _rate(system)
-    still, moving = (
-        np.linalg.inv(basis.T @ solver.response_to_forces(rest.x, rest.rate, shift, basis))
-        for shift in (0.0, slow)
-    )
-    return Linearisation(basis, mass, (moving - still) / slow - slow * mass, still)
+    still, still_forces = _dynamic_stiffness(rest, jacobian, basis, 0.0)
+    moving, moving_forces = _dynamic_stiffness(rest, jacobian, basis, slow)
+    damping = (moving - still) / slow - slow * mass
+    films = {
+        name: np.stack([force, (moving_forces[name] - force) / slow])
+        for name, force in still_forces.items()
+    }
+    return Linearisation(basis, mass, damping, still, films)
+
+
+def _dynamic_stiffness(
+    rest: Equilibrium, jacobian: np.ndarray, basis: np.ndarray, shift: float
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Dynamic stiffness ``s^2 M + s D + K`` at the shift s, and the films' shares of it.
+
+    The share of a film is its negative force on the journal for unit amplitudes of the motions
+    `basis`, shape (2, k). The multipliers of the joint balance this force, and that part of the
+    generalised forces that acts on the joint's own coordinates.
+    """
+    moved, multipliers = rest.solver.response_to_forces(rest.x, rest.rate, shift, basis)
+    stiffness = np.linalg.inv(basis.T @ moved)
+    shares = {}
+    for binding in rest.system.films:
+        dofs = binding.xi[: binding.film.journal_coordinates]
+        on_joint = np.linalg.solve(jacobian[binding.rows][:, dofs].T, basis[dofs])
+        shares[binding.name] = (on_joint - multipliers[binding.rows])[:2] @ stiffness
+    return stiffness, shares
 
 
 @dataclass(frozen=True, eq=False)

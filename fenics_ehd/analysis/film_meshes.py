@@ -63,21 +63,22 @@ def mean_linearisation(parts: Sequence[Linearisation]) -> Linearisation:
     Returns
     -------
     Linearisation
-        Mean of mass, damping and stiffness; its basis is that of the first mesh.
+        Means of mass, damping, stiffness and coefficients of the films; its basis is that of the
+        first mesh.
     """
     first = parts[0]
     if len(parts) == 1:
         return first
-    alike = [first, *(_in_basis(part, first.basis) for part in parts[1:])]
-    means = (
-        np.mean([getattr(part, name) for part in alike], axis=0)
-        for name in ("mass", "damping", "stiffness")
+    alike = [first, *(in_basis(part, first.basis) for part in parts[1:])]
+    return Linearisation(
+        first.basis,
+        np.mean([part.mass for part in alike], axis=0),
+        np.mean([part.damping for part in alike], axis=0),
+        np.mean([part.stiffness for part in alike], axis=0),
+        {name: np.mean([part.films[name] for part in alike], axis=0) for name in first.films},
     )
-    return Linearisation(first.basis, *means)
 
 
-def _in_basis(part: Linearisation, basis: np.ndarray) -> Linearisation:
+def in_basis(part: Linearisation, basis: np.ndarray) -> Linearisation:
     """The same motions in the coordinates of a basis with orthonormal columns, shape (n, k)."""
-    turn = np.linalg.inv(basis.T @ part.basis)
-    matrices = (turn.T @ matrix @ turn for matrix in (part.mass, part.damping, part.stiffness))
-    return Linearisation(part.basis @ turn, *matrices)
+    return part.with_coordinates(np.linalg.inv(basis.T @ part.basis))

@@ -281,7 +281,7 @@ class TemperatureSearch(Stateful):
     def _learn(self, viscosity: float, rise: float) -> None:
         """Set the exponent from logarithms of viscosity and temperature rise at two temperatures.
 
-        The rise is proportional to P / Q.
+        The temperature rise is proportional to power over flow.
         """
         if self.last is not None and abs(viscosity - self.last[0]) > self._least_change:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])

@@ -249,9 +249,10 @@ def require_inside(
 class Shape(Deviations):
     """Radial deviation of a bore or a journal from a cylinder, positive outward.
 
-    It is the sum of ``ovality cos(lobes (phi - ovality_angle)) + (barrel s + taper) s``, with s the
-    height z over half the width; of ``z (psi_y cos(phi) - psi_x sin(phi))``, for an axis tilted by
-    the misalignment (psi_x, psi_y); and of the deviations of a table.
+    It is the sum of four parts: the waves ``ovality cos(lobes (phi - ovality_angle))``; the profile
+    ``(barrel s + taper) s`` along the axis, with the height z over half the width, s; the tilt ``z
+    (psi_y cos(phi) - psi_x sin(phi))`` of an axis with the misalignment (psi_x, psi_y); and the
+    deviations of a table.
     """
 
     #: Half the width of the bearing [m], needed for barrel and taper.

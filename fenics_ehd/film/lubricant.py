@@ -368,7 +368,7 @@ def _plain(name: str) -> str:
 
 
 def _spoken(name: str) -> tuple[str, ...]:
-    """Names of a grade that settings may use, plain: SAE5W30 and 5W30 for SAE 5W-30."""
+    """Spellings of a grade's name that are accepted, plain: SAE5W30 and 5W30 for SAE 5W-30."""
     full = _plain(name)
     short = full.removeprefix("ISO").removeprefix("SAE")
     return (full, short) if not short.isdigit() else (full,)

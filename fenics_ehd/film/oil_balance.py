@@ -112,8 +112,8 @@ class Strips:
     assembly
         Shape functions of a bilinear mesh at its Gauss points.
     unknown
-        Indices of the nodes with an unknown; the transport t is differentiated with respect to
-        their void fractions.
+        Indices of the nodes with an unknown; the transport of void, t, is differentiated with
+        respect to the void fractions of these nodes.
 
     Attributes
     ----------
@@ -175,9 +175,10 @@ class Strips:
         self.entry_indices = np.where(codes < 0, len(every), np.searchsorted(every, codes))
 
     def flows(self, transport: np.ndarray) -> np.ndarray:
-        """Full-film flow ``F_i`` from every node to the following one, shape (nodes,).
+        """Flow from every node to the following one in a full film without pressure, (nodes,).
 
-        `transport` is ``rho H V`` at the Gauss points, shape (c, q).
+        `transport` is the product ``rho H V`` of density, thickness and mean velocity at the Gauss
+        points, shape (c, q).
         """
         element = (transport * self._length) @ self._flow
         return np.bincount(self._from.ravel(), element.ravel(), self.assembly.size)
@@ -242,7 +243,10 @@ class Transport:
 
     @cached_property
     def entries(self) -> np.ndarray:
-        """Entries of ``dt/ds`` on the nodes with an unknown, in the order of `Strips.pattern`."""
+        """Entries of the derivative of the transport ``t(s)`` with respect to the void fraction s.
+
+        Rows and columns are those of the nodes with an unknown, in the order of `Strips.pattern`.
+        """
         strips = self.strips
         (_, x, share, on) = self._slopes
         behind = -np.where(on, *strips.ratio) * share**2

@@ -97,7 +97,11 @@ class FilmParameters:
 
     @property
     def pressure_scale(self) -> float:
-        """Unit of the dimensionless pressure, ``p_s = 12 eta Omega (R / c)^2`` [Pa]."""
+        """Unit of the dimensionless pressure, ``p_s = 12 eta Omega (R / c)^2`` [Pa].
+
+        eta is the viscosity at ambient pressure, Omega the reference angular speed, R the bore
+        radius and c the clearance.
+        """
         ratio = self.grid.radius / self.clearance
         return 12 * self.lubricant.viscosity * self.rate * ratio**2
 

@@ -259,6 +259,8 @@ class ReynoldsEquation:
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Sparse derivatives of the residual with respect to the gap, shape (nodes, c * q) each.
 
+        The mesh has c cells with q Gauss points each.
+
         Parameters
         ----------
         gap, pressure

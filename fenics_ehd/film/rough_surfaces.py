@@ -324,9 +324,9 @@ def half_order(ratio: np.ndarray, whole: int) -> np.ndarray:
 
 
 def _two(ratio: np.ndarray) -> np.ndarray:
-    """Integral F_2 of asperity contact at `ratio`, in closed form.
+    """Integral F_2 of asperity contact, with the argument `ratio`, in closed form.
 
-    It is 0 above `APART`, like the contact pressure.
+    It is 0 for arguments above `APART`, like the contact pressure.
     """
     tail = 0.5 * erfc(ratio / np.sqrt(2))
     density = np.exp(-0.5 * ratio**2) / np.sqrt(2 * np.pi)

@@ -342,7 +342,7 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
         return defect if weights is None else self.pattern.multiply(weights, defect)
 
     def settled(self, point: FilmPoint, tolerance: float) -> bool:
-        """Whether defects that must vanish are below the tolerance, or round-off."""
+        """Whether the defects that must vanish are below the tolerance, or only round-off."""
         largest: float = np.abs(self._open_defect(point)).max(initial=0.0)
         return largest <= self._limit(point, tolerance)
 

@@ -190,7 +190,7 @@ class RotatingForce(Force):
 
     point: str = text(REQUIRED, "point on which the force acts, shaft.disk")
     amplitude: float = number(
-        REQUIRED, "[N]", above=0, usual=(1e-3, 1e8), example="3600 for 3.6 kN"
+        REQUIRED, "[N]", least=0, usual=(1e-3, 1e8), example="3600 for 3.6 kN"
     )
     speed: float = quantities.speed(REQUIRED, "[rad/s]")
     ramp: float = number(0.0, "time over which it grows [s], 0: constant from the start", least=0)
@@ -220,6 +220,56 @@ class RotatingForce(Force):
         value = np.zeros(len(u))
         value[:2] = share * self.amplitude * np.array([np.cos(angle), np.sin(angle)])
         return Load(value)
+
+
+@attrs.frozen
+class Unbalance(Force):
+    """Unbalance on the axis of a body, whose centrifugal force rotates with the body.
+
+    With the magnitude m e, the phase phi, and the angle theta of the body, the force is
+    ``m e theta'^2 (cos(theta + phi), sin(theta + phi))``. The body's own mass includes m. The part
+    with ``theta''`` is neglected, which is zero at constant speed.
+    """
+
+    point: str = text(REQUIRED, "point on the axis of the body, shaft.disk")
+    magnitude: float = number(
+        REQUIRED, "mass times distance from the axis [kg m]", least=0, usual=(1e-9, 10.0),
+        example="4e-4 for 400 g mm",
+    )  # fmt: skip
+    phase: float = number(0.0, "angle from the body's x axis, + in the sense of x to y [degrees]")
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """Marker of the point on which the force acts."""
+        return (self.point,)
+
+    @property
+    def body(self) -> str:
+        """Name of the body with which the force rotates."""
+        return self.point.partition(".")[0]
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """Period of one turn of the body, see `Force.variations`."""
+        return (Variation(period=2 * np.pi, angle_of=self.body),)
+
+    @property
+    def left_out_of_equilibrium(self) -> str:
+        """Description of the force, see `Force.left_out_of_equilibrium`."""
+        return f"of the unbalance {self.magnitude:g} kg m"
+
+    def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:
+        """Generalised force on the point, see `Force.load`."""
+        direction = float(u[ANGLE]) + np.radians(self.phase)
+        outward = np.array([np.cos(direction), np.sin(direction)])
+        speed = float(rates[ANGLE])
+        value = np.zeros(len(u))
+        position = np.zeros((len(u), len(u)))
+        rate = np.zeros((len(u), len(u)))
+        value[:2] = self.magnitude * speed**2 * outward
+        position[:2, ANGLE] = self.magnitude * speed**2 * np.array([-outward[1], outward[0]])
+        rate[:2, ANGLE] = 2 * self.magnitude * speed * outward
+        return Load(value, position, rate)
 
 
 @attrs.frozen

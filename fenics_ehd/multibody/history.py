@@ -352,8 +352,8 @@ class History:
     def time(self) -> Quantity:
         """Times of the accepted steps, shape (steps,) [s].
 
-        They are counted from the start of the run, or from that of the cycle if the history has
-        only one cycle of a search.
+        They are counted from the start of the run. If the history has one cycle of a search for a
+        periodic solution, they are counted from the start of this cycle.
         """
         numbers = self.values.get("run/cycle")
         one = numbers is not None and len(numbers) and numbers[0] == numbers[-1]

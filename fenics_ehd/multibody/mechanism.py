@@ -557,10 +557,10 @@ class Motion:
         return self.instant.rate_derivative(self.rates)
 
     def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
-        """Forces of joints and loads on some points of a body, shape (2 a,) for a points [N].
+        """Forces of joints and loads on some points of a body, two components for each point [N].
 
-        `name` is that of the body. For every point, in the order of the points' names, the result
-        has the x and y components in the frame of the body.
+        `name` is that of the body, `points` are the names of its points. The components are x and y
+        in the frame of the body, for points in the order of their names.
         """
         instant = self.instant
         forces = np.zeros((len(points), 2))

@@ -509,8 +509,8 @@ class CoupledSteps:
 
     def response_to_forces(
         self, x: np.ndarray, rate: np.ndarray, shift: float, forces: np.ndarray
-    ) -> np.ndarray:
-        """Changes of z due to k small generalised forces at the last solution, shape (n, k).
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of z and of multipliers due to k small generalised forces at the last solution.
 
         Parameters
         ----------
@@ -520,6 +520,12 @@ class CoupledSteps:
             Rate of a change over the change, in ``x' = shift x + ...`` [1/s].
         forces
             Generalised forces, shape (n, k).
+
+        Returns
+        -------
+        coordinates, multipliers : numpy.ndarray
+            Changes of the coordinates z, shape (n, k), and of the multipliers on position level,
+            shape (m, k).
         """
         past = rate - shift * x, -shift * rate
         step = ImplicitStep(0.0, shift, *past, x, x, (x, x), self._tolerance)
@@ -532,8 +538,10 @@ class CoupledSteps:
         for force in forces.T:
             rest = np.zeros(self.equations.rest_size)
             rest[: len(force)] = force
-            responses.append(self._factors.solve(self._point, films, rest).rest[: len(force)])
-        return np.stack(responses, axis=-1)
+            responses.append(self._factors.solve(self._point, films, rest).rest)
+        changes = np.stack(responses, axis=-1)
+        n = self.system.n
+        return changes[:n], changes[n : n + self.system.m]
 
     def _solve(self, start: np.ndarray) -> int:
         """Solve by full updates, or damped ones if they fail; return the number of iterations."""

@@ -498,7 +498,7 @@ class PeriodicSolver(Stateful):
         Raises
         ------
         PeriodicityError
-            If the films repeat so; the message has the number of cycles.
+            If the films repeat after two or three cycles; the message has this number.
         """
         for k in SUBHARMONIC:
             if self.defect < NEAR or len(starts) < k:

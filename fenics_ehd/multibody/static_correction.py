@@ -156,7 +156,10 @@ class PatternResponses:
         return [body for body in self.bodies.values() if i in body.films]
 
     def of_body(self, name: str) -> slice:
-        """Indices of a body's amplitudes in the state ``(z, y)``; empty if it has no patterns."""
+        """Indices of a body's amplitudes y in the state ``(z, y)`` of the time integration.
+
+        The slice is empty if the body has no patterns.
+        """
         if name not in self.bodies:
             return slice(0, 0)
         patterns = self.bodies[name].patterns
@@ -177,7 +180,7 @@ class PatternResponses:
     def _static_response(self, loads: Any) -> np.ndarray:
         """Static gap change at the Gauss points of all films [m].
 
-        `loads` are those of all surfaces, shape (l,), or (l, a) for a sets of loads.
+        `loads` has the l loads of all surfaces, shape (l,), or several sets of them, shape (l, k).
         """
         displacement = np.zeros((self._to_gap.shape[1], *loads.shape[1:]))
         for body in self.bodies.values():
@@ -221,7 +224,8 @@ class PatternResponses:
     def unit_pressure_response(self, i: int, points: np.ndarray) -> np.ndarray:
         """Gap change in this step at some Gauss points for unit nodal pressures of film i.
 
-        `points` has the indices of a Gauss points; the result has the shape (a, nodes) [m/Pa].
+        `points` has the indices of these points, shape (a,); the result has the shape (a, nodes)
+        [m/Pa].
         """
         response = np.zeros((len(points), self._pressures[i].stop - self._pressures[i].start))
         for body in self.bodies_of(i):
@@ -374,10 +378,10 @@ def _check_patterns(
 def _of_film(
     binding: FilmBinding, compliances: Sequence[Compliance]
 ) -> tuple[sparse.csr_matrix, ...]:
-    """Matrices of the residual patterns of both surfaces of a film, see `MATRICES`, `Compliance`.
+    """Matrices of the residual patterns of both surfaces of a film, in the order of `MATRICES`.
 
-    Displacements and loads of one surface follow those of the other. They are empty if no surface
-    has residual patterns.
+    `Compliance` describes them. Displacements and loads of one surface follow those of the other.
+    The matrices are empty if no surface has residual patterns.
     """
     joint = binding.film
     g = len(joint.thickness)

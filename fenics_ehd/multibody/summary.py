@@ -139,8 +139,8 @@ class RunSummary:
     recorder
         Recorder of the run, which must not take steps while the summary is used.
     error_budget
-        Relative errors of entries by joint, see `fenics_ehd.analysis.error_budget`; empty if they
-        were not estimated.
+        Estimated relative errors of peak pressure and smallest film thickness, by name of the
+        joint, see `fenics_ehd.analysis.error_budget`; empty if they were not estimated.
     """
 
     recorder: Recorder

@@ -26,6 +26,7 @@ from fenics_ehd.multibody.forces import (
     SpringDamper,
     Table,
     Torque,
+    Unbalance,
 )
 from fenics_ehd.multibody.joints import AngleOverTime, Speed
 from fenics_ehd.multibody.tabulated import Curve
@@ -115,7 +116,7 @@ def forces(scene: Scene) -> dict[str, Force]:
     acting: dict[str, Force] = {}
     for name, entry in scene.forces.items():
         key = f"forces.{name}"
-        if isinstance(entry, RotatingForce | SpringDamper):
+        if isinstance(entry, RotatingForce | SpringDamper | Unbalance):
             acting[name] = entry
         elif isinstance(entry, schema.ConstantForceSettings):
             size = float(np.hypot(*entry.force))

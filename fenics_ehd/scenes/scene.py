@@ -42,6 +42,7 @@ from fenics_ehd.film.heat import require_cycle, require_graded
 from fenics_ehd.film.kinematics import require_inside
 from fenics_ehd.film.lubricant import Lubricant, make_lubricant
 from fenics_ehd.multibody.body import MasslessBody, RigidBody
+from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.multibody.joints import (
     Speed,
     named_points,
@@ -274,6 +275,8 @@ def check_names(scene: Scene) -> None:
     for name, force in scene.forces.items():
         if isinstance(force, schema.AngleTableSettings):
             _check_turning(scene, f"forces.{name}.angle_of", force.angle_of)
+        if isinstance(force, Unbalance):
+            _check_turning(scene, f"forces.{name}.point", force.point)
     for name, drive in scene.drives.items():
         require_body(f"drives.{name}", name, points)
         _check_turning(scene, f"drives.{name}", name)

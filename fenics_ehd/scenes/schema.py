@@ -58,7 +58,7 @@ from fenics_ehd.film.supply import (
     HoleSupply,
 )
 from fenics_ehd.multibody.body import MasslessBody, Pose, RigidBody
-from fenics_ehd.multibody.forces import RotatingForce, SpringDamper, Torque
+from fenics_ehd.multibody.forces import RotatingForce, SpringDamper, Torque, Unbalance
 from fenics_ehd.multibody.joints import Fixed, Revolute, Slider, Speed
 from fenics_ehd.multibody.shaft import ShaftBody
 from fenics_ehd.scenes.part_settings import (
@@ -415,6 +415,7 @@ KINDS: Mapping[str, Mapping[str, type]] = {
         "time-table": TimeTableSettings,
         "angle-table": AngleTableSettings,
         "rotating": RotatingForce,
+        "unbalance": Unbalance,
         "spring-damper": SpringDamper,
         "gravity": GravitySettings,
     },

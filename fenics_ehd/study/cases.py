@@ -25,7 +25,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import read_text, write_whole
 from fenics_ehd.base.printed import key_hint
 from fenics_ehd.base.settings import walk
-from fenics_ehd.base.units import parse_number
+from fenics_ehd.base.units import in_unit, parse_number
 from fenics_ehd.scenes.kept_bodies import checksum, content_of
 from fenics_ehd.scenes.needed_bodies import NeededBody, needed_bodies
 from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
@@ -140,6 +140,52 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
     return tuple(values)
 
 
+def parse_quantities(option: str, text: str, unit: str) -> tuple[float, ...]:
+    """Values of an option of the command line, in its unit, in the order of the text.
+
+    Parameters
+    ----------
+    option
+        Name of the option, for messages.
+    text
+        Numbers and ranges with commas between them, as for `parse_values`. A number may have a
+        unit: ``1000rpm:12000rpm:45``.
+    unit
+        Unit of the values, and of numbers without a unit.
+
+    Raises
+    ------
+    SettingsError
+        A value is missing, malformed, repeated, or has a unit of another kind.
+    """
+    values: list[float] = []
+    for item in (item.strip() for item in text.split(",")):
+        if not item:
+            raise SettingsError(f"{option} = {text!r}: a value is missing between separators")
+        values += _range(option, item, unit) if ":" in item else [_measured(option, item, unit)]
+    value, times = Counter(values).most_common(1)[0]
+    if times > 1:
+        raise SettingsError(f"{option} = {value:g}: the value is given twice: drop one of them")
+    return tuple(values)
+
+
+def _measured(option: str, item: str, unit: str) -> float:
+    """Convert a text with or without a unit to a number in a unit.
+
+    Raises
+    ------
+    SettingsError
+        The text is not a number, or its unit is of another kind; the message has the text.
+    """
+    number = _number(item)
+    if number is not None and isfinite(number):
+        return number
+    try:
+        return in_unit(item, unit)
+    except SettingsError as error:
+        raise SettingsError(f"{option} = {item!r} {error}") from None
+
+
 def as_text(value: object) -> str:
     """Text of a value in a table: words are unchanged, others are JSON with all digits."""
     return value if isinstance(value, str) else json.dumps(value)
@@ -195,14 +241,21 @@ def _plain(number: float, like: object) -> float | int:
     return int(number) if isinstance(like, int) and number.is_integer() else number
 
 
-def _range(key: str, item: str) -> list[float]:
-    """Numbers of a range ``a:b:n`` or ``a:b:n:log``; `a` and `b` are included exactly."""
+def _range(key: str, item: str, unit: str | None = None) -> list[float]:
+    """Numbers of a range ``a:b:n`` or ``a:b:n:log``; `a` and `b` are included exactly.
+
+    With a unit, `a` and `b` may have units, and the numbers are in this unit.
+    """
     first_text, last_text, *counted = [part.strip() for part in item.split(":")]
     logarithmic = counted[1:] == ["log"]
     if len(counted) != 1 and not logarithmic:
         raise SettingsError(f"{key} = {item!r} must be first:last:count or first:last:count:log")
-    first = _number(first_text)
-    last = _number(last_text)
+    if unit is None:
+        first = _number(first_text)
+        last = _number(last_text)
+    else:
+        first = _measured(key, first_text, unit)
+        last = _measured(key, last_text, unit)
     if first is None or last is None or not (isfinite(first) and isfinite(last)):
         raise SettingsError(f"{key} = {item!r}: first and last must be finite numbers")
     is_whole = counted[0].isascii() and counted[0].isdecimal() and len(counted[0]) < 10

@@ -1,0 +1,280 @@
+"""Modes of small motions about an equilibrium: roots, shapes, whirl direction, and following.
+
+A mode of ``M q'' + D q' + K q = 0`` is a motion ``q = x exp(lambda t)`` with the root
+``lambda = sigma + i nu``. With the state ``(q, q')`` the roots are the eigenvalues of the pencil
+
+    A = [[0, I], [-K, -D]],    B = [[I, 0], [0, M]],    A X = lambda B X,    Y^H A = lambda Y^H B,
+
+with right and left eigenvectors X and Y, scaled so that ``Y^H B X = 1``. If M is singular, as with
+massless journals, some roots are infinite; they are left out. Real roots belong to motions without
+oscillation, which are overdamped in pairs.
+
+- Damping ratio ``-sigma / |lambda|``, logarithmic decrement ``-2 pi sigma / |nu|``.
+- Whirl direction of the deflections (u, v) of k points, u along x and v along y, at nu > 0:
+  ``kappa = -2 Im sum conj(u) v / sum (|u|^2 + |v|^2)`` times the sign of the speed. It is +1 if the
+  axis moves on circles in the sense of rotation (forward whirl), -1 if against it (backward whirl),
+  and 0 if it moves on straight lines.
+- Modes i and j at neighbouring speeds 1 and 2 are the same if their overlap
+  ``sqrt |Y_1i^H B_1 X_2j  Y_2j^H B_2 X_1i|`` is near 1. The overlap does not depend on scales.
+
+Imports inside functions: `scipy.optimize` is slow to import, and only followed modes need it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from fenics_ehd.analysis.equilibrium import Linearisation
+from fenics_ehd.multibody.body import Body
+from fenics_ehd.multibody.joints import require_point
+from fenics_ehd.multibody.mechanism import System
+from fenics_ehd.multibody.shaft import ShaftBody
+
+#: Ratio of the homogeneous eigenvalue's denominator to its numerator, at a scale of time at which
+#: mass and stiffness are equal, below which a root is infinite.
+INFINITE = 1e-10
+
+#: Imaginary part over the absolute value of a root below which the root is real (round-off of a
+#: double root: the square root of the machine's).
+REAL = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Finite roots of small motions, and their eigenvectors.
+
+    Attributes
+    ----------
+    roots
+        Roots lambda, shape (r,) [1/s], the least stable first.
+    eigenvectors, left_eigenvectors
+        Eigenvectors X and Y with ``Y^H B X = 1``, as columns, shape (2 k, r).
+    mass
+        Mass matrix M, shape (k, k).
+    """
+
+    roots: np.ndarray
+    eigenvectors: np.ndarray
+    left_eigenvectors: np.ndarray
+    mass: np.ndarray
+
+    @property
+    def shapes(self) -> np.ndarray:
+        """Motions x of the modes in the coordinates q, as columns, shape (k, r)."""
+        return self.eigenvectors[: len(self.mass)]
+
+    @cached_property
+    def _dual(self) -> np.ndarray:
+        """Rows ``Y^H B``, shape (r, 2 k)."""
+        size = len(self.mass)
+        dual = self.left_eigenvectors.conj().T
+        return np.hstack([dual[:, :size], dual[:, size:] @ self.mass])
+
+    def overlaps(self, other: Modes) -> np.ndarray:
+        """Overlaps of these modes with those at a neighbouring speed, shape (r, other r)."""
+        forth = self._dual @ other.eigenvectors
+        back = other._dual @ self.eigenvectors
+        return np.asarray(np.sqrt(np.abs(forth * back.T)))
+
+
+def modes_of(linear: Linearisation) -> Modes:
+    """Modes of small motions about an equilibrium."""
+    size = len(linear.mass)
+    # In units of time at which mass and stiffness have the same size, the pencil is well scaled.
+    rate = float(np.sqrt(np.linalg.norm(linear.stiffness) / np.linalg.norm(linear.mass)))
+    unit = np.eye(size)
+    zero = np.zeros((size, size))
+    scale = rate**2 * np.linalg.norm(linear.mass)
+    stiffness = linear.stiffness / scale
+    damping = rate * linear.damping / scale
+    mass = rate**2 * linear.mass / scale
+    motion = np.block([[zero, unit], [-stiffness, -damping]])
+    inertia = linalg.block_diag(unit, mass)
+    (above, below), y, x = linalg.eig(
+        motion, inertia, left=True, right=True, homogeneous_eigvals=True
+    )
+    kept = np.flatnonzero(np.abs(below) > INFINITE * np.abs(above))
+    roots = rate * above[kept] / below[kept]
+    roots = np.where(np.abs(roots.imag) > REAL * np.abs(roots), roots, roots.real)
+    x = x[:, kept]
+    y = y[:, kept]
+    x[size:] *= rate
+    y[size:] *= rate / scale
+    products = np.einsum("ir,ij,jr->r", y.conj(), linalg.block_diag(unit, linear.mass), x)
+    sizes = np.sqrt(np.abs(products))
+    x = x / sizes
+    y = y / (sizes * np.exp(-1j * np.angle(products)))
+    order = np.lexsort((-roots.imag, -roots.real))
+    return Modes(roots[order], x[:, order], y[:, order], linear.mass)
+
+
+def damping_ratio(root: complex) -> float:
+    """Damping ratio of a root, 1 if it is real and stable."""
+    return float(-root.real / abs(root)) if root else 0.0
+
+
+def log_decrement(root: complex) -> float | None:
+    """Logarithmic decrement of a root; None if the root is real."""
+    return float(-2 * np.pi * root.real / abs(root.imag)) if root.imag else None
+
+
+# Points of a rotor
+
+
+@dataclass(frozen=True, eq=False)
+class Stations:
+    """Points whose deflections show the shapes of modes.
+
+    Attributes
+    ----------
+    names
+        Names of the k points, ``"shaft.disk"``; points of the beam mesh are ``"shaft[3]"``.
+    bodies
+        Name of the body of every point.
+    heights
+        Position of every point along the axis of its shaft [m]; 0 on other bodies.
+    rows
+        Derivatives of the deflections (u, v) by the coordinates z, shape (k, 2, n).
+    """
+
+    names: tuple[str, ...]
+    bodies: tuple[str, ...]
+    heights: np.ndarray
+    rows: np.ndarray
+
+    def deflections(self, linear: Linearisation, motions: np.ndarray) -> np.ndarray:
+        """Deflections (u, v) for motions in the coordinates q, shape (k, 2, ...)."""
+        return np.asarray(self.rows @ linear.basis @ motions)
+
+
+def stations_of(system: System, z: np.ndarray) -> Stations:
+    """Points of the bodies that can move: nodes and points of shafts, and points of other bodies.
+
+    Parameters
+    ----------
+    system
+        Equations of the mechanism.
+    z
+        Coordinates of the equilibrium, shape (n,).
+    """
+    names: list[str] = []
+    bodies: list[str] = []
+    heights: list[float] = []
+    rows: list[np.ndarray] = []
+    for dofs, body, (coordinates,) in system.each_body(z):
+        name = next(n for n, other in system.bodies.items() if other == dofs)
+        if isinstance(body, ShaftBody):
+            nodes = np.linspace(0.0, 1.0, body.elements + 1)
+            shares = {f"{name}[{i}]": float(share) for i, share in enumerate(nodes)}
+            shares |= {f"{name}.{point}": share for point, share in body.points.items()}
+            for label, share in sorted(shares.items(), key=lambda item: item[1]):
+                motion = np.zeros((2, system.n))
+                motion[:, dofs.start + 1 : dofs.stop] = body.rotor.motion(share)[:2]
+                names.append(label)
+                heights.append(share * body.length)
+                rows.append(motion)
+                bodies.append(name)
+            continue
+        for point in ("", *body.point_names):
+            names.append(f"{name}.{point}" if point else name)
+            heights.append(0.0)
+            rows.append(_rows(system, dofs, body, point, coordinates))
+            bodies.append(name)
+    return Stations(tuple(names), tuple(bodies), np.array(heights), np.array(rows))
+
+
+def _rows(
+    system: System, dofs: slice, body: Body, point: str, coordinates: np.ndarray
+) -> np.ndarray:
+    """Derivatives of the deflections (u, v) of a point of a body by z, shape (2, n)."""
+    rows = np.zeros((2, system.n))
+    rows[:, dofs] = body.marker(point, coordinates).jacobian[:2]
+    return rows
+
+
+def point_rows(system: System, z: np.ndarray, marker: str) -> np.ndarray:
+    """Derivatives of the deflections (u, v) of a point ``"body.point"`` by z, shape (2, n).
+
+    Raises
+    ------
+    SettingsError
+        There is no such body that can move, or no such point of it.
+    """
+    moving = [body for body, dofs in system.bodies.items() if dofs.stop > dofs.start]
+    known = {dofs.start: body.point_names for dofs, body, _ in system.each_body(z)}
+    require_point("unbalance", marker, {name: known[system.bodies[name].start] for name in moving})
+    name, _, point = marker.partition(".")
+    for dofs, body, (coordinates,) in system.each_body(z):
+        if dofs == system.bodies[name]:
+            return _rows(system, dofs, body, point, coordinates)
+    raise AssertionError(marker)
+
+
+def whirl_direction(deflections: np.ndarray, sense: float = 1.0) -> float:
+    """Whirl direction kappa of deflections (u, v) of k points at nu > 0, shape (k, 2).
+
+    `sense` is positive if the rotor turns from x to y, else negative. Without motion kappa is 0.
+    """
+    u, v = deflections.T
+    size = float(np.sum(np.abs(deflections) ** 2))
+    if not size:
+        return 0.0
+    return float(-2 * np.sign(sense) * np.sum(u.conj() * v).imag / size)
+
+
+# Following modes over speeds
+
+
+def matched(former: Modes, modes: Modes) -> tuple[np.ndarray, np.ndarray]:
+    """Partners of former modes among the modes at a neighbouring speed.
+
+    Returns
+    -------
+    partners, overlaps : numpy.ndarray
+        Index of the partner of every former mode, -1 without one, and their overlap, shape (r,).
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    values = former.overlaps(modes)
+    rows, columns = linear_sum_assignment(-(np.minimum(values, 1.0) ** 2))
+    partners = np.full(len(former.roots), -1)
+    overlaps = np.zeros(len(former.roots))
+    partners[rows] = columns
+    overlaps[rows] = values[rows, columns]
+    return partners, overlaps
+
+
+def followed(sequence: Sequence[Modes]) -> tuple[np.ndarray, np.ndarray]:
+    """Follow modes over speeds.
+
+    Parameters
+    ----------
+    sequence
+        Modes at s speeds in ascending order.
+
+    Returns
+    -------
+    tracks, overlaps : numpy.ndarray
+        Index of the mode of every track at every speed, -1 where the track has none, shape
+        (tracks, s), and the overlap with the mode at the former speed, 1 at the first one.
+    """
+    tracks = [[i] for i in range(len(sequence[0].roots))]
+    overlaps = [[1.0] for _ in tracks]
+    for n in range(1, len(sequence)):
+        partners, values = matched(sequence[n - 1], sequence[n])
+        taken = set()
+        for track, value in zip(tracks, overlaps, strict=True):
+            last = track[-1]
+            track.append(int(partners[last]) if last >= 0 else -1)
+            value.append(float(values[last]) if last >= 0 else 0.0)
+            taken.add(track[-1])
+        for mode in range(len(sequence[n].roots)):
+            if mode not in taken:
+                tracks.append([-1] * n + [mode])
+                overlaps.append([0.0] * n + [1.0])
+    return np.array(tracks), np.array(overlaps)

@@ -1,0 +1,547 @@
+"""Rotor maps: modes, critical speeds, stability limit and unbalance response over the speed.
+
+At every speed the equilibrium is computed, continued from the nearest speed before it, and small
+motions about it are linearised (`fenics_ehd.analysis.equilibrium`). Modes are followed over the
+speed (`fenics_ehd.analysis.modes`). Further speeds are added
+
+- between two speeds where a mode with little damping has an overlap below 0.9 with its successor;
+- at critical speeds, ``nu(Omega) = |Omega|`` of a followed mode with a damping ratio below 0.4;
+- at the limits of stability, where the largest real part of all roots is zero.
+
+The whirl ratio is ``nu / |Omega|`` at a limit of stability; oil whirl has a ratio near 1/2.
+
+The matrices M, D and K may be means over several film meshes of one machine, because the
+coefficients of a film jump by about 1 % as its end moves past a row of nodes. The equilibrium and
+the figures of the films are those of the first mesh.
+
+Imports inside functions: `scipy.optimize` is slow to import.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from fenics_ehd.analysis.equilibrium import (
+    Equilibrium,
+    Linearisation,
+    SearchStart,
+    equilibrium,
+    linearise,
+)
+from fenics_ehd.analysis.film_meshes import in_basis, mean_linearisation
+from fenics_ehd.analysis.modes import (
+    Modes,
+    Stations,
+    damping_ratio,
+    followed,
+    matched,
+    modes_of,
+    point_rows,
+    stations_of,
+    whirl_direction,
+)
+from fenics_ehd.analysis.unbalance import UnbalanceResponse, unbalance_response
+from fenics_ehd.base.errors import SolverError
+from fenics_ehd.multibody.forces import Unbalance
+from fenics_ehd.multibody.mechanism import Mechanism, System
+from fenics_ehd.multibody.quantities import JointStep, joint_row
+
+#: Overlap of a mode with its successor below which a speed is added between the two.
+CLOSE = 0.9
+
+#: Damping ratio above which a low overlap adds no speed: near it, pairs of roots become real.
+OVERDAMPED = 0.7
+
+#: Number of times that the interval between two speeds is halved at most.
+HALVINGS = 3
+
+#: Damping ratio above which a crossing of the 1x line is no critical speed.
+CRITICAL_DAMPING = 0.4
+
+#: Accuracy of critical speeds and limits of stability, relative to the speed. The limit changes by
+#: more than that with the film mesh.
+ACCURACY = 1e-4
+
+#: Taylor's limit of laminar flow in a bearing: the Reynolds number over ``sqrt(R / c)``.
+TAYLOR = 41.0
+
+
+class MakeMechanism(Protocol):
+    """Function that makes a mechanism whose rotor has a speed [rad/s]."""
+
+    def __call__(self, speed: float, /) -> Mechanism:
+        """Mechanism at a speed."""
+
+
+@dataclass(frozen=True, eq=False)
+class MapPoint:
+    """A rotor at one speed.
+
+    Attributes
+    ----------
+    speed
+        Speed Omega [rad/s].
+    linear
+        Small motions about the equilibrium, means over the film meshes; the coordinates q are the
+        same at all speeds of a map.
+    figures
+        Figures of the films in equilibrium, by column, ``left.max_pressure_Pa``.
+    growth
+        Largest real part of the roots for every film mesh alone, shape (meshes,) [1/s].
+    starts
+        Starts of the search for an equilibrium at another speed, one for every film mesh.
+    """
+
+    speed: float
+    linear: Linearisation
+    figures: Mapping[str, float]
+    growth: np.ndarray
+    starts: tuple[SearchStart, ...]
+
+    @cached_property
+    def modes(self) -> Modes:
+        """Modes of the small motions."""
+        return modes_of(self.linear)
+
+    @property
+    def least_stable(self) -> int:
+        """Index of the mode with the largest real part, and not below the real axis."""
+        roots = self.modes.roots
+        return int(np.argmax(np.where(roots.imag >= 0.0, roots.real, -np.inf)))
+
+    @property
+    def largest_real_part(self) -> float:
+        """Largest real part of all roots, positive if the rotor is unstable [1/s]."""
+        return float(self.modes.roots[self.least_stable].real)
+
+
+class CriticalSpeed(NamedTuple):
+    """Speed at which a mode vibrates once per revolution.
+
+    Attributes
+    ----------
+    speed
+        Speed [rad/s].
+    mode
+        Number of the mode in the map.
+    damping_ratio, direction
+        Damping ratio and whirl direction kappa of the mode at this speed.
+    """
+
+    speed: float
+    mode: int
+    damping_ratio: float
+    direction: float
+
+
+class StabilityLimit(NamedTuple):
+    """Speed at which the rotor loses or regains stability.
+
+    Attributes
+    ----------
+    speed
+        Speed [rad/s].
+    mode
+        Number in the map of the mode whose real part changes its sign.
+    whirl_ratio
+        Angular frequency of this mode over the speed.
+    direction
+        Whirl direction kappa of the mode.
+    lost
+        Whether stability is lost as the speed rises; if not, it is regained.
+    scatter
+        Half the range of the limit over the film meshes [rad/s]; 0 with one mesh.
+    """
+
+    speed: float
+    mode: int
+    whirl_ratio: float
+    direction: float
+    lost: bool
+    scatter: float
+
+
+@dataclass(frozen=True, eq=False)
+class RotorMap:
+    """Modes of a rotor over its speed.
+
+    A track is a mode that is followed over the speed. One of a conjugate pair of roots is listed,
+    that with a positive imaginary part.
+
+    Attributes
+    ----------
+    points
+        The rotor at s speeds, in ascending order of their absolute values.
+    stations
+        Points of the rotor in the order of the rows of `shape`.
+    tracks
+        Index of the mode of every track among the modes of every point, -1 where it has none, shape
+        (tracks, s).
+    overlaps
+        Overlap of every mode with that of the track at the speed before, shape (tracks, s).
+    critical_speeds
+        Critical speeds in ascending order.
+    limits
+        Limits of stability in ascending order.
+    response
+        Response to unbalances; None without unbalances.
+    failures
+        Reasons by the speeds [rad/s] at which no equilibrium was found.
+    notices
+        Notices of forces that are left out and of films beyond the limit of laminar flow.
+    """
+
+    points: tuple[MapPoint, ...]
+    stations: Stations
+    tracks: np.ndarray
+    overlaps: np.ndarray
+    critical_speeds: tuple[CriticalSpeed, ...] = ()
+    limits: tuple[StabilityLimit, ...] = ()
+    response: UnbalanceResponse | None = None
+    failures: Mapping[float, str] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """Speeds Omega, shape (s,) [rad/s]."""
+        return np.array([point.speed for point in self.points])
+
+    @cached_property
+    def roots(self) -> np.ndarray:
+        """Roots of all tracks, NaN where a track has none, shape (tracks, s) [1/s]."""
+        roots = np.full(self.tracks.shape, complex(np.nan, np.nan))
+        for n, point in enumerate(self.points):
+            present = self.tracks[:, n] >= 0
+            roots[present, n] = point.modes.roots[self.tracks[present, n]]
+        return roots
+
+    @property
+    def stable_below(self) -> float | None:
+        """Lowest limit at which stability is lost [rad/s]; None without one."""
+        return next((limit.speed for limit in self.limits if limit.lost), None)
+
+    def shape(self, n: int, track: int) -> np.ndarray:
+        """Deflections (u, v) of the stations in a mode at speed n, largest one 1, shape (k, 2)."""
+        point = self.points[n]
+        motion = point.modes.shapes[:, self.tracks[track, n]]
+        return scaled_shape(self.stations.deflections(point.linear, motion))
+
+    def direction(self, n: int, track: int) -> float:
+        """Whirl direction kappa of a mode at speed n, see `fenics_ehd.analysis.modes`."""
+        shape = self.shape(n, track)
+        return whirl_direction(shape, self.points[n].speed)
+
+
+def scaled_shape(deflections: np.ndarray) -> np.ndarray:
+    """Deflections (u, v), shape (k, 2), divided by the component of largest absolute value."""
+    largest = deflections.ravel()[np.argmax(np.abs(deflections))] if deflections.size else 0.0
+    return deflections / largest if largest else deflections
+
+
+class MapSolver:
+    """Solver of the equilibria and small motions of one rotor at any speed.
+
+    Parameters
+    ----------
+    makers
+        Functions that make the mechanism at a speed, one for every film mesh.
+    stored
+        Points by speed, among them those of an interrupted map; new points are added.
+    """
+
+    def __init__(self, makers: Sequence[MakeMechanism], stored: MutableMapping[float, MapPoint]):
+        self._makers = makers
+        self.points = stored
+
+    def at(self, speed: float) -> MapPoint:
+        """The rotor at a speed, from the stored points if it is among them.
+
+        Raises
+        ------
+        SettingsError, SolverError
+            The rotor has no equilibrium, or none was found; or it cannot be linearised.
+        """
+        if speed in self.points:
+            return self.points[speed]
+        nearest = min(self.points, key=lambda other: abs(other - speed), default=None)
+        former = None if nearest is None else self.points[nearest]
+        linears: list[Linearisation] = []
+        starts: list[SearchStart] = []
+        figures: dict[str, float] = {}
+        for n, make in enumerate(self._makers):
+            rest = self._rest(make(speed), None if former is None else former.starts[n])
+            linears.append(linearise(rest))
+            starts.append(rest.search_start)
+            figures = figures or figures_of(rest)
+        growth = np.array([modes_of(linear).roots[0].real for linear in linears])
+        mean = mean_linearisation(linears)
+        if self.points:
+            mean = in_basis(mean, next(iter(self.points.values())).linear.basis)
+        point = MapPoint(speed, mean, figures, growth, tuple(starts))
+        self.points[speed] = point
+        return point
+
+    @staticmethod
+    def _rest(mechanism: Mechanism, start: SearchStart | None) -> Equilibrium:
+        """Equilibrium from a start; from the approximate pose if there is none from the start."""
+        try:
+            return equilibrium(mechanism, start=start)
+        except SolverError:
+            if start is None:
+                raise
+        return equilibrium(mechanism)
+
+
+def figures_of(rest: Equilibrium) -> dict[str, float]:
+    """Figures of all films in equilibrium, by column that begins with the name of the joint."""
+    figures: dict[str, float] = {}
+    for name, joint in rest.joints().items():
+        row = joint_row(joint) | {"reynolds_number": reynolds_number(joint)}
+        if name in rest.temperatures:
+            row["effective_temperature_C"] = rest.temperatures[name]
+        figures |= {f"{name}.{column}": float(value) for column, value in row.items()}
+    return figures
+
+
+def reynolds_number(joint: JointStep) -> float:
+    """Reynolds number ``rho |Omega_1 - Omega_2| R c / eta`` of a film."""
+    lubricant = joint.film.equation.lubricant
+    parameters = joint.film.parameters
+    journal, bore = joint.speeds
+    speed = abs(journal - bore)
+    length = parameters.grid.radius * parameters.clearance
+    return float(lubricant.density * speed * length / lubricant.viscosity)
+
+
+def rotor_map_of(
+    makers: Sequence[MakeMechanism],
+    speeds: Sequence[float],
+    *,
+    unbalances: Sequence[Unbalance] = (),
+    stored: MutableMapping[float, MapPoint] | None = None,
+    progress: Callable[[float], None] = lambda speed: None,
+) -> RotorMap:
+    """Compute a rotor map.
+
+    Parameters
+    ----------
+    makers
+        Functions that make the mechanism at a speed, one for every film mesh.
+    speeds
+        Speeds of one sign, none of them 0 [rad/s].
+    unbalances
+        Unbalances whose response is computed; their points must be points of the rotor.
+    stored
+        Points by speed of an interrupted map, to which new points are added.
+    progress
+        Function that is called with every requested speed when it is done.
+
+    Raises
+    ------
+    SettingsError
+        The rotor has no equilibria, see `fenics_ehd.analysis.equilibrium`.
+    SolverError
+        No equilibrium was found at any speed.
+    """
+    solver = MapSolver(makers, {} if stored is None else stored)
+    failures: dict[float, str] = {}
+    chosen: dict[float, MapPoint] = {}
+    for speed in sorted(speeds, key=abs):
+        try:
+            chosen[speed] = solver.at(speed)
+        except SolverError as error:
+            failures[speed] = str(error)
+        progress(speed)
+    if not chosen:
+        speed, reason = next(iter(failures.items()))
+        raise SolverError(f"no equilibrium at any speed; at {speed:.6g} rad/s: {reason}")
+    _follow_closely(solver, chosen)
+    limits = _limits(solver, chosen)
+    critical = _critical_speeds(solver, chosen)
+    points = _ordered(chosen)
+    system = System(makers[0](points[0].speed))
+    stations = stations_of(system, points[0].starts[0].x[: system.n])
+    tracks, overlaps = _listed(points)
+    bare = RotorMap(points, stations, tracks, overlaps, failures=failures)
+    return replace(
+        bare,
+        critical_speeds=tuple(_critical_speed(bare, *pair) for pair in critical),
+        limits=tuple(_limit(bare, point) for point in limits),
+        response=_response(bare, system, unbalances) if unbalances else None,
+        notices=tuple(_turbulent(system, points)),
+    )
+
+
+def _ordered(chosen: Mapping[float, MapPoint]) -> tuple[MapPoint, ...]:
+    """Points in ascending order of the absolute values of their speeds."""
+    return tuple(sorted(chosen.values(), key=lambda point: abs(point.speed)))
+
+
+def _listed(points: Sequence[MapPoint]) -> tuple[np.ndarray, np.ndarray]:
+    """Tracks and overlaps of a map, in ascending order of the frequency, see `RotorMap`."""
+    tracks, overlaps = followed([point.modes for point in points])
+    for n, point in enumerate(points):
+        below = point.modes.roots[tracks[:, n]].imag < 0.0
+        tracks[below, n] = -1
+    kept = [row for row in range(len(tracks)) if (tracks[row] >= 0).any()]
+
+    def frequency(row: int) -> tuple[float, float]:
+        n = int(np.argmax(tracks[row] >= 0))
+        root = points[n].modes.roots[tracks[row, n]]
+        return float(root.imag), float(abs(root))
+
+    kept.sort(key=frequency)
+    return tracks[kept], np.where(tracks[kept] >= 0, overlaps[kept], 0.0)
+
+
+# Speeds that are added
+
+
+def _follow_closely(solver: MapSolver, chosen: dict[float, MapPoint]) -> None:
+    """Add speeds where modes change too much from one speed to the next to be followed."""
+    for _ in range(HALVINGS):
+        added = False
+        for first, second in pairwise(_ordered(chosen)):
+            if _alike(first.modes, second.modes):
+                continue
+            middle = 0.5 * (first.speed + second.speed)
+            with suppress(SolverError):
+                chosen[middle] = solver.at(middle)
+                added = True
+        if not added:
+            return
+
+
+def _alike(former: Modes, modes: Modes) -> bool:
+    """Whether every mode with little damping is near to its successor."""
+    partners, overlaps = matched(former, modes)
+    for i, (partner, overlap) in enumerate(zip(partners, overlaps, strict=True)):
+        roots = former.roots[i], modes.roots[partner]
+        oscillates = all(root.imag > 0.0 and damping_ratio(root) < OVERDAMPED for root in roots)
+        if oscillates and overlap < CLOSE:
+            return False
+    return True
+
+
+def _zero(function: Callable[[float], float], first: float, last: float) -> float:
+    """Speed between two others at which a function of the speed is zero, to `ACCURACY` [rad/s]."""
+    from scipy.optimize import brentq
+
+    return float(brentq(function, first, last, xtol=ACCURACY * abs(first), rtol=ACCURACY))
+
+
+def _limits(solver: MapSolver, chosen: dict[float, MapPoint]) -> list[MapPoint]:
+    """Limits of stability, where the largest real part of the roots changes its sign."""
+    limits = []
+    for first, second in pairwise(_ordered(chosen)):
+        if (first.largest_real_part > 0.0) == (second.largest_real_part > 0.0):
+            continue
+        with suppress(SolverError):
+            speed = _zero(lambda s: solver.at(s).largest_real_part, first.speed, second.speed)
+            chosen[speed] = solver.at(speed)
+            limits.append(chosen[speed])
+    return limits
+
+
+def _critical_speeds(
+    solver: MapSolver, chosen: dict[float, MapPoint]
+) -> list[tuple[MapPoint, int]]:
+    """Points at which a mode vibrates once per revolution, with the index of the mode."""
+    critical = []
+    for first, second in pairwise(_ordered(chosen)):
+        partners, _ = matched(first.modes, second.modes)
+        for mode, partner in enumerate(partners):
+            roots = first.modes.roots[mode], second.modes.roots[partner]
+            before = roots[0].imag - abs(first.speed)
+            after = roots[1].imag - abs(second.speed)
+            if not all(root.imag > 0.0 for root in roots) or before * after > 0.0:
+                continue
+            off = partial(_off_the_line, solver, first, mode)
+            with suppress(SolverError):
+                speed = _zero(off, first.speed, second.speed)
+                point = solver.at(speed)
+                index = _partner(first, mode, point)
+                if damping_ratio(point.modes.roots[index]) < CRITICAL_DAMPING:
+                    chosen[speed] = point
+                    critical.append((point, index))
+    return critical
+
+
+def _partner(first: MapPoint, mode: int, point: MapPoint) -> int:
+    """Index of the mode at a point that continues a mode of a neighbouring point."""
+    return int(matched(first.modes, point.modes)[0][mode])
+
+
+def _off_the_line(solver: MapSolver, first: MapPoint, mode: int, speed: float) -> float:
+    """Difference from the speed to the angular frequency of a followed mode [rad/s]."""
+    point = solver.at(speed)
+    return float(point.modes.roots[_partner(first, mode, point)].imag - abs(speed))
+
+
+# Results of a map
+
+
+def _track_of(bare: RotorMap, point: MapPoint, mode: int) -> tuple[int, int]:
+    """Indices of a point, and of the track that has a mode of the point."""
+    n = bare.points.index(point)
+    return n, int(np.flatnonzero(bare.tracks[:, n] == mode)[0])
+
+
+def _critical_speed(bare: RotorMap, point: MapPoint, mode: int) -> CriticalSpeed:
+    n, track = _track_of(bare, point, mode)
+    ratio = damping_ratio(point.modes.roots[mode])
+    return CriticalSpeed(point.speed, track, ratio, bare.direction(n, track))
+
+
+def _limit(bare: RotorMap, point: MapPoint) -> StabilityLimit:
+    mode = point.least_stable
+    n, track = _track_of(bare, point, mode)
+    before, after = bare.points[max(n - 1, 0)], bare.points[min(n + 1, len(bare.points) - 1)]
+    rise = after.largest_real_part - before.largest_real_part
+    per_speed = rise / (abs(after.speed) - abs(before.speed))
+    return StabilityLimit(
+        point.speed,
+        track,
+        float(point.modes.roots[mode].imag / abs(point.speed)),
+        bare.direction(n, track),
+        rise > 0.0,
+        float(0.5 * np.ptp(point.growth) / abs(per_speed)),
+    )
+
+
+def _response(bare: RotorMap, system: System, unbalances: Sequence[Unbalance]) -> UnbalanceResponse:
+    """Response of the rotor of a map to unbalances, at the points with names."""
+    z = bare.points[0].starts[0].x[: system.n]
+    rows = [point_rows(system, z, unbalance.point) for unbalance in unbalances]
+    named = [i for i, name in enumerate(bare.stations.names) if not name.endswith("]")]
+    return unbalance_response(
+        unbalances,
+        rows,
+        tuple(bare.stations.names[i] for i in named),
+        bare.stations.rows[named],
+        [point.linear for point in bare.points],
+        bare.speeds,
+    )
+
+
+def _turbulent(system: System, points: Sequence[MapPoint]) -> Iterator[str]:
+    """A notice for every film beyond Taylor's limit of laminar flow."""
+    for binding in system.films:
+        parameters = binding.film.film.parameters
+        limit = TAYLOR * np.sqrt(parameters.grid.radius / parameters.clearance)
+        numbers = {p.speed: p.figures[f"{binding.name}.reynolds_number"] for p in points}
+        beyond = [speed for speed, number in numbers.items() if number > limit]
+        if beyond:
+            yield (
+                f"joints.{binding.name}: from {abs(beyond[0]):.5g} rad/s on, the Reynolds number "
+                f"of its film, {numbers[beyond[0]]:.4g}, is above Taylor's limit of laminar flow, "
+                f"41 sqrt(R / c) = {limit:.4g}: coefficients at these speeds are those of a "
+                "laminar film"
+            )

@@ -1,0 +1,249 @@
+"""Unbalance response: steady vibration of a rotor under forces that rotate with it.
+
+An unbalance ``m e`` at the angle phi of its body gives the force
+``m e Omega^2 (cos(Omega t + phi), sin(Omega t + phi))``. With ``omega = |Omega|`` and the sense of
+rotation ``s = Omega / |Omega|`` it is the real part of ``F exp(i omega t)``,
+
+    F = m e omega^2 (1, -i s) exp(i s phi).
+
+About an equilibrium with the motions ``z = Z q`` and ``M q'' + D q' + K q = Z^T f`` the response is
+
+    q = (K + i omega D - omega^2 M)^-1 Z^T F.
+
+A point moves on an ellipse. Its larger half axis is the amplitude of the point. The phase is the
+angle, from the body's x axis and positive from x to y like phi, of the part of the deflection that
+rotates with the body. The force of a film on its journal is ``-(k_f + i omega d_f) q``.
+
+The amplification factor of a resonance at the speed Omega_r is ``Omega_r / (Omega_2 - Omega_1)``,
+by the speeds on both sides at which the amplitude is lower by 3 dB, a factor of ``sqrt(1/2)`` (API
+617). Resonances are located on a finer grid of speeds, for which M, D and K are interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from fenics_ehd.analysis.equilibrium import Linearisation
+from fenics_ehd.multibody.forces import Unbalance
+
+#: Number of intervals between two neighbouring speeds in which resonances are located.
+FINER = 10
+
+#: Ratio of the amplitudes at the peak of a resonance and at the ends of its bandwidth.
+BANDWIDTH = np.sqrt(2.0)
+
+
+class Resonance(NamedTuple):
+    """Maximum of the amplitude of a point over the speed.
+
+    Attributes
+    ----------
+    point
+        Name of the point.
+    speed
+        Speed at the maximum [rad/s].
+    amplitude
+        Larger half axis at this speed [m].
+    amplification
+        Amplification factor; None if the amplitude falls by less than 3 dB on a side.
+    """
+
+    point: str
+    speed: float
+    amplitude: float
+    amplification: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class UnbalanceResponse:
+    """Steady vibration of a rotor under its unbalances, over the speed.
+
+    Attributes
+    ----------
+    unbalances
+        Unbalances that act.
+    speeds
+        Speeds Omega, shape (s,) [rad/s].
+    points
+        Names of the p points.
+    deflections
+        Deflections (u, v) of the points as complex amplitudes, shape (s, p, 2) [m].
+    forces
+        Forces of the films on their journals as complex amplitudes, by name of the joint, shape
+        (s, 2) [N].
+    resonances
+        Maxima of the amplitudes of all points, in the order of the points.
+    """
+
+    unbalances: tuple[Unbalance, ...]
+    speeds: np.ndarray
+    points: tuple[str, ...]
+    deflections: np.ndarray
+    forces: dict[str, np.ndarray]
+    resonances: tuple[Resonance, ...]
+
+    def amplitude(self, point: str) -> np.ndarray:
+        """Larger half axes of the ellipse of a point over the speed, shape (s,) [m]."""
+        return larger_axes(self.deflections[:, self.points.index(point)])
+
+    def phase(self, point: str) -> np.ndarray:
+        """Phase of a point over the speed, see the module, shape (s,) [rad]."""
+        deflections = self.deflections[:, self.points.index(point)]
+        return phases(deflections, float(np.sign(self.speeds[0])))
+
+    def bearing_force(self, joint: str) -> np.ndarray:
+        """Larger half axes of the force in a lubricated joint over the speed, shape (s,) [N]."""
+        return larger_axes(self.forces[joint])
+
+
+def larger_axes(amplitudes: np.ndarray) -> np.ndarray:
+    """Larger half axes of ellipses with the complex amplitudes (u, v), shape (..., 2)."""
+    u, v = np.moveaxis(amplitudes, -1, 0)
+    return np.asarray(0.5 * (np.abs(u + 1j * v) + np.abs(u - 1j * v)))
+
+
+def phases(amplitudes: np.ndarray, sense: float) -> np.ndarray:
+    """Phases of the parts of (u, v), shape (..., 2), that rotate in a sense, 1 or -1 [rad]."""
+    u, v = np.moveaxis(amplitudes, -1, 0)
+    return np.asarray(sense * np.angle(u + 1j * sense * v))
+
+
+def unbalance_force(unbalance: Unbalance, rows: np.ndarray, speed: float) -> np.ndarray:
+    """Complex amplitude of the generalised force of an unbalance, shape (n,).
+
+    Parameters
+    ----------
+    unbalance
+        The unbalance.
+    rows
+        Derivatives of the deflections (u, v) of its point by the coordinates z, shape (2, n).
+    speed
+        Speed Omega [rad/s].
+    """
+    sense = np.sign(speed)
+    turned = np.exp(1j * sense * np.radians(unbalance.phase))
+    amplitude = unbalance.magnitude * speed**2 * turned * np.array([1.0, -1j * sense])
+    return np.asarray(rows.T @ amplitude)
+
+
+def response(linear: Linearisation, force: np.ndarray, frequency: float) -> np.ndarray:
+    """Complex amplitude of the motion q under a generalised force at a frequency [rad/s], (k,)."""
+    dynamic = linear.stiffness + 1j * frequency * linear.damping - frequency**2 * linear.mass
+    return np.asarray(np.linalg.solve(dynamic, linear.basis.T @ force))
+
+
+def film_force(film: np.ndarray, motion: np.ndarray, frequency: float) -> np.ndarray:
+    """Complex amplitude of the force of a film, see `Linearisation.films`, on its journal, (2,)."""
+    stiffness, damping = film
+    return np.asarray(-(stiffness + 1j * frequency * damping) @ motion)
+
+
+def blended(first: Linearisation, second: Linearisation, share: float) -> Linearisation:
+    """Linear interpolation between small motions at two speeds, in the same coordinates."""
+
+    def mean(name: str) -> np.ndarray:
+        former: np.ndarray = getattr(first, name)
+        return np.asarray((1 - share) * former + share * getattr(second, name))
+
+    return Linearisation(mean("basis"), mean("mass"), mean("damping"), mean("stiffness"))
+
+
+def unbalance_response(
+    unbalances: Sequence[Unbalance],
+    rows: Sequence[np.ndarray],
+    points: tuple[str, ...],
+    point_rows: np.ndarray,
+    linears: Sequence[Linearisation],
+    speeds: np.ndarray,
+) -> UnbalanceResponse:
+    """Steady vibration under unbalances at s speeds.
+
+    Parameters
+    ----------
+    unbalances, rows
+        Unbalances, and derivatives of the deflections of their points, shape (2, n) each.
+    points, point_rows
+        Names of the p points whose deflections are reported, and derivatives of these deflections,
+        shape (p, 2, n).
+    linears, speeds
+        Small motions at every speed, in the same coordinates q, and the speeds [rad/s].
+    """
+
+    def motion_at(linear: Linearisation, speed: float) -> np.ndarray:
+        pairs = zip(unbalances, rows, strict=True)
+        force = sum(unbalance_force(each, along, speed) for each, along in pairs)
+        return response(linear, np.asarray(force), abs(speed))
+
+    motions = [motion_at(*pair) for pair in zip(linears, speeds, strict=True)]
+    each = list(zip(linears, motions, strict=True))
+    deflections = np.array([point_rows @ linear.basis @ motion for linear, motion in each])
+    forces = {
+        name: np.array(
+            [
+                film_force(linear.films[name], motion, abs(speed))
+                for (linear, motion), speed in zip(each, speeds, strict=True)
+            ]
+        )
+        for name in linears[0].films
+    }
+    finer: list[float] = []
+    amplitudes: list[np.ndarray] = []
+    for n in range(len(speeds) - 1):
+        for share in np.arange(FINER) / FINER:
+            linear = blended(linears[n], linears[n + 1], share)
+            finer.append((1 - share) * speeds[n] + share * speeds[n + 1])
+            motion = motion_at(linear, finer[-1])
+            amplitudes.append(larger_axes(point_rows @ linear.basis @ motion))
+    finer.append(speeds[-1])
+    amplitudes.append(larger_axes(deflections[-1]))
+    curves = np.array(amplitudes).T
+    resonances = tuple(
+        resonance
+        for name, curve in zip(points, curves, strict=True)
+        for resonance in _resonances(name, np.array(finer), curve)
+    )
+    return UnbalanceResponse(
+        tuple(unbalances), np.asarray(speeds), points, deflections, forces, resonances
+    )
+
+
+def _resonances(point: str, speeds: np.ndarray, amplitudes: np.ndarray) -> list[Resonance]:
+    """Maxima of an amplitude over the speed, each with its amplification factor."""
+    resonances = []
+    for i in range(1, len(speeds) - 1):
+        before, here, after = amplitudes[i - 1 : i + 2]
+        if not (here > before and here >= after):
+            continue
+        # Vertex of the parabola through three points at equal distances.
+        offset = 0.5 * (before - after) / (before - 2 * here + after)
+        peak = here - 0.25 * (before - after) * offset
+        step = speeds[i + 1] - speeds[i] if offset > 0 else speeds[i] - speeds[i - 1]
+        speed = float(speeds[i] + offset * step)
+        below = _falls_below(speeds, amplitudes, i, -1, peak / BANDWIDTH)
+        above = _falls_below(speeds, amplitudes, i, 1, peak / BANDWIDTH)
+        factor = None
+        if below is not None and above is not None:
+            factor = abs(speed / (above - below))
+        resonances.append(Resonance(point, speed, float(peak), factor))
+    return resonances
+
+
+def _falls_below(
+    speeds: np.ndarray, amplitudes: np.ndarray, start: int, side: int, level: float
+) -> float | None:
+    """Speed on one side of a maximum at which the amplitude falls to a level; None if it does not.
+
+    A higher maximum before that ends the search.
+    """
+    i = start
+    while 0 <= i + side < len(speeds) and amplitudes[i + side] <= amplitudes[start] * BANDWIDTH:
+        j = i + side
+        if amplitudes[j] <= level:
+            share = (amplitudes[i] - level) / (amplitudes[i] - amplitudes[j])
+            return float(speeds[i] + share * (speeds[j] - speeds[i]))
+        i = j
+    return None

@@ -1,0 +1,276 @@
+"""Rotor maps against closed forms: rigid rotor, Jeffcott rotor, reversal, sum of the roots."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fenics_ehd as ehd
+from fenics_ehd.analysis.equilibrium import stability
+from fenics_ehd.analysis.modes import damping_ratio, log_decrement, modes_of, whirl_direction
+from fenics_ehd.analysis.rotor_map import CLOSE, rotor_map_of
+from fenics_ehd.analysis.unbalance import larger_axes, phases
+
+R, C, WIDTH = 0.02, 40e-6, 0.02
+GRAVITY = (0.0, -9.81)
+
+
+@cache
+def film():
+    return ehd.Film(
+        ehd.FilmParameters(ehd.uniform_grid(R, WIDTH, (24, 6)), C, ehd.Lubricant(0.008), 500.0)
+    )
+
+
+def bearing(journal, bore="ground"):
+    return ehd.LubricatedJoint(journal, bore, film(), eccentricity=(0.1 * C, -0.4 * C))
+
+
+def rigid_rotor(mass, gravity=GRAVITY):
+    """Function that makes a rigid journal of a mass [kg] in one bearing at a speed."""
+
+    def make(speed):
+        body = ehd.RigidBody(mass, 1e-3, position=(0.1 * C, -0.4 * C))
+        joints = {"bearing": bearing("rotor")}
+        drives = {"rotor": ehd.Speed(speed)}
+        return ehd.Mechanism({"rotor": body}, joints, drives, gravity=gravity)
+
+    return make
+
+
+def jeffcott(mass, stiffness):
+    """Function that makes a disk on two springs, whose other ends are massless journals."""
+
+    def make(speed):
+        bodies = {name: ehd.MasslessBody() for name in ("left", "right")}
+        bodies["disk"] = ehd.RigidBody(mass, 1e-3)
+        joints = {name: bearing(name, f"ground.{name}") for name in ("left", "right")}
+        bodies["ground"] = ehd.ground({"left": (0.0, 0.0), "right": (0.0, 0.0)})
+        springs = {
+            name: ehd.SpringDamper(("disk", name), stiffness=stiffness)
+            for name in ("left", "right")
+        }
+        drives = {name: ehd.Speed(speed) for name in ("left", "right", "disk")}
+        return ehd.Mechanism(bodies, joints, drives, springs, GRAVITY)
+
+    return make
+
+
+def film_coefficients(rest, name="rotor"):
+    """Stiffness and damping of the film of a rigid rotor, (2, 2) each."""
+    linear = ehd.linearise(rest).along(rest.system.bodies[name].start + np.arange(2))
+    return linear.stiffness, linear.damping
+
+
+def test_a_rigid_rotor_becomes_unstable_at_the_speed_and_frequency_of_the_closed_form():
+    make = rigid_rotor(6.0)
+    chart = rotor_map_of([make], np.linspace(400.0, 1400.0, 5))
+    (limit,) = chart.limits
+    mass, frequency = stability(*film_coefficients(ehd.equilibrium(make(limit.speed))))
+    assert limit.lost
+    assert limit.speed == chart.stable_below
+    np.testing.assert_allclose(mass, 6.0, rtol=1e-3)
+    np.testing.assert_allclose(limit.whirl_ratio, frequency / limit.speed, rtol=1e-3)
+    assert 0.4 < limit.whirl_ratio < 0.52
+    assert limit.direction > 0.5
+    assert limit.scatter == 0.0
+
+
+def determinant(matrix):
+    """Determinant of a matrix of polynomials, coefficients from the highest power down."""
+    if len(matrix) == 1:
+        return matrix[0][0]
+    total = np.zeros(1)
+    for j, factor in enumerate(matrix[0]):
+        minor = [row[:j] + row[j + 1 :] for row in matrix[1:]]
+        total = np.polyadd(total, (-1) ** j * np.polymul(factor, determinant(minor)))
+    return total
+
+
+def test_a_jeffcott_rotor_on_two_equal_bearings_has_the_roots_of_its_polynomial():
+    mass, stiffness, speed = 12.0, 8e6, 700.0
+    rest = ehd.equilibrium(rigid_rotor(0.5 * mass)(speed))
+    k, b = film_coefficients(rest)
+    zero, spring = np.zeros(1), np.array([stiffness])
+    inertia = np.array([0.5 * mass, 0.0, stiffness])
+    blocks = [
+        [inertia, zero, -spring, zero],
+        [zero, inertia, zero, -spring],
+        *(
+            [
+                *(-spring if i == j else zero for j in range(2)),
+                *(np.array([b[i, j], k[i, j] + (stiffness if i == j else 0.0)]) for j in range(2)),
+            ]
+            for i in range(2)
+        ),
+    ]
+    expected = np.roots(determinant(blocks))
+    chart = rotor_map_of([jeffcott(mass, stiffness)], [speed])
+    roots = chart.points[0].modes.roots
+    assert len(roots) == 8  # infinite roots of the massless journals are left out
+    for root in expected:
+        assert np.abs(roots - root).min() < 1e-6 * abs(root)
+
+
+def two_bearings(speed=500.0, **changes):
+    scene = ehd.read_scene("rotor-two-bearings", **changes)
+    mechanism = ehd.build(scene).mechanism
+    return lambda value=speed: replace(mechanism, drives={"shaft": ehd.Speed(value)}, forces={})
+
+
+@cache
+def whole_map():
+    """Map of the shipped rotor, with the response to an unbalance of 4e-4 kg m."""
+    unbalance = ehd.Unbalance("shaft.disk", 4e-4, 30.0)
+    return rotor_map_of([two_bearings()], np.linspace(200.0, 1100.0, 10), unbalances=[unbalance])
+
+
+def test_the_sum_of_the_roots_is_the_trace_of_the_damping_over_the_mass():
+    for point in whole_map().points[::4]:
+        total = np.trace(np.linalg.solve(point.linear.mass, point.linear.damping))
+        np.testing.assert_allclose(-point.modes.roots.sum(), total, rtol=1e-9, atol=1e-6 * total)
+
+
+def test_eigenvectors_satisfy_their_equations_and_are_biorthonormal():
+    point = whole_map().points[3]
+    linear, modes = point.linear, point.modes
+    for root, shape in zip(modes.roots, modes.shapes.T, strict=True):
+        terms = [root**2 * linear.mass @ shape, root * linear.damping @ shape]
+        terms.append(linear.stiffness @ shape)
+        largest = max(np.abs(term).max() for term in terms)
+        assert np.abs(sum(terms)).max() < 1e-8 * largest
+    own = modes.overlaps(modes)
+    np.testing.assert_allclose(own, np.eye(len(own)), atol=1e-5)
+
+
+def test_a_rotor_that_turns_back_is_the_mirror_image():
+    make = two_bearings()
+    chart = whole_map()
+    back = rotor_map_of(
+        [make], -chart.speeds[:3], unbalances=[ehd.Unbalance("shaft.disk", 4e-4, -30.0)]
+    )
+    np.testing.assert_allclose(back.roots[:, :3], chart.roots[:, :3], rtol=1e-6)
+    for track in np.flatnonzero(chart.tracks[:, 0] >= 0):
+        assert abs(back.direction(0, track) - chart.direction(0, track)) < 1e-6
+    for name in ("shaft.disk", "shaft.left"):
+        mirrored = back.response.amplitude(name)[:3]
+        np.testing.assert_allclose(mirrored, chart.response.amplitude(name)[:3], rtol=1e-6)
+        both = back.response.phase(name)[:3] + chart.response.phase(name)[:3]
+        np.testing.assert_allclose(np.exp(1j * both), 1.0, atol=1e-6)
+
+
+def test_figures_of_a_root():
+    root = -30.0 + 40.0j
+    assert damping_ratio(root) == 0.6
+    np.testing.assert_allclose(log_decrement(root), 2 * np.pi * 30.0 / 40.0)
+    assert damping_ratio(-5.0 + 0j) == 1.0
+    assert log_decrement(-5.0 + 0j) is None
+
+
+@pytest.mark.parametrize(
+    ("deflection", "sense", "expected"),
+    [
+        ((1.0, -1j), 1.0, 1.0),
+        ((1.0, -1j), -1.0, -1.0),
+        ((1.0, 1j), 1.0, -1.0),
+        ((1.0, 1.0), 1.0, 0.0),
+        ((0.0, 0.0), 1.0, 0.0),
+    ],
+)
+def test_circles_whirl_forward_or_backward_and_lines_do_neither(deflection, sense, expected):
+    assert whirl_direction(np.array([deflection], dtype=complex), sense) == expected
+
+
+def test_half_axes_and_phases_are_those_of_the_ellipse_in_time():
+    amplitude = np.array([1.0 + 0.3j, 0.4 - 0.9j])
+    turned = np.exp(1j * np.linspace(0.0, 2 * np.pi, 100001))
+    distance = np.hypot(*(np.outer(amplitude, turned).real))
+    np.testing.assert_allclose(larger_axes(amplitude), distance.max(), rtol=1e-8)
+    circle = np.exp(0.7j) * np.array([1.0, -1j])
+    np.testing.assert_allclose(phases(circle, 1.0), 0.7)
+    back = np.exp(-0.7j) * np.array([1.0, 1j])  # from x to y by 0.7 at time zero
+    np.testing.assert_allclose(phases(back, -1.0), 0.7)
+
+
+def test_modes_are_followed_by_their_overlaps_and_more_speeds_are_added_for_it():
+    chart = whole_map()
+    asked = np.linspace(200.0, 1100.0, 10)
+    assert np.isin(asked, chart.speeds).all()
+    present = chart.tracks[:, 1:] >= 0
+    little = np.abs(chart.roots[:, 1:].imag) > np.abs(chart.roots[:, 1:].real)
+    assert chart.overlaps[:, 1:][present & little].min() > CLOSE
+    coarse = rotor_map_of([two_bearings()], [150.0, 1100.0])
+    assert len(coarse.speeds) > 4
+
+
+def test_critical_speeds_are_those_of_the_modes_and_near_to_resonances():
+    chart = whole_map()
+    assert chart.critical_speeds
+    for critical in chart.critical_speeds:
+        n = int(np.flatnonzero(chart.speeds == critical.speed)[0])
+        frequency = chart.roots[critical.mode, n].imag
+        np.testing.assert_allclose(frequency, critical.speed, rtol=1e-3)
+    resonances = [each for each in chart.response.resonances if each.point == "shaft.disk"]
+    backward = next(each for each in chart.critical_speeds if 500.0 < each.speed < 700.0)
+    nearest = min(resonances, key=lambda each: abs(each.speed - backward.speed))
+    assert abs(nearest.speed - backward.speed) < 0.02 * backward.speed
+    # Of little damping, the amplification factor is 1 / (2 zeta).
+    assert abs(nearest.amplification * 2 * backward.damping_ratio - 1.0) < 0.35
+
+
+def test_forces_of_films_and_unbalance_move_the_rotor():
+    """Newton's second law of the shaft's modes of rigid translation: forces on its axis."""
+    chart = whole_map()
+    n = 4
+    speed = chart.speeds[n]
+    response = chart.response
+    linear = chart.points[n].linear
+    system = ehd.equilibrium(two_bearings()(float(speed))).system
+    shaft = next(body for _, body, _ in system.each_body(np.zeros(system.n)) if body.size > 1)
+    motion = motion_of(chart, n)
+    inertia = -(speed**2) * shaft._carried.T @ (linear.basis @ motion)[1 : shaft.size]
+    unbalance = 4e-4 * speed**2 * np.exp(1j * np.radians(30.0)) * np.array([1.0, -1j])
+    total = unbalance + response.forces["left"][n] + response.forces["right"][n]
+    np.testing.assert_allclose(total, inertia, rtol=1e-6, atol=1e-6 * abs(unbalance[0]))
+
+
+def motion_of(chart, n):
+    """Motion q under the unbalance at speed n of a map."""
+    from fenics_ehd.analysis.unbalance import response, unbalance_force
+
+    rows = chart.stations.rows[chart.stations.names.index("shaft.disk")]
+    speed = float(chart.speeds[n])
+    force = unbalance_force(chart.response.unbalances[0], rows, speed)
+    return response(chart.points[n].linear, force, speed)
+
+
+def test_an_unbalance_of_zero_moves_nothing():
+    chart = rotor_map_of(
+        [rigid_rotor(6.0)], [500.0, 600.0], unbalances=[ehd.Unbalance("rotor", 0.0)]
+    )
+    assert not chart.response.amplitude("rotor").any()
+    assert chart.response.resonances == ()
+
+
+def test_means_over_meshes_are_those_of_the_matrices():
+    make = rigid_rotor(6.0)
+    single = rotor_map_of([make], [500.0, 600.0]).points[1]
+    double = rotor_map_of([make, rigid_rotor(6.0)], [500.0, 600.0]).points[1]
+    np.testing.assert_allclose(double.linear.damping, single.linear.damping, rtol=1e-9)
+    assert len(double.growth) == 2
+
+
+def test_a_speed_without_an_equilibrium_is_named_and_the_others_stay():
+    heavy = 1e6
+    make = rigid_rotor(heavy)
+    with pytest.raises(ehd.errors.SolverError, match=r"^no equilibrium at any speed; at 500 rad/s"):
+        rotor_map_of([make], [500.0, 600.0])
+
+    def partly(speed):
+        return rigid_rotor(6.0 if speed < 550.0 else heavy)(speed)
+
+    chart = rotor_map_of([partly], [500.0, 600.0, 520.0])
+    assert list(chart.speeds) == [500.0, 520.0]
+    assert list(chart.failures) == [600.0]
+    assert modes_of(chart.points[0].linear).roots.size == 4
