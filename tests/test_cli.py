@@ -314,7 +314,7 @@ def test_no_figure_that_is_not_finite_is_printed(capsys):
     found = {"joint": {"peak_Pa": float("nan"), "film_m": 1e-6, "flows": [float("inf")]}}
     with pytest.raises(ehd.errors.VerificationError, match="flows, peak_Pa: not a finite number"):
         answer(found, "  peak        nan MPa\n  film 1 um", as_json=False)
-    with pytest.raises(ehd.errors.VerificationError, match="in: at 3 ms, -inf % of it"):
+    with pytest.raises(ehd.errors.VerificationError, match="in the line 'at 3 ms, -inf % of it'"):
         answer(found, "film 1 um\n  at 3 ms, -inf % of it", as_json=False)
     # Names of joints, bodies and folders.
     answer(found, "  nan\n  inf: m4 with 3 modes\n  results in nan", as_json=False)

@@ -134,8 +134,8 @@ def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path])
         path = Path(file).resolve()
         if path in taken:
             raise SettingsError(
-                f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose different "
-                "names for the two files"
+                f"{option} would write over {shlex.quote(file)} of {taken[path]}: give the two "
+                "options different files"
             )
         taken[path] = option
 

@@ -237,9 +237,13 @@ def require_extent(extent: np.ndarray, path: str | Path) -> None:
     """
     longest = float(np.max(extent))
     if longest < SHORTEST:
-        raise MeshError(f"{path} is {longest:g} m long, below {SHORTEST:g}: give its --unit, m say")
+        raise MeshError(
+            f"{path} is {longest:g} m long, below {SHORTEST:g}: give its --unit, for example m"
+        )
     if longest > LONGEST:
-        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
+        raise MeshError(
+            f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, for example mm"
+        )
 
 
 #: Distance below which nodes coincide, relative to the size of the part.

@@ -260,8 +260,8 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
             )
     elif not thickness > 0.0:
         raise GapClosedError(
-            f"the film thickness is {thickness * 1e6:.3g} um at its thinnest, it must be "
-            "positive: raise the clearance or lower the load"
+            f"the smallest film thickness is {thickness * 1e6:.3g} um, but must be above 0: raise "
+            "the clearance or lower the load"
         )
     for name in ("thickness", "thickness_rate", "mean_velocity"):
         if not np.isfinite(getattr(gap, name).sum()):

@@ -566,8 +566,8 @@ class Lubricant:
         """
         if self.oil is None:
             raise SettingsError(
-                f"the lubricant has a fixed viscosity of {self.viscosity:g} Pa s, and none at "
-                f"{temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
+                f"the lubricant has a constant viscosity of {self.viscosity:g} Pa s, not one that "
+                f"is known at {temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
             )
         there = self.of(self.oil, temperature)
         law = self.viscosity_law

@@ -60,7 +60,7 @@ def require_body(key: str, name: str, points: PointNames) -> None:
     """
     if name not in points:
         known = ", ".join(sorted(points))
-        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
+        raise SettingsError(f"{key}: there is no body {name!r}: choose from {known}")
 
 
 def require_point(key: str, marker: str, points: PointNames) -> None:
@@ -116,7 +116,7 @@ def require_single_bores(bores: Mapping[str, str]) -> None:
         if other != name:
             raise SettingsError(
                 f"joints.{name}.bore = {bore!r} is the bore of joints.{other} already: a bore "
-                "holds one journal; give the second a point of its own"
+                "holds one journal; give one of the joints another bore"
             )
 
 

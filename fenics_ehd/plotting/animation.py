@@ -440,7 +440,10 @@ def draw_run(
     run = recorded(directory, result)
     pressures = run.motion.pressures
     if len(run.time) < 2:
-        raise InputError(f"{directory}: 1 step on the disk, an animation needs 2: let it run on")
+        raise InputError(
+            f"{directory}: the run has stored 1 step, but an animation needs 2: let the run "
+            "continue"
+        )
     if joint is not None and joint not in pressures:
         known = ", ".join(pressures) or "none"
         raise SettingsError(f"--joint {joint}: lubricated joints of this run: {known}")

@@ -229,7 +229,7 @@ def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray
 def _with_missed(
     flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray, options_prefix: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Add missed modes: with one start vector, the solver may find one of two modes of a frequency.
+    """Add modes that the solver has missed, such as the second of two modes of equal frequency.
 
     The lowest mode that is orthogonal to the known modes is computed with another start vector. If
     its eigenvalue is below the highest known eigenvalue, a mode was missed: further modes are
@@ -375,7 +375,7 @@ class FixedBoundary:
         return combine(rigid, motion) - combine(self._responses, reactions)
 
     def _orthogonal(self, columns: np.ndarray) -> np.ndarray:
-        """Subtract from columns the combinations of constraints that make them orthogonal to C."""
+        """Make columns orthogonal to C, by subtracting combinations of the columns of C."""
         constraints = self._constraints
         comm = self.structure.comm
         gram = inner(constraints, constraints, comm)
@@ -387,7 +387,7 @@ class FixedBoundary:
         return self._orthogonal(columns if self._lever.size else self._support.admissible(columns))
 
     def without_reactions(self, forces: np.ndarray) -> np.ndarray:
-        """Subtract the reactions at the boundary from forces; they are fitted by least squares."""
+        """Subtract from forces the reactions at the boundary, which are fitted by least squares."""
         return self._orthogonal(
             forces if self._lever.size else self._support.without_reactions(forces)
         )

@@ -151,7 +151,7 @@ def as_matrix(
         ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
         HDF5 file has the CSR arrays ``data``, ``indices`` and ``indptr`` as datasets, and
         ``shape`` as a dataset or attribute. Each rank reads only its own rows from PETSc and HDF5
-        files, but all rows from the others.
+        files; from other files, each rank reads all rows.
     comm
         Communicator of the ranks that share the rows; a PETSc matrix keeps its own.
     name
@@ -308,7 +308,7 @@ def _in_hdf5(path: str, group: str) -> Opened:
     Raises
     ------
     ValueError
-        If the arrays do not fit each other or the shape.
+        If the arrays, or the arrays and the shape, do not fit each other.
     """
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -64,7 +64,7 @@ DIGITS = 5
 
 @dataclass(frozen=True, eq=False)
 class PressureFamily:
-    """Nested sets of nodal pressures of the bores of a part, zero in all bores but one.
+    """Nested sets of nodal pressures on the bores of a part; each pressure acts in one bore only.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class PressureFamily:
 
 
 def _added(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of what columns add to the span of known, orthonormal columns."""
+    """Orthonormal basis of the space by which columns extend the span of known columns."""
     lengths = np.linalg.norm(columns, axis=0)
     # The sine of the shortest wave is zero at all nodes, but for round-off.
     present = lengths > INDEPENDENT * lengths.max()
@@ -241,7 +241,7 @@ def _rows(bore: BoreSurface) -> int:
 
 
 def _spaced(bore: BoreSurface, length: float) -> int:
-    """Twice the number of nodes on a length if the bore's pressure nodes were evenly spaced."""
+    """Twice the number of nodes on a length, if the bore had as many evenly spaced nodes."""
     spacing = np.sqrt(2 * np.pi * bore.radius * bore.width / len(bore.pressure_coordinates))
     return int(np.ceil(2.0 * length / spacing))
 

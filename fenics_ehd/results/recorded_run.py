@@ -151,7 +151,9 @@ def require_folder_of(directory: Path, command: str) -> None:
     """
     require_made_by(directory, command)
     if command == "run" and is_part(directory):
-        raise InputError(f"{directory} belongs to the run in its parent: choose another folder")
+        raise InputError(
+            f"{directory} belongs to the run in its parent folder: choose another folder"
+        )
 
 
 def require_no_result(directory: Path) -> None:
