@@ -69,7 +69,12 @@ def test_a_map_has_a_table_a_picture_and_printed_rows(call, tmp_path):
     assert "kxx MN/m" in out
     assert "whirl" in out
     drawn = picture.read_text()
-    for label in ("stiffness [MN/m]", "damping [kN s/m]", "whirl ratio", "rigid rotor, per bearing"):
+    for label in (
+        "stiffness [MN/m]",
+        "damping [kN s/m]",
+        "whirl ratio",
+        "rigid rotor, per bearing",
+    ):
         assert label in drawn
 
 
