@@ -3,9 +3,9 @@
     python benchmarks/coefficients.py [--bearings] [--rotor]
 
 The bearing is narrow: radius 15 mm, width 10 mm, clearance 30 um, isoviscous. Errors of stiffness
-and damping are over the largest entry of their matrix. The error of one mesh is the largest of those
-with 0, 2, 4 and 6 cells more around. References have 240 x 32 cells, and are means over six meshes
-with 0 to 10 cells more; their own scatter is printed, too.
+and damping are over the largest entry of their matrix. The error of one mesh is the largest of the
+meshes with 0, 2, 4 and 6 cells more around. References have 240 x 32 cells, and are means
+over six meshes with 0 to 10 cells more; their own scatter is printed, too.
 
 The stability limit is the speed at which the shipped rotor on two bearings begins to whirl. Its
 reference is a mean over 186, 192 and 198 cells around, with 16 along.

@@ -39,6 +39,12 @@ def test_a_body_is_reduced_with_basis_and_exports_and_fits_no_other_material(tmp
     summary = json.loads(out)
     assert (summary["method"], summary["frame"], summary["modes"]) == ("m1", "bore-centre", 6)
     assert sum(summary["participation"]) == pytest.approx(1.0)
+    counts = summary["counts"]
+    assert counts["part_factorisations"] == counts["mesh_error_part_factorisations"] == 1
+    assert counts["eigensolver_applications"] > 4
+    # Boundary forces, start vectors and checks; no pressures without an estimate.
+    assert 0 < counts["static_solves"] < counts["mesh_error_static_solves"]
+    assert not counts.keys() & summary.keys()
     with np.load(summary["exports"]["npz"]) as exported:
         np.testing.assert_array_equal(exported["frequencies"], summary["frequencies_Hz"])
     with BasisFile(tmp_path / "part.h5") as basis:
@@ -62,6 +68,7 @@ def test_inventory_says_what_was_dropped(tmp_path, capfd):
         "dropped: 78,",
         "not selected",
         "of the bore's flex",
+        "factorisations: 1, static solves: ",
     ):
         assert reported in out
 

@@ -442,7 +442,7 @@ def test_a_reader_s_inner_words_are_not_shown(name, text, tmp_path, monkeypatch,
 
 def test_a_matrix_of_abaqus_in_place_of_matrix_market(tmp_path):
     (tmp_path / "STIF1.mtx").write_text("1,1, 1,1, 2.0\n")
-    with pytest.raises(ehd.errors.StructureError, match=r"%%MatrixMarket.* read by read_abaqus"):
+    with pytest.raises(ehd.errors.StructureError, match=r"%%MatrixMarket.* by read_abaqus"):
         ehd.Structure(str(tmp_path / "STIF1.mtx"), str(tmp_path / "STIF1.mtx"), np.zeros((1, 3)))
 
 

@@ -23,7 +23,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import OutputError
 from fenics_ehd.reduction.body import body_digest
 from fenics_ehd.scenes import kept_bodies, part
-from fenics_ehd.scenes.part import elastic_part, kept_entry
+from fenics_ehd.scenes.part import body_counts, elastic_part, kept_entry
 from fenics_ehd.study.sweep import SweepFolder, make_sweep, run_sweep
 
 #: A coarse rod that is reduced in less than a second, and a short run.
@@ -156,7 +156,9 @@ def test_a_body_with_its_mesh_error_serves_scenes_without_one(cache, tmp_path, r
     assert "flexibility_mesh_error" not in plain.accuracy
     assert reductions == ["m3"]
     shutil.rmtree(cache)
-    ehd.build(short_scene(tmp_path))
+    anew = ehd.build(short_scene(tmp_path)).bodies["rod"]
+    assert body_counts(plain) == body_counts(anew)
+    assert body_counts(body).items() > body_counts(plain).items()
     assert ehd.build(complete).bodies["rod"].mesh_flexibility.size
     assert reductions == ["m3"] * 3
 

@@ -390,7 +390,7 @@ class Stateful:
         for name, entry in self.carried.items():
             if isinstance(entry, Group) and (start[name] is None) != (state.get(name) is None):
                 raise ValueError(
-                    f"/{name} must be in both the stored state and the start of the run, or in none"
+                    f"/{name} is in the stored state or in the start of the run, but not in both"
                 )
         sizes = sizes_of(layout, layout.tree(start)) | self.known_sizes()
         layout.check(layout.tree(state), "", sizes)

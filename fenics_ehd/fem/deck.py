@@ -221,7 +221,7 @@ def _cell(section: _Section) -> str:
 
 
 def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
-    """Count, by name, elements that are not solid, sets, constraints and connections."""
+    """Count elements that are not solid, and sets, constraints and connections, by name."""
     counts: Counter[str] = Counter()
     for section in (section for scope in scopes for section in scope.sections):
         if section.keyword == "ELEMENT":

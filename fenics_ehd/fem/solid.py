@@ -204,7 +204,9 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
     if twice := count - len(np.unique(np.sort(corners, axis=1), axis=0)):
         raise MeshError(f"{path}: {twice} of {count} cells are repeated: export the part once")
     if many := int((solid.faces()[2] > 2).sum()):
-        raise MeshError(f"{path}: {many} faces are shared by more than two cells: mesh it again")
+        raise MeshError(
+            f"{path}: {many} faces are shared by more than two cells: mesh the part again"
+        )
     if wrong := int(inside_out(solid).sum()):
         remedy = "use smaller cells, more of them around and along the bores"
         if wrong == count:

@@ -140,7 +140,7 @@ class Film:
         SettingsError
             If no node has a given pressure.
         CavitationError
-            If `CavitationSolver.solve` raises it; its `state` also holds the gap.
+            If `CavitationSolver.solve` raises it; the `state` of the error also holds the gap.
         """
         check_gap(gap, self.parameters.surfaces)
         if len(self.free) == self.assembly.size and not self.parameters.feeds:

@@ -410,7 +410,7 @@ class PressureLaw(Law):
     Attributes
     ----------
     constant
-        Whether the property is the same at every pressure.
+        Whether viscosity or density is the same at every pressure.
     """
 
     constant: ClassVar[bool] = False
@@ -562,7 +562,7 @@ class Lubricant:
         Raises
         ------
         SettingsError
-            If the lubricant has no law of temperature, or the law does not hold there.
+            If the lubricant has no law of temperature, or its law does not hold at `temperature`.
         """
         if self.oil is None:
             raise SettingsError(

@@ -197,8 +197,8 @@ class Joint(ABC):
 def _difference(rows: int) -> np.ndarray:
     """Matrix (rows, k) that subtracts the second of two markers from the first.
 
-    It is applied to the values u of both markers, shape (k,). Its result are the differences of
-    their first `rows` values.
+    It is applied to the values u of both markers, shape (k,), and gives the differences of their
+    first `rows` values.
     """
     return np.eye(rows, 2 * WIDTH) - np.eye(rows, 2 * WIDTH, SECOND)
 

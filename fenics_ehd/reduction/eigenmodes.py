@@ -21,7 +21,7 @@ from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configure
 from fenics_ehd.base.processes import in_neutral_folder
 from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine, inner, multiply
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.static import StaticSolver, Work
 from fenics_ehd.reduction.structure import Structure
 
 with in_neutral_folder():  # slepc4py searches the current folder for petsc.cfg
@@ -50,6 +50,7 @@ class _Inverse:
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the static response to x; PETSc calls this method."""
+        self._flexibility.work.eigensolver_applications += 1
         y.array = self._flexibility.apply(x.getArray(readonly=True).reshape(-1, 1))[:, 0]
 
 
@@ -298,6 +299,7 @@ class FixedBoundary:
     def __init__(self, support: Flexibility, constraints: np.ndarray):
         self.structure: Structure = support.structure
         self.mass: MassOperator = support.mass
+        self.work: Work = support.work
         self.rigid_modes: np.ndarray = support.rigid_modes[:, :0]
         self._support = support
         comm = self.structure.comm

@@ -429,7 +429,7 @@ def load_run_state(folder: Path) -> Checkpoint:
     with opened_history(path, refused) as file:
         require_present_format(file)
         if RESUME not in file:
-            raise ValueError("this history is of a finished run, which keeps no checkpoint")
+            raise ValueError("the run is complete, and its history has no checkpoint any more")
         tree = read_declared(file[RESUME], CHECKPOINT)
     state = tree["state"]
     state["integrator"] = _integration(state["integrator"])

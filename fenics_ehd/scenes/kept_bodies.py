@@ -88,6 +88,9 @@ SOURCES = (
     "scenes/part.py",
 )
 
+#: Prefix of entries of a body's provenance: counts of the work for the error of its mesh.
+MESH_ERROR = "mesh_error_"
+
 #: Suffixes of files that are sources.
 SOURCE_SUFFIXES = (".py", ".npy", ".geo")
 
@@ -413,7 +416,8 @@ class Entry:
 def without_mesh_error(body: ReducedBody) -> ReducedBody:
     """A body without the error of its mesh, as if that had not been estimated."""
     accuracy = {k: v for k, v in body.accuracy.items() if k != "flexibility_mesh_error"}
-    return replace(body, mesh_flexibility=unknown(), accuracy=accuracy)
+    made = {k: v for k, v in body.provenance.items() if not k.startswith(MESH_ERROR)}
+    return replace(body, mesh_flexibility=unknown(), accuracy=accuracy, provenance=made)
 
 
 def _read(path: Path, load: Callable[[Path], T], *, use: bool = True) -> T | None:
