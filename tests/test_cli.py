@@ -39,6 +39,12 @@ def test_a_body_is_reduced_with_basis_and_exports_and_fits_no_other_material(tmp
     summary = json.loads(out)
     assert (summary["method"], summary["frame"], summary["modes"]) == ("m1", "bore-centre", 6)
     assert sum(summary["participation"]) == pytest.approx(1.0)
+    counts = summary["counts"]
+    assert counts["part_factorisations"] == counts["mesh_error_part_factorisations"] == 1
+    assert counts["eigensolver_applications"] > 4
+    # Boundary forces, start vectors and checks; no pressures without an estimate.
+    assert 0 < counts["static_solves"] < counts["mesh_error_static_solves"]
+    assert not counts.keys() & summary.keys()
     with np.load(summary["exports"]["npz"]) as exported:
         np.testing.assert_array_equal(exported["frequencies"], summary["frequencies_Hz"])
     with BasisFile(tmp_path / "part.h5") as basis:
@@ -62,6 +68,7 @@ def test_inventory_says_what_was_dropped(tmp_path, capfd):
         "dropped: 78,",
         "not selected",
         "of the bore's flex",
+        "factorisations: 1, static solves: ",
     ):
         assert reported in out
 
@@ -314,7 +321,7 @@ def test_no_figure_that_is_not_finite_is_printed(capsys):
     found = {"joint": {"peak_Pa": float("nan"), "film_m": 1e-6, "flows": [float("inf")]}}
     with pytest.raises(ehd.errors.VerificationError, match="flows, peak_Pa: not a finite number"):
         answer(found, "  peak        nan MPa\n  film 1 um", as_json=False)
-    with pytest.raises(ehd.errors.VerificationError, match="in: at 3 ms, -inf % of it"):
+    with pytest.raises(ehd.errors.VerificationError, match="in the line 'at 3 ms, -inf % of it'"):
         answer(found, "film 1 um\n  at 3 ms, -inf % of it", as_json=False)
     # Names of joints, bodies and folders.
     answer(found, "  nan\n  inf: m4 with 3 modes\n  results in nan", as_json=False)

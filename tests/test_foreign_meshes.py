@@ -104,10 +104,10 @@ def test_deck_of_files_that_it_includes(ring, tmp_path):
         ("*INCLUDE, INPUT=deck.inp\n", "more than 100 files, .*deck.inp: does one include itself"),
         ("*INCLUDE, INPUT=none.inp\n", "none.inp: no such file"),
         ("*NODE\n1,0,0,0\n", "no C3D4, C3D8.*it needs one kind"),
-        ("*NODE\n1,0,x,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n", "lines of its nodes must have coord"),
+        ("*NODE\n1,0,x,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,1\n", "line of .NODE must have the coord"),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1\n", "the numbers of all nodes of an"),
         ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D4\n1,1,1,1,2\n", "the numbers of all nodes of an"),
-        ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D5\n1,1,1,1,1,2\n", "coordinates, and those of C3D5"),
+        ("*NODE\n1,0,0,0\n*ELEMENT,TYPE=C3D5\n1,1,1,1,1,2\n", "every line of C3D5 the numbers"),
         ("*NODE\n1,0,0,0\n*ngen\n1,2,1\n", r"has \*NGEN: write a deck that lists all"),
         (
             "*PART\n*ELEMENT,TYPE=C3D4\n*END PART\n*PART\n*ELEMENT,TYPE=C3D4\n",
@@ -131,9 +131,9 @@ HIDDEN = "root:x:0:0,hidden,words\n"
         ({f"{n}": f"*INCLUDE, INPUT={n + 1}\n" * 2 for n in range(1, 29)}, "more than 100 files"),
         ({"1": "*INCLUDE, INPUT=/dev/zero\n"}, "/dev/zero: not a regular file"),
         ({"1": "*INCLUDE, INPUT=pipe\n"}, "pipe: not a regular file"),
-        ({"1": HIDDEN}, "lines of its nodes must"),
-        ({"1": f"*ELEMENT, TYPE=C3D4\n{HIDDEN}"}, "lines of its nodes must"),
-        ({"1": "*ELEMENT, TYPE=C3D4\n1, 99999999999999999999,1,1,1\n"}, "lines of its nodes must"),
+        ({"1": HIDDEN}, "line of .NODE must have"),
+        ({"1": f"*ELEMENT, TYPE=C3D4\n{HIDDEN}"}, "line of .NODE must have"),
+        ({"1": "*ELEMENT, TYPE=C3D4\n1, 99999999999999999999,1,1,1\n"}, "line of .NODE must have"),
     ],
 )
 def test_includes_end_and_show_nothing(files, message, tmp_path):

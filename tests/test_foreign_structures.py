@@ -225,7 +225,10 @@ BAD = {
     "complex": ({"mass": 1j * sparse.eye(216)}, "mass has complex numbers"),
     "coordinates": ({"coordinates": np.zeros((50, 3))}, r"coordinates have shape \(50, 3\)"),
     "flat": ({"coordinates": np.zeros(216)}, r"coordinates have shape \(216,\).*has 72 nodes"),
-    "file": ({"mass": "mass.xyz"}, r"mass, file mass.xyz: its name ends in none of \.mtx"),
+    "file": (
+        {"mass": "mass.xyz"},
+        r"mass, file mass.xyz: the name of the file ends in none of \.mtx",
+    ),
     "node": ({"attachments": {"pin": [3, 72]}}, "'pin': node 72 is not one of 0 to 71"),
     "negative": ({"attachments": {"pin": [-1]}}, "'pin': node -1 is not one of 0 to 71"),
     "scalar": ({"attachments": {"pin": (3, 5)}}, r"'pin': node numbers have shape \(\)"),

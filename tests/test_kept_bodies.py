@@ -23,7 +23,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.errors import OutputError
 from fenics_ehd.reduction.body import body_digest
 from fenics_ehd.scenes import kept_bodies, part
-from fenics_ehd.scenes.part import elastic_part, kept_entry
+from fenics_ehd.scenes.part import body_counts, elastic_part, kept_entry
 from fenics_ehd.study.sweep import SweepFolder, make_sweep, run_sweep
 
 #: A coarse rod that is reduced in less than a second, and a short run.
@@ -156,7 +156,9 @@ def test_a_body_with_its_mesh_error_serves_scenes_without_one(cache, tmp_path, r
     assert "flexibility_mesh_error" not in plain.accuracy
     assert reductions == ["m3"]
     shutil.rmtree(cache)
-    ehd.build(short_scene(tmp_path))
+    anew = ehd.build(short_scene(tmp_path)).bodies["rod"]
+    assert body_counts(plain) == body_counts(anew)
+    assert body_counts(body).items() > body_counts(plain).items()
     assert ehd.build(complete).bodies["rod"].mesh_flexibility.size
     assert reductions == ["m3"] * 3
 
@@ -360,11 +362,14 @@ def test_a_damaged_body_is_made_again(cache, tmp_path, reductions, damage):
 
 
 @pytest.mark.parametrize("damage", [cut, alter, Path.unlink])
-def test_a_damaged_basis_is_made_again(cache, tmp_path, reductions, damage):
+def test_a_damaged_basis_is_made_again(cache, tmp_path, reductions, capfd, damage):
     scene = short_scene(tmp_path, {"output.paraview": True})
     ehd.build(scene)
-    damage(cache / f"{name_of(scene)}.basis.h5")
+    basis = cache / f"{name_of(scene)}.basis.h5"
+    damage(basis)
+    assert "cannot be used" not in capfd.readouterr().err
     ehd.build(scene)
+    assert f"{basis} cannot be used: reduced anew" in capfd.readouterr().err
     assert reductions == ["m3", "m3"]
     ehd.build(scene)
     assert reductions == ["m3", "m3"]
@@ -415,6 +420,30 @@ def test_a_folder_that_cannot_be_trusted_is_not_used(
     assert not cache.is_dir() or not any(cache.iterdir())
 
 
+def test_a_user_without_a_home_folder_has_no_cache(monkeypatch, capfd):
+    kept_bodies.report.cache_clear()
+    for name in ("HOME", "XDG_CACHE_HOME", "FENICS_EHD_CACHE"):
+        monkeypatch.delenv(name, raising=False)
+
+    def missing():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", missing)
+    status, out, err = exit_of(capfd, "info", "--cache")
+    assert (status, out) == (0, "no folder of reduced bodies is used\n")
+    assert "reduced bodies are not kept: user " in err
+    assert "has no home folder: set HOME" in err
+
+
+def test_a_relative_path_of_the_cache_is_reported(monkeypatch, tmp_path, capfd):
+    kept_bodies.report.cache_clear()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("FENICS_EHD_CACHE", "some/folder")
+    assert kept_bodies.folder() == tmp_path / "fenics_ehd"
+    err = capfd.readouterr().err
+    assert f"FENICS_EHD_CACHE = some/folder is not an absolute path: {tmp_path}" in err
+
+
 def test_a_folder_that_others_can_read_is_closed(cache, tmp_path, reductions):
     cache.mkdir(mode=0o755)
     ehd.build(short_scene(tmp_path))
@@ -439,8 +468,7 @@ def test_a_full_disk_fails_no_run(cache, tmp_path, reductions, monkeypatch, capf
     monkeypatch.setattr(kept_bodies, name, full if name == "save_body" else lambda _: None)
     ehd.build(short_scene(tmp_path))
     assert reductions == ["m3"]
-    kept = sum(file.endswith(".h5") and "basis" not in file for file in files(cache))
-    assert kept == (name == "_lock")
+    assert len(files(cache)) == (2 if name == "_lock" else 0)
     assert ("No space left" in capfd.readouterr().err) == (name == "save_body")
 
 

@@ -274,10 +274,10 @@ WRITTEN = ("rod.step", "--bore", "1", "-o", "x.msh")
         (["nowhere.step"], "there is no such file"),
         (
             ["rod.step", "--bore", "20mm", "-o", "x.msh"],
-            "no face is '20mm'; known are 1 of 22.5 mm",
+            "no face is '20mm': give a face by its number: 1 of 22.5 mm",
         ),
         (["rod.step", "--bore", "7", "-o", "x.msh"], "face 7 is a plane, not a bore"),
-        (["rod.step", "--bore", "99", "-o", "x.msh"], "known are 1 to 8"),
+        (["rod.step", "--bore", "99", "-o", "x.msh"], "by its number: 1 to 8"),
         (["rod.step", "--bore", "big", "-o", "x.msh"], "or its radius with a unit: 22.5mm"),
         (["rod.step", "--bore", "1", "--point", "1", "-o", "x.msh"], "face 1 is given twice"),
         (["rod.step", "--bore", "1", "--bore", "2", "-o", "x.msh"], "'bore' names two faces"),

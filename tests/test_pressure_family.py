@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from work_counts import differing
 
 import fenics_ehd as ehd
 from fenics_ehd.film.grid import uniform_grid
@@ -30,7 +31,7 @@ from fenics_ehd.reduction.residual_completion import pattern_fields
 from fenics_ehd.reduction.static import bore_rows
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.part import elastic_part, with_body
+from fenics_ehd.scenes.part import body_counts, elastic_part, with_body
 from fenics_ehd.scenes.scene import changed
 
 RADIUS, WIDTH = 0.02, 0.016
@@ -369,6 +370,7 @@ def test_two_ranks_find_the_flexibility_of_one():
     assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
     masses = [np.linalg.eigvalsh(body.residual.mass)[-5:] for body in (together, alone)]
     np.testing.assert_allclose(*masses, rtol=1e-6)
+    assert not differing(body_counts(together), body_counts(alone))
 
 
 # --- in scenes ----------------------------------------------------------------------------------

@@ -151,7 +151,7 @@ def test_what_one_rank_or_all_cannot_do(line, expected, messages, folder):
     ("arguments", "expected", "message"),
     [
         ("run absent.toml", 2, "scene file absent.toml: No such file or directory"),
-        ("run", 2, "Error: give either SCENE, to start a run, or --resume DIR, to continue one"),
+        ("run", 2, "Error: give either SCENE, to start a run, or --resume DIR, to continue a run"),
     ],
 )
 def test_error_of_all_ranks_is_said_once_and_aborts_nothing(arguments, expected, message, folder):

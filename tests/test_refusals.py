@@ -53,7 +53,7 @@ def bearing(**names):
     [
         (
             {"hinge": revolute("ground", "rood.tip")},
-            "joints.hinge.between: there is no body 'rood', there are ground, journal, rod",
+            "joints.hinge.between: there is no body 'rood': choose from ground, journal, rod",
         ),
         (
             {"hinge": revolute("ground", "rod.tap")},
@@ -69,7 +69,7 @@ def bearing(**names):
                 "b": bearing(journal="rod", bore="ground"),
             },
             "joints.b.bore = 'ground' is the bore of joints.a already: a bore holds one journal; "
-            "give the second a point of its own",
+            "give one of the joints another bore",
         ),
     ],
     ids=["no body", "no point", "one body", "one bore"],
@@ -106,5 +106,5 @@ def test_heat_without_a_cycle_is_refused_alike():
     of_scene = tables(HEAT, periodic=False, end=1e-3, revolutions=0.0)
     del of_scene["time"]["of"]
     message = refused(ehd.simulate, built, 1e-3)
-    assert message.startswith("joints.bearing.heat: heat is balanced over a cycle, and a run with ")
+    assert message.startswith("joints.bearing.heat: heat is balanced over a cycle, but a run with ")
     assert refused(scene_of, of_scene, "scene") == message

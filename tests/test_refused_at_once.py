@@ -45,7 +45,7 @@ def scene(tmp_path):
     return write
 
 
-NEITHER = "give either SCENE, to start a run, or --resume DIR, to continue one"
+NEITHER = "give either SCENE, to start a run, or --resume DIR, to continue a run"
 EMPTY = "is followed by an empty value: is a shell variable empty?"
 NO_PLACE = "pipe is neither a file nor a folder"
 

@@ -390,7 +390,7 @@ OF_A_LINKAGE = [
     # names
     ({"bodies.ground.mass": 1.0}, "ground"),
     ({CRANK_TO: ["crank.tp", "coupler"]}, "body crank has no point 'tp', its points"),
-    ({CRANK_TO: ["crnk.tip", "coupler"]}, "there is no body 'crnk', there"),
+    ({CRANK_TO: ["crnk.tip", "coupler"]}, "there is no body 'crnk': choose"),
     ({"drives.crnk": {"kind": "speed", "speed": 1.0}}, "drives.crnk: there is no body 'crnk'"),
     ({"drives.ground": {"kind": "speed", "speed": 1.0}}, "body ground cannot turn"),
     ({f"{JOURNAL}.lubricant": "oli"}, r"there is no \[lubricants.oli\]: choose from oil"),

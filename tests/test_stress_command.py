@@ -152,9 +152,9 @@ def test_folders_without_a_complete_run_are_refused(tmp_path, refuse):
         ("[1]", "no complete run: there is no summary.json"),
         ('{"status": "complete", "cycle_start_s": Infinity}', "Infinity is not a finite number"),
         ('{"status": "complete", "cycle_start_s": 1e999}', "1e999 is not a finite number"),
-        ('{"status": "complete", "cycle_start_s": null}', "cycle_start_s = None is of another"),
-        ('{"status": "complete", "cycle_start_s": "x"}', "cycle_start_s = 'x' is of another kind"),
-        ('{"status": "complete", "joints": 3}', "joints = 3 is of another kind"),
+        ('{"status": "complete", "cycle_start_s": null}', "cycle_start_s = None has the wrong"),
+        ('{"status": "complete", "cycle_start_s": "x"}', "cycle_start_s = 'x' has the wrong type"),
+        ('{"status": "complete", "joints": 3}', "joints = 3 has the wrong type"),
         ("{", "summary.json: not a summary of a run"),
     ):
         (tmp_path / "summary.json").write_text(summary)

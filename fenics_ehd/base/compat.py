@@ -142,7 +142,7 @@ def space_dofmap(space: fem.FunctionSpace) -> np.ndarray:
 
 
 def evaluated(expression: fem.Expression, domain: mesh.Mesh, cells: np.ndarray) -> np.ndarray:
-    """Evaluate an expression at its points in the given cells."""
+    """Evaluate a dolfinx expression at its points in the given cells."""
     return expression.eval(*(() if _OLD else (domain,)), cells)
 
 
@@ -162,7 +162,7 @@ _FORM_OPTIONS: Any = getattr(ffcx, _OPTIONS)
 
 
 def _no_options() -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return empty options, in place of those in files of the home or current folder."""
+    """Return empty options of FFCx instead of options from files in the home or current folder."""
     return {}, {}
 
 

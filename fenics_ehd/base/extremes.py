@@ -37,8 +37,9 @@ def between_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest values of interpolated curves, and the positions of these values.
 
-    With fewer than three points, the largest value of a curve is its largest value at a point; so
-    it is if the curve does not repeat and this point is the first or the last.
+    In two cases a curve is not interpolated, and the result is its largest value at a point: if
+    there are fewer than three points, and if the first or last point of a curve that does not
+    repeat is the largest.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ def table(
 
 
 def is_cell_count(key: str) -> bool:
-    """Whether a parameter of a model is a number of cells, by its name."""
+    """Whether a parameter of a model is a number of cells, judged by the parameter's name."""
     return "cells" in key or "layers" in key
 
 
@@ -202,9 +202,9 @@ def entries(
     help_text
         Description of the tables.
     kinds
-        Settings class of a table by its ``kind``.
+        Settings class of the tables of each ``kind``, by this word.
     named
-        Settings class of a table by its name, for names with a fixed meaning.
+        Settings class of each table whose name has a fixed meaning, by this name.
     """
     return attrs.field(
         factory=dict, metadata={"help": help_text, "table": True, "kinds": kinds, "named": named}

@@ -358,7 +358,7 @@ def listed(directory: Path) -> tuple[str, ...]:
     for name in names:
         if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
             raise InputError(
-                f"{path}: {name!r} is not a name in this folder: this program did not make the list"
+                f"{path}: {name!r} is not a name in this folder: fenics-ehd did not write this list"
             )
     return names
 
@@ -380,7 +380,7 @@ def _lines(directory: Path) -> tuple[str, ...]:
         lines = read_text(path).split("\n")
         if lines[0] not in ("", HEADER):
             raise OSError(
-                "not a list that this program made: move it away, or choose another folder"
+                "fenics-ehd did not write this list: move it away, or choose another folder"
             )
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: {error}") from None
@@ -786,7 +786,7 @@ def _plain(value: object) -> object:
 def versions(*, installed: bool = False) -> dict[str, str]:
     """Versions of this package, Python and the imported libraries, by name.
 
-    With `installed`, of all known libraries, also those that are not imported.
+    With `installed`, the result has all known libraries, even if they are not imported.
     """
     names = ("numpy", "scipy", "h5py", "petsc4py", "slepc4py", "dolfinx", "gmsh", "matplotlib")
     return {

@@ -139,7 +139,8 @@ class Group:
     entries
         Layouts of values and groups by name.
     each
-        Layout of every other entry, which has symbols of its own; None to refuse other entries.
+        Layout of every entry that is not in `entries`; each of them has symbols of its own. None:
+        such entries are refused.
     required
         Whether a file without the group is refused.
     foreign
@@ -326,7 +327,7 @@ def _root(group: h5py.Group) -> str:
 
 
 def sizes_of(layout: Group, tree: Mapping[str, Any]) -> Sizes:
-    """Sizes that are the same in all states of a model, from the tree of one state."""
+    """Sizes of axes that are the same in all states of a model, from the tree of one state."""
     sizes: Sizes = {}
     layout.check(tree, "", sizes)
     return {name: n for name, n in sizes.items() if not name.rpartition(" ")[2].isupper()}
@@ -359,7 +360,7 @@ def _number(axis: str | int, sizes: Sizes) -> int | None:
 
 
 def _parsed(axis: str) -> tuple[int, str, int]:
-    """Factor, symbol and constant of the size of an axis."""
+    """Factor, symbol and constant of the size of an axis: 3, "n" and 1 of ``"3 n + 1"``."""
     match = _AXIS.fullmatch(axis)
     assert match is not None, axis
     return int(match[1] or 1), match[2], int(match[3] or 0)
@@ -389,7 +390,7 @@ class Stateful:
         for name, entry in self.carried.items():
             if isinstance(entry, Group) and (start[name] is None) != (state.get(name) is None):
                 raise ValueError(
-                    f"/{name} must be in both the stored state and the start of the run, or in none"
+                    f"/{name} is in the stored state or in the start of the run, but not in both"
                 )
         sizes = sizes_of(layout, layout.tree(start)) | self.known_sizes()
         layout.check(layout.tree(state), "", sizes)

@@ -38,7 +38,7 @@ def origin(name: str) -> str:
 def version_of(name: str) -> str:
     """Version of a library; "missing" if it is not installed, "broken" if it cannot be imported.
 
-    If a library has no metadata of pip, as some of Debian, it is imported.
+    Some libraries of Debian have no metadata for pip; they are imported to get their versions.
     """
     source = origin(name)
     if not source:

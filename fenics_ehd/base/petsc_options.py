@@ -85,14 +85,15 @@ def _destroy(objects: tuple[PETSc.Object, ...]) -> None:
 def solve_columns(ksp: PETSc.KSP, right: PETSc.Mat, solution: PETSc.Mat) -> None:
     """Solve a linear system for every column of a dense matrix.
 
-    A direct solver solves for all columns at once, an iterative one for one after the other.
+    A direct solver solves for all columns at once, an iterative solver for one column at a time.
 
     Parameters
     ----------
     ksp
         Solver that is set up.
     right, solution
-        Dense matrices with the right-hand sides and for the solutions, distributed alike.
+        Dense matrices of the right-hand sides and of the solutions, which are overwritten; both
+        have the same distribution over ranks.
 
     Raises
     ------

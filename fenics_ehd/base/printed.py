@@ -73,5 +73,5 @@ def _similar(keys: list[str], word: str) -> list[str]:
 
 
 def _word(key: str) -> str:
-    """Last word of a key."""
+    """Last word of a key: ``clearance`` of ``bearing.clearance``."""
     return key.rpartition(".")[2]

@@ -205,7 +205,9 @@ def _sealed(path: str | Path) -> bool:
         if not head.startswith(_MARK[:8]):
             return False
         if head != _head(hashlib.file_digest(file, "sha256")):
-            raise ValueError("its digest is not that of its content: it changed after it was made")
+            raise ValueError(
+                "the digest does not match the content: the file changed after it was written"
+            )
     return True
 
 
@@ -216,7 +218,7 @@ UNREADABLE = (
 
 
 def stored_as(words: str, kind: str) -> Kind:
-    """Make the kind of the output files of a format, of any version, without a broken seal."""
+    """Make the `Kind` of output files in a format: of any version, with no seal or a sound one."""
 
     def holds(path: Path) -> bool:
         try:
@@ -352,7 +354,7 @@ def require_numbers(item: Any, kinds: str = "fiu", *, text: bool = False) -> Non
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         raise ValueError(f"{item.name} is no array")
     if item.dtype.kind not in kinds and not (text and h5py.check_string_dtype(item.dtype)):
-        raise ValueError(f"{item.name} holds {item.dtype}, not numbers of the kind it must")
+        raise ValueError(f"{item.name} holds {item.dtype}, not numbers of NumPy's kinds {kinds}")
     require_stored(item)
 
 

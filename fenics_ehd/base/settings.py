@@ -81,7 +81,7 @@ def build(cls: type[T], table: Mapping[str, Any], path: str = "") -> T:
             raise SettingsError(f"{name} = {value!r} must be {named}")
         values[key] = value
         if "section" in about and value == {} and path and not _required(about["section"]):
-            raise SettingsError(f"[{name}] is empty: give one of its keys, or drop it")
+            raise SettingsError(f"table [{name}] is empty: give one of its keys, or drop the table")
         if "section" in about:
             values[key] = build(about["section"], value, f"{name}.")
         elif "kinds" in about:

@@ -157,7 +157,7 @@ def run(
 
     if (scene is None) == (resume is None):
         raise click.UsageError(
-            "give either SCENE, to start a run, or --resume DIR, to continue one"
+            "give either SCENE, to start a run, or --resume DIR, to continue a run"
         )
     chosen = {key: value for key, value in output.items() if value is not None}
     options = run.RunOptions(plots, interval, as_json, multiplier)
@@ -323,8 +323,8 @@ def _require_memory() -> None:
         mmap(-1, LEAST_MEMORY, flags=MAP_PRIVATE | MAP_ANONYMOUS, prot=PROT_READ).close()
     except OSError:
         raise EhdError(
-            f"less than {LEAST_MEMORY >> 20} MB of address space are free, which libraries alone "
-            "need: raise the limit with ulimit -v"
+            f"less than {LEAST_MEMORY >> 20} MB of address space are free, but the libraries alone "
+            "need as much: raise the limit with ulimit -v"
         ) from None
 
 

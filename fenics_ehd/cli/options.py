@@ -278,7 +278,9 @@ def answer(result: Mapping[str, Any], text: str, as_json: bool) -> None:
     unknown = [] if as_json else [line.strip() for line in text.split("\n") if _unknown(line)]
     keys = sorted(set(_not_finite(result))) if unknown else []
     if keys:
-        raise VerificationError(f"{', '.join(keys)}: not a finite number, in: {unknown[0]}")
+        raise VerificationError(
+            f"{', '.join(keys)}: not a finite number, in the line {unknown[0]!r}"
+        )
     echo(to_json(result) if as_json else text)
 
 

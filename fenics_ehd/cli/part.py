@@ -277,7 +277,9 @@ def _named(
         [opened.face(text.strip()) for text in held.split(",")] if held else (),
     )
     if set(named.bores) & set(named.points):
-        raise SettingsError("--point: a bore has the same name: give another one, NAME=FACE")
+        raise SettingsError(
+            "--point: a bore has the same name as a point: give the point another name, NAME=FACE"
+        )
     numbers = [number for faces in named.all().values() for number in faces]
     twice = sorted({number for number in numbers if numbers.count(number) > 1})
     if twice:

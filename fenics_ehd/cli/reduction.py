@@ -26,7 +26,7 @@ from fenics_ehd.reduction.body import (
     save_body,
 )
 from fenics_ehd.reduction.part_files import BASIS_KIND, save_basis
-from fenics_ehd.scenes.part import elastic_part, kept_entry
+from fenics_ehd.scenes.part import body_counts, elastic_part, kept_entry
 from fenics_ehd.scenes.scene import Scene, changed, input_files, meshed, read_scene
 
 #: Scenes by the names of shipped models, which `reduce` accepts without a scene.
@@ -134,8 +134,8 @@ def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path])
         path = Path(file).resolve()
         if path in taken:
             raise SettingsError(
-                f"{option} would write over {shlex.quote(file)} of {taken[path]}: choose different "
-                "names for the two files"
+                f"{option} would write over {shlex.quote(file)} of {taken[path]}: give the two "
+                "options different files"
             )
         taken[path] = option
 
@@ -152,9 +152,10 @@ def reduction_summary(body: ReducedBody, seconds: float) -> dict[str, object]:
     `seconds` is the time spent now, on the reduction or on reading the body from the cache [s].
     """
     inertia = body.inertia
+    counts = body_counts(body)
     return {
         # Settings come first, so that results replace settings of the same key.
-        **body.provenance,
+        **{key: text for key, text in body.provenance.items() if key not in counts},
         **body.accuracy,
         "method": body.method,
         "modes": body.modes,
@@ -167,6 +168,7 @@ def reduction_summary(body: ReducedBody, seconds: float) -> dict[str, object]:
         "participation": [r.participation for r in body.inventory if not r.dropped][: body.modes],
         "dropped_modes": sum(bool(r.dropped) for r in body.inventory),
         "residual_patterns": body.residual.rank if body.residual else 0,
+        "counts": counts,
         "reduction_time_s": seconds,
     }
 
@@ -201,6 +203,10 @@ def report(body: ReducedBody, summary: Mapping[str, Any]) -> str:
         # If no static mode was dropped or added, the number is not printed.
         if key in body.accuracy and (body.accuracy[key] or not key.startswith("static_")):
             lines.append(f"  {text.format(factor * body.accuracy[key])}")
+    lines.append(
+        "  factorisations: {part_factorisations}, static solves: {static_solves}, "
+        "applications in the eigensolver: {eigensolver_applications}".format_map(summary["counts"])
+    )
     lines.append("  number  kind            frequency [Hz]  bore flexibility")
     kept = [r for r in body.inventory if not r.dropped]
     for i, mode in enumerate(kept[: body.modes], 1):

@@ -112,7 +112,7 @@ def read_deck(path: Path) -> ForeignMesh:
     except (ValueError, OverflowError):
         types = dict.fromkeys(section.options["TYPE"] for section in scope.solids)
         raise MeshError(
-            f"{path}: the lines of its nodes must have coordinates, and those of "
+            f"{path}: every line of *NODE must have the coordinates of a node, and every line of "
             f"{', '.join(types)} the numbers of all nodes of an element"
         ) from None
     blocks = [(_cell(section), cells) for section, cells in zip(scope.solids, nodes, strict=True)]
@@ -221,7 +221,7 @@ def _cell(section: _Section) -> str:
 
 
 def _others(scopes: Sequence[_Scope]) -> dict[str, int]:
-    """Count, by name, elements that are not solid, sets, constraints and connections."""
+    """Count elements that are not solid, and sets, constraints and connections, by name."""
     counts: Counter[str] = Counter()
     for section in (section for scope in scopes for section in scope.sections):
         if section.keyword == "ELEMENT":

@@ -74,7 +74,7 @@ class Placement:
 
 
 def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
-    """Placement with the bore's axis along z, its centre at the origin, and x towards a point.
+    """Placement with the bore's axis along z, its centre at the origin, the x axis towards a point.
 
     Parameters
     ----------
@@ -324,9 +324,7 @@ class OpenedPart:
             known = ", ".join(f"{n} of {r * 1e3:.6g} mm" for n, r in round_ones) or "none"
         if len(numbers) != 1:
             which = f"faces {', '.join(map(str, numbers))} are" if numbers else "no face is"
-            raise MeshError(
-                f"{self.path}: {which} {wanted!r}; known are {known}: name one by number"
-            )
+            raise MeshError(f"{self.path}: {which} {wanted!r}: give a face by its number: {known}")
         face = self.faces[numbers[0] - 1]
         if kinds and face.kind not in kinds:
             raise MeshError(
@@ -498,7 +496,7 @@ class PlacedPart:
         }
 
     def quadratic(self) -> PlacedPart:
-        """Convert to second-order cells with curved edges.
+        """Convert the cells of the part to second-order cells with curved edges.
 
         Mid-side nodes of all cylindrical faces are put on the cylinders. If this turns a cell
         inside out, only the mid-side nodes of bores are put on cylinders. A part that has

@@ -62,7 +62,7 @@ def included_text(path: Path, opened: list[Path]) -> str:
     path
         Path of the file to read.
     opened
-        Paths of the files read before, the main file first; `path` is appended.
+        Paths of the files that were read before, the main file first; `path` is appended.
 
     Raises
     ------
@@ -130,7 +130,8 @@ class FileMaterial:
         if name == "poissons_ratio":
             if not -1 < value < 0.49:
                 raise MeshError(
-                    f"{label} {name} {value:g}, it must be above -1 and below 0.49: give --{option}"
+                    f"{label} {name} {value:g}, but it must be above -1 and below 0.49: give "
+                    f"--{option}"
                 )
             return value
         si_unit, power = _DIMENSIONS[name]
@@ -139,8 +140,9 @@ class FileMaterial:
         low, high = attrs.fields_dict(Material)[name].metadata["usual"][0]
         if not low <= converted <= high:
             raise MeshError(
-                f"{label} {name} {value:g}, in {unit}, {force_name} and s that is {converted:.3g} "
-                f"{si_unit}, outside {low:g} to {high:g}: give --unit, or --{option} in {si_unit}"
+                f"{label} {name} {value:g}, which is {converted:.3g} {si_unit} if the file has the "
+                f"units {unit}, {force_name} and s; it must be {low:g} to {high:g} {si_unit}: give "
+                f"--unit, or --{option} in {si_unit}"
             )
         return converted
 

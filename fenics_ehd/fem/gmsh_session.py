@@ -127,8 +127,7 @@ def by_itself(path: Path) -> Iterator[str]:
 def numbered_nodes() -> tuple[np.ndarray, np.ndarray]:
     """Positions of the nodes of the current model, shape (n, 3), and the row of each node.
 
-    The second array has the row of a node in the first array, at the index that is Gmsh's number
-    of the node.
+    Entry i of the second array is the row, in the first array, of the node with Gmsh's number i.
     """
     tags, x, _ = gmsh.model.mesh.getNodes()
     row = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)

@@ -204,7 +204,9 @@ def require_sound_cells(solid: Solid, path: str | Path) -> None:
     if twice := count - len(np.unique(np.sort(corners, axis=1), axis=0)):
         raise MeshError(f"{path}: {twice} of {count} cells are repeated: export the part once")
     if many := int((solid.faces()[2] > 2).sum()):
-        raise MeshError(f"{path}: {many} faces are shared by more than two cells: mesh it again")
+        raise MeshError(
+            f"{path}: {many} faces are shared by more than two cells: mesh the part again"
+        )
     if wrong := int(inside_out(solid).sum()):
         remedy = "use smaller cells, more of them around and along the bores"
         if wrong == count:
@@ -237,9 +239,13 @@ def require_extent(extent: np.ndarray, path: str | Path) -> None:
     """
     longest = float(np.max(extent))
     if longest < SHORTEST:
-        raise MeshError(f"{path} is {longest:g} m long, below {SHORTEST:g}: give its --unit, m say")
+        raise MeshError(
+            f"{path} is {longest:g} m long, below {SHORTEST:g}: give its --unit, for example m"
+        )
     if longest > LONGEST:
-        raise MeshError(f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, mm say")
+        raise MeshError(
+            f"{path} is {longest:g} m long, above {LONGEST:g}: give its --unit, for example mm"
+        )
 
 
 #: Distance below which nodes coincide, relative to the size of the part.

@@ -140,7 +140,7 @@ class Film:
         SettingsError
             If no node has a given pressure.
         CavitationError
-            If `CavitationSolver.solve` raises it; its `state` also holds the gap.
+            If `CavitationSolver.solve` raises it; the `state` of the error also holds the gap.
         """
         check_gap(gap, self.parameters.surfaces)
         if len(self.free) == self.assembly.size and not self.parameters.feeds:
@@ -260,8 +260,8 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
             )
     elif not thickness > 0.0:
         raise GapClosedError(
-            f"the film thickness is {thickness * 1e6:.3g} um at its thinnest, it must be "
-            "positive: raise the clearance or lower the load"
+            f"the smallest film thickness is {thickness * 1e6:.3g} um, but must be above 0: raise "
+            "the clearance or lower the load"
         )
     for name in ("thickness", "thickness_rate", "mean_velocity"):
         if not np.isfinite(getattr(gap, name).sum()):

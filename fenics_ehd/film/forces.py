@@ -325,8 +325,8 @@ class FilmFlows:
         """Power of the pressure on oil that fills voids where the film forms again [W].
 
         This power closes the energy balance, which is the weak form tested with its own pressure.
-        It arises from fronts of the full film within a cell, vanishes as the mesh is refined, and
-        is zero without voids.
+        It arises in cells that contain the edge of the full film, vanishes as the mesh is refined,
+        and is zero without voids.
         """
         if not self._lumped:
             return 0.0
@@ -390,9 +390,10 @@ def under_pressure(film: Film) -> bool:
 
 
 def _side_inflow(film: Film, defect: np.ndarray, region: np.ndarray, end: float) -> np.ndarray:
-    """Flow into a film through one side, for every edge of a cell there, around the bore [m3/s].
+    """Flow into a film through one side, for each edge of a cell on this side [m3/s].
 
-    With 4-node cells there is one entry for every node of the side instead.
+    The edges are in their order around the bore. With 4-node cells there is one entry for every
+    node of the side instead.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ class FilmGrid:
 
     @property
     def _halves(self) -> np.ndarray:
-        """Positions of a cell's nodes in half cells, around and along, shape (k, 2).
+        """Positions of the k nodes of a cell around and along, counted in half cells, (k, 2).
 
         Nodes are in the order of dolfinx.
         """

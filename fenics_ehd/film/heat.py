@@ -130,8 +130,9 @@ def require_cycle(periodic: bool, key: str) -> None:
     """
     if not periodic:
         raise SettingsError(
-            f"{key}: heat is balanced over a cycle, and a run with time.periodic = false has none: "
-            "set time.periodic, or remove the heat: the oil then has its lubricant's temperature"
+            f"{key}: heat is balanced over a cycle, but a run with time.periodic = false has no "
+            "cycle: set time.periodic = true, or drop the table heat, so that the oil has the "
+            "temperature of its lubricant"
         )
 
 
@@ -272,10 +273,10 @@ class TemperatureSearch(Stateful):
             Remark on the last temperature, for the message.
         """
         return HeatError(
-            f"{self._name}: the oil cannot carry away the heat: {self.power:.3g} W with a flow of "
-            f"{1e6 * self.flow:.3g} cm3/s have no balance up to {self.temperature:.4g} C{last}: "
-            "raise the clearance, the supply or conducted_share, or lower supply_temperature or "
-            "the speed"
+            f"{self._name}: the oil cannot carry away the heat: a flow of "
+            f"{1e6 * self.flow:.3g} cm3/s does not remove {self.power:.3g} W at any effective "
+            f"temperature up to {self.temperature:.4g} C{last}: raise the clearance, the supply or "
+            "conducted_share, or lower supply_temperature or the speed"
         )
 
     def _learn(self, viscosity: float, rise: float) -> None:

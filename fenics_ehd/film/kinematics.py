@@ -175,7 +175,7 @@ class ShapeTable:
         return PPoly(pieces, closed, extrapolate="periodic")
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation at angles [rad] and heights [m], or its derivative with respect to angle.
+        """Radial deviation at angles [rad] and heights [m], or its derivative by angle.
 
         `order` is the order of the derivative: 0, 1 or 2.
         """
@@ -277,7 +277,7 @@ class Shape(Deviations):
         return not (self.ovality or any(self.misalignment) or self.measured)
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:
-        """Deviation [m] at angles [rad] and heights [m], or its derivative with respect to angle.
+        """Radial deviation at angles [rad] and heights [m], or its derivative by angle.
 
         `order` is the order of the derivative: 0, 1 or 2.
         """
@@ -401,10 +401,11 @@ class ShaftMotion:
 
 
 def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, np.ndarray]:
-    """Components (3) of the shaft's centre, e_r toward each point and e_t at right angles to it.
+    """Components e_r and e_t (3) of the shaft's centre, toward each point and at right angles.
 
-    The centre is that in the plane of the point. `pair` is the centre at mid-width and `tilt` the
-    rotation of the axis; with the rates of both, the components are those of the velocity.
+    The centre of a tilted shaft is the one in the plane of the point. `pair` is the centre at
+    mid-width, and `tilt` the rotation of the axis. If both are rates, the components are those of
+    the centre's velocity.
     """
     cosine, sine = points.normal
     x = pair[0] + points.height * tilt[1]

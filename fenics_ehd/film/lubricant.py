@@ -410,7 +410,7 @@ class PressureLaw(Law):
     Attributes
     ----------
     constant
-        Whether the property is the same at every pressure.
+        Whether viscosity or density is the same at every pressure.
     """
 
     constant: ClassVar[bool] = False
@@ -562,12 +562,12 @@ class Lubricant:
         Raises
         ------
         SettingsError
-            If the lubricant has no law of temperature, or the law does not hold there.
+            If the lubricant has no law of temperature, or its law does not hold at `temperature`.
         """
         if self.oil is None:
             raise SettingsError(
-                f"the lubricant has a fixed viscosity of {self.viscosity:g} Pa s, and none at "
-                f"{temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
+                f"the lubricant has a constant viscosity of {self.viscosity:g} Pa s, not one that "
+                f"is known at {temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
             )
         there = self.of(self.oil, temperature)
         law = self.viscosity_law

@@ -209,9 +209,9 @@ class Transport:
     def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Terms of the slope limiter for the flow after every node, four arrays (nodes,).
 
-        They are the void fraction ``s_u`` upstream, the slope x before the upstream node, the ratio
-        ``y / (x + y)`` with the slope y after it, and a mask of flows to the following node. The
-        ratio is 0 if ``x y <= 0``.
+        The first two are the void fraction ``s_u`` of the upstream node, and the slope x before
+        this node. The third is the ratio ``y / (x + y)`` with the slope y after the node; it is 0
+        if ``x y <= 0``. The last is a mask of flows to the following node.
         """
         on = self.flows > 0
         void = self.void
@@ -413,7 +413,7 @@ class OilBalance:
         return nodal
 
     def full_film(self, step: OilStep, nodal: np.ndarray) -> np.ndarray:
-        """Oil balance of a full film at all nodes, shape (nodes,), for pressures `nodal`."""
+        """Defect of the oil balance of a full film at all nodes, for pressures `nodal`."""
         # Contents are summed in one way only: if two sums differed by round-off, oil would be lost
         # in every step.
         full = step.full
@@ -445,7 +445,7 @@ class OilBalance:
     ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, sparse.csc_matrix | None]:
         """Derivatives of the oil balance with respect to the gap, for fixed upstream nodes.
 
-        They have the form of those of `ReynoldsEquation.gap_derivatives`.
+        The three results have the form of the results of `ReynoldsEquation.gap_derivatives`.
         """
         slope = step.flow.slope / self.film.parameters.clearance
         slope = np.broadcast_to(slope, step.gap.thickness.shape)

@@ -303,8 +303,8 @@ class Feeds:
         """Conductances of the supplies for the weak form, summed, shape (4, cells, points).
 
         The first two fields are sums over the supplies without a resistance: conductance over H^3,
-        and this times the supply pressure, with the thickness H. The last two are sums over the
-        supplies with a resistance: conductance, and conductance times supply pressure.
+        and conductance over H^3 times supply pressure, with the thickness H. The last two are sums
+        over the supplies with a resistance: conductance, and conductance times supply pressure.
         """
         film, passage, *_ = self._at(gap.turn)
         weights = np.array([np.ones(len(film)), self._pressure(gap.time)])

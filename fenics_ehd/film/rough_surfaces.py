@@ -160,11 +160,12 @@ def mobility(ratio: Any, average: Any, continuation: Any, f: Functions = ARRAYS)
 
 
 def continuation_below() -> tuple[float, float, float]:
-    """Coefficients that continue the mobility of `mobility` below H = 0.5.
+    """Coefficients with which `mobility` continues the mobility below H = 0.5.
 
-    They are the average gap over the roughness and the mobility, both at H = 0.5, and the power of
-    the average gap to which the mobility is proportional below. The power gives the mobility the
-    slope of the published formula at H = 0.5. H is the nominal gap over the roughness.
+    H is the nominal gap over the roughness. Below 0.5 the mobility is proportional to a power of
+    the average gap. The coefficients are the average gap over the roughness at H = 0.5, the
+    mobility at H = 0.5, and the power, which gives the mobility the slope of the published formula
+    at H = 0.5.
     """
     average, share = mean_gap(PUBLISHED)
     factor = pressure_factor(PUBLISHED)

@@ -528,7 +528,10 @@ class Mortar:
         self._factor = splu(self.mass.tocsc())
 
     def to_structure(self, pressures: np.ndarray) -> np.ndarray:
-        """Pressures ``H P_f`` at nodes of the bore, from film pressures (k,) or (k, columns)."""
+        """Pressures at the m nodes of the bore, projected from pressures at the k film nodes.
+
+        `pressures` has the shape (k,) or (k, columns), the result (m,) or (m, columns).
+        """
         return self._factor.solve(self.coupling @ pressures)
 
 
@@ -594,14 +597,16 @@ def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.nda
 
 
 def outward_displacement(structure: Surface, phi: np.ndarray, z: np.ndarray) -> sparse.csr_matrix:
-    """Matrix from displacements u of bore nodes to gap changes ``n . N_s u`` at film points.
+    """Matrix from displacements u of bore nodes to gap changes ``n . N_s u`` at points of a film.
+
+    N_s are the shape functions of the bore, n is its outward normal.
 
     Parameters
     ----------
     structure
         Mesh of the bore, m nodes.
     phi, z
-        Angles [rad] and heights [m] of the points, shape (p,) each; ``n = (cos phi, sin phi, 0)``.
+        Angles [rad] and heights [m] of the points, shape (p,) each.
 
     Returns
     -------

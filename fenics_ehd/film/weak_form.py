@@ -80,8 +80,8 @@ class Laws:
     family
         Element family, see `FilmGrid`.
     viscosity, density, thinning
-        Classes of the oil's laws of viscosity, density and shear thinning; the last is None if the
-        oil does not thin.
+        Classes of the oil's laws of viscosity, density and shear thinning; `thinning` is None if
+        the oil does not thin.
     rough, flow_factors, dragging
         Whether the surfaces are rough, so that H is the average gap; whether Patir and Cheng's flow
         factors are used; whether sliding changes the flow because one surface is rougher.

@@ -409,7 +409,10 @@ class Pose:
 
 
 class PlanarBody(Pose, Body):
-    """Body in a planar floating frame: coordinates ``(x, y, theta, q)``, or q alone if held."""
+    """Body in a planar floating frame, with elastic coordinates q.
+
+    Its coordinates are ``(x, y, theta, q)``, or q only if its frame is held at rest.
+    """
 
     #: Whether the frame is at rest, because the body is a part of the ground.
     held: bool

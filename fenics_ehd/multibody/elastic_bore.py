@@ -196,9 +196,9 @@ class BoreFilm:
             defect = np.abs(of_film - expected).max() / np.abs(expected).max()
             if not defect <= LOAD_TOLERANCE:
                 raise InterfaceMismatchError(
-                    f"forces of a pressure by film and by body differ by {defect:.1e} "
-                    f"(relative, component {component}), above {LOAD_TOLERANCE:.0e}: the body's "
-                    "load matrix does not belong to its bore"
+                    "the resultant of a film pressure, by the matrices of film and body, differs "
+                    f"by {defect:.1e} (relative, component {component}), above "
+                    f"{LOAD_TOLERANCE:.0e}: the body's load matrix does not belong to its bore"
                 )
 
 

@@ -100,7 +100,7 @@ class FilmBinding:
         return float(self.signs @ rates[self.turning])
 
     def own_angles(self, z: np.ndarray) -> tuple[float, float]:
-        """Angle of the bore relative to the bore, which is 0, and of the journal [rad]."""
+        """Angles of bore and journal relative to the bore: 0 and the relative angle [rad]."""
         return 0.0, self.relative_angle(z)
 
     def gap(self, z: np.ndarray, rates: np.ndarray, time: float) -> Gap:

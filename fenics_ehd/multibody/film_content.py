@@ -67,10 +67,10 @@ class FilmContent:
         """Start a time step: take the past values of this film from the formula `step`."""
 
     def at_end(self, point: FilmPoint, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the film in the state, and their rates, at the end of a step, (size,) each.
+        """Values that the film stores in the state at the end of a step, and their rates.
 
-        `point` has the equations of the film evaluated at the solution, z are the coordinates of
-        the mechanism there.
+        Both have the shape (size,). `point` has the equations of the film evaluated at the
+        solution, z are the coordinates of the mechanism there.
         """
         return np.zeros(0), np.zeros(0)
 
@@ -96,7 +96,7 @@ class FilmContent:
     def of_void_fractions(
         self, fractions: np.ndarray | None, z: np.ndarray, observed: np.ndarray
     ) -> np.ndarray:
-        """Values of the film in the state for void fractions of all nodes, shape (size,).
+        """Values that the film stores in the state for void fractions of all nodes, (size,).
 
         `fractions` is None for a full film; `observed` is the gap at the points where gaps are
         observed [m].
@@ -138,11 +138,11 @@ class OilContent(FilmContent):
         return self._film.assembly.source(self._film.equation.factors[1] * thickness)
 
     def _beyond_affine(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-        """Content of the part of the gap that is affine in z, less that of the gap, both full.
+        """Oil content of the gap's affine part less that of the gap itself, if both are full.
 
-        The gap differs from its affine part by the shape of a turning surface, and between rough
-        surfaces by the excess of the average gap over the `nominal` gap at the Gauss points [m].
-        The unit of the result, shape (nodes,), is ``c R^2``.
+        The affine part is affine in the coordinates z. The gap differs from it by the shape of a
+        turning surface, and between rough surfaces by the excess of the average gap over the
+        `nominal` gap at the Gauss points [m]. The result has the shape (nodes,), in ``c R^2``.
         """
         surface = self._binding.film.turning
         surfaces = self._film.parameters.surfaces

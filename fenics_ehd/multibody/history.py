@@ -630,8 +630,8 @@ def require_present_format(file: h5py.File) -> None:
     if file.attrs["format_version"] != FORMAT_VERSION:
         version = attribute(file, "fenics_ehd", Value("text"))
         raise ValueError(
-            f"the history was made by version {version}, which {__version__} does not continue: "
-            "run the scene again"
+            f"the history was written by version {version}, and version {__version__} cannot "
+            "continue it: run the scene again"
         )
 
 
@@ -735,7 +735,7 @@ def _summary(folder: Path) -> dict[str, Any]:
             raise ValueError("not an object")
         for name, kinds in SUMMARY_KINDS.items():
             if not isinstance(entries.get(name, kinds[0]()), kinds):
-                raise ValueError(f"{name} = {entries[name]!r} is of another kind")
+                raise ValueError(f"{name} = {entries[name]!r} has the wrong type")
         return _with_nan(_with_joints(entries))
 
 

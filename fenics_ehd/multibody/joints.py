@@ -60,7 +60,7 @@ def require_body(key: str, name: str, points: PointNames) -> None:
     """
     if name not in points:
         known = ", ".join(sorted(points))
-        raise SettingsError(f"{key}: there is no body {name!r}, there are {known}")
+        raise SettingsError(f"{key}: there is no body {name!r}: choose from {known}")
 
 
 def require_point(key: str, marker: str, points: PointNames) -> None:
@@ -116,7 +116,7 @@ def require_single_bores(bores: Mapping[str, str]) -> None:
         if other != name:
             raise SettingsError(
                 f"joints.{name}.bore = {bore!r} is the bore of joints.{other} already: a bore "
-                "holds one journal; give the second a point of its own"
+                "holds one journal; give one of the joints another bore"
             )
 
 
@@ -197,8 +197,8 @@ class Joint(ABC):
 def _difference(rows: int) -> np.ndarray:
     """Matrix (rows, k) that subtracts the second of two markers from the first.
 
-    It is applied to the values u of both markers, shape (k,). Its result are the differences of
-    their first `rows` values.
+    It is applied to the values u of both markers, shape (k,), and gives the differences of their
+    first `rows` values.
     """
     return np.eye(rows, 2 * WIDTH) - np.eye(rows, 2 * WIDTH, SECOND)
 

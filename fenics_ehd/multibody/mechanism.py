@@ -55,7 +55,10 @@ from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_
 
 
 def _require_drive(name: str, value: Any) -> None:
-    """Refuse a drive that is no function of time, except for a torque, which `System` refuses."""
+    """Refuse a drive that is not a function of time.
+
+    A torque is accepted here: `System` refuses it with a message of its own.
+    """
     if not isinstance(value, Torque):
         require_callable(name, value)
 

@@ -38,7 +38,7 @@ REACHES = 10.0
 
 
 def unusual_totals(bodies: Mapping[str, Body]) -> list[str]:
-    """Notices of centres of mass and moments of inertia that do not fit their body, by line."""
+    """Notices, one line each, of centres of mass and moments of inertia that do not fit a body."""
     lines = []
     for name, body in bodies.items():
         if isinstance(body, FlexibleBody) and not body.held:
@@ -91,7 +91,7 @@ def _of_rigid(key: str, body: RigidBody) -> list[str]:
 
 
 def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
-    """Notices of the measured shapes of joints whose spline would overshoot its rows, by line."""
+    """Notices, one line each, of measured shapes whose spline would overshoot its rows."""
     lines = []
     for name, joint in joints.items():
         if isinstance(joint, LubricatedJoint):
@@ -196,7 +196,7 @@ def resting_films(system: System, peaks: Mapping[str, float]) -> list[str]:
 
 
 def unusual_pressures(system: System, peaks: Mapping[str, float]) -> list[str]:
-    """Notices of films whose largest pressure is above `HIGHEST` or only round-off, by line.
+    """Notices, one line each, of largest pressures that are above `HIGHEST` or only round-off.
 
     Parameters
     ----------

@@ -152,8 +152,8 @@ def check_period(
             factor = next((n for n, error in off.items() if 2 * np.pi * error <= periodicity), 0)
             longer = f"{factor} times as long, or change" if factor else "another, or change"
             raise SettingsError(
-                f"{key} repeats {count:.9g} times in the cycle of {period:g} s, which must be a "
-                f"whole number: make time.revolutions or time.period {longer} the period of {key}"
+                f"{key} repeats {count:.9g} times in the cycle of {period:g} s, but this number "
+                f"must be whole: make time.revolutions or time.period {longer} the period of {key}"
             )
 
 
@@ -371,7 +371,10 @@ class PeriodicSolver(Stateful):
 
     def __init__(self, run: Run, period: float, periodicity: float = 1e-4, most: int = 20):
         if not run.equations.system.films:
-            raise SettingsError("a mechanism without a lubricated joint has no film to repeat")
+            raise SettingsError(
+                "a mechanism without a lubricated joint has no film to repeat: simulate it to an "
+                "end time"
+            )
         self._run = run
         self.period = period
         self.periodicity = periodicity

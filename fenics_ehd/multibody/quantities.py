@@ -342,7 +342,7 @@ def max_pressure(joint: JointStep) -> float:
 
 @quantity("min_film_thickness", "m")
 def min_film_thickness(joint: JointStep) -> float:
-    """Minimum oil film thickness (MOFT), interpolated between the nodes; nominal if rough."""
+    """Minimum oil film thickness (MOFT), interpolated between the nodes; nominal gap if rough."""
     return -joint.rows.largest(-joint.gap[None, -len(joint.nodes) :])[0][0]
 
 
@@ -590,7 +590,7 @@ def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]
     Parameters
     ----------
     positions, values
-        Angle and height of every point, shape (k, 2), and values there, shape (k,).
+        Angle and height of every point, shape (k, 2), and value at every point, shape (k,).
     """
     least = values.min()
     equal = np.flatnonzero(values <= least + EQUAL * abs(least))
@@ -599,7 +599,7 @@ def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]
 
 
 def in_degrees(angle: float) -> float:
-    """Angle in degrees, from -180 up to 180, of an angle in radians."""
+    """Convert an angle from radians to degrees, from -180 up to 180."""
     return float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi))
 
 

@@ -327,9 +327,9 @@ class StepEquations:
         _subtract_torque(binding, friction.torque, residual)
 
     def linearise(self, point: Point, former: Derivative | None = None) -> Derivative:
-        """Derivatives of the equations at an iterate.
+        """Derivatives of the equations of the step at one iterate of Newton's method.
 
-        With earlier derivatives, `former`, only the films' own matrices are computed again.
+        If `former` derivatives are given, only the films' matrices A and W are computed again.
         """
         if former is not None:
             each = zip(self.couplings, former.films, point.films, strict=True)

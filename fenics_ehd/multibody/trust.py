@@ -25,7 +25,7 @@ from fenics_ehd.multibody.surface import MissingFlexibility
 
 
 def integral(times: np.ndarray, values: np.ndarray, first: int = 0) -> np.ndarray:
-    """Integrals over time, from one point to the last, of several quantities, shape (names,).
+    """Integrals of several quantities over time, from one point to the last, shape (names,).
 
     In each interval the integrand is the cubic through four points. A crank and its rod exchange
     hundreds of times the energy that is lost: with parabolas the error of the integral would be
@@ -118,9 +118,9 @@ def balance_error(columns: Mapping[str, np.ndarray]) -> float:
 def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, float]:
     """Energies [J] and the powers [W] that change them, at an accepted step, by name.
 
-    They satisfy ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``, with powers
-    of the drives, of forces and gravity, and of the surfaces' drag on the oil, and losses in the
-    films and in the bodies' structure.
+    They satisfy ``d(kinetic + strain)/dt = drive + applied + drag - film - damping``. The first
+    three powers are those of the drives, of forces and gravity, and of the surfaces' drag on the
+    oil. The last two are losses in the films and in the structure of the bodies.
 
     Without friction the loss of a film is that of its pressure flow, and the drag is an external
     power. With friction the loss is all that the film dissipates, and the drag is internal: zero.
@@ -259,7 +259,8 @@ class BasisErrorEstimate(Stateful):
         pressure
             Loads of the body at the end of the step, shape (k,).
         acceleration
-            Accelerations of the residual amplitudes there, shape (r,); None without patterns.
+            Accelerations of the r residual amplitudes at the end of the step, shape (r,); None
+            without patterns.
         """
         # Implicit Euler for the first-order delays.
         share = step / (step + self._damping_time)

@@ -412,7 +412,7 @@ SIZE = (32 / 3, 6.0)
 def draw_run(
     directory: Path, joint: str | None, count: int, scale: float | None, bases: Sequence[str]
 ) -> tuple[Figure, Show, list[str]]:
-    """Animate a run's last cycle: figure, function that draws the frame with a number, and hints.
+    """Make the animation of a run's last cycle.
 
     Gmsh models in the scene are programs; they are not executed.
 
@@ -429,6 +429,12 @@ def draw_run(
     bases
         Paths of basis files (``reduce --basis``), with which flexible bodies are drawn completely.
 
+    Returns
+    -------
+    tuple
+        Figure; function from the number of a frame that draws the frame into the figure; hints for
+        the user, one line each.
+
     Raises
     ------
     InputError
@@ -440,10 +446,13 @@ def draw_run(
     run = recorded(directory, result)
     pressures = run.motion.pressures
     if len(run.time) < 2:
-        raise InputError(f"{directory}: 1 step on the disk, an animation needs 2: let it run on")
+        raise InputError(
+            f"{directory}: the run has stored 1 step, but an animation needs 2: let the run "
+            "continue"
+        )
     if joint is not None and joint not in pressures:
         known = ", ".join(pressures) or "none"
-        raise SettingsError(f"--joint {joint}: lubricated joints of this run: {known}")
+        raise SettingsError(f"--joint {joint}: the run has the lubricated joints {known}")
     name = joint or max(pressures, key=lambda name: pressures[name].max(), default="")
     complete_parts = parts_of_bases(run.bodies, bases)
     shapes = {name: shape_of_part(part) for name, part in complete_parts.items()}
@@ -473,7 +482,7 @@ def draw(
     joint: str,
     scale: float | None,
 ) -> tuple[Figure, Show]:
-    """Make the figure of an animation, and the function that draws the frame with a number.
+    """Make the figure of an animation, and the function that draws a frame into it by its number.
 
     Parameters
     ----------

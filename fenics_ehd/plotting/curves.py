@@ -74,7 +74,7 @@ class Panel:
     budget: str = ""
     unchanged: bool = False
 
-    def found(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
+    def labels_of(self, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
         """Labels of those columns of a run that the panel can draw, by column."""
         shown = {}
         for pattern, called in self.columns.items():
@@ -107,14 +107,14 @@ class Curves:
         """True if at least one column of a joint can be drawn."""
         if self.needed and not _is_known(joint.columns.get(self.needed)):
             return False
-        return any(panel.found(joint.columns) for panel in self.panels)
+        return any(panel.labels_of(joint.columns) for panel in self.panels)
 
     def draw(self, rows: Rows) -> Figure:
         """Draw the figure of joints in one or more runs."""
         cells = []
         for title, joints in rows.items():
             for panel in self.panels:
-                if any(panel.found(joint.columns) for joint in joints):
+                if any(panel.labels_of(joint.columns) for joint in joints):
                     cells.append((title, joints, panel))
         height = ALONE if len(cells) == 1 else STACKED * len(cells)
         figure, axes = plt.subplots(
@@ -151,7 +151,9 @@ def _largest(values: np.ndarray) -> np.intp:
 def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
     """Draw the panel of one joint, with the curves of one or more runs."""
     over = common_axis(joints)
-    curves = [(joint, *column) for joint in joints for column in panel.found(joint.columns).items()]
+    curves = [
+        (joint, *column) for joint in joints for column in panel.labels_of(joint.columns).items()
+    ]
     drawn = []
     for number, (joint, column, called) in enumerate(curves):
         look = style(number)

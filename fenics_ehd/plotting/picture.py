@@ -77,13 +77,13 @@ def style(number: int) -> dict[str, Any]:
 
 
 def factor_of(label: str) -> float:
-    """Factor from SI units to the unit in the brackets of a label; 1 for angles, unknown units."""
+    """Factor from SI units to the unit in a label's brackets; 1 for an angle or an unknown unit."""
     known = unit(unit_of(label).partition(" of ")[0])
     return 1.0 if known is None or known.turns else float(1 / known.factor)
 
 
 def with_unit(value: float, label: str) -> str:
-    """Text of a value with its unit, which is in brackets in the label; without unit if none is."""
+    """Text of a value, followed by the unit in a label's brackets if the label has a unit."""
     symbol = unit_of(label)
     return f"{value:.4g}" + (symbol if symbol == "°" else f" {symbol}".rstrip())
 

@@ -86,7 +86,7 @@ class InertiaIntegrals:
 
     @property
     def polar_inertia(self) -> float:
-        """Moment of inertia about the z axis through the centre of mass [kg m^2]."""
+        """Moment of inertia about the axis along z through the centre of mass [kg m^2]."""
         offset = self.centre_of_mass
         return float(self.centrifugal[0, 0] - self.total_mass * offset @ offset)
 
@@ -198,9 +198,10 @@ class ReducedBody:
         Mean position of each boundary point (column 0), and its mean displacements in the other
         2 + n fields of `InertiaIntegrals`, by name of the point, shape (3, 3 + n).
     missing_flexibility
-        Outward bore displacement per nodal pressure that the basis does not contain, shape
-        (m, k) [m/Pa]; empty if not computed, and of M4, which has `flexibility_error` instead. It
-        is exact for the pressures of a family, see `fenics_ehd.reduction.family_responses`.
+        Outward displacement of the bores per nodal pressure that the basis does not contain, shape
+        (m, k) [m/Pa]. It is exact for the pressures of a family, see
+        `fenics_ehd.reduction.family_responses`. Empty if not computed, and for M4, which has
+        `flexibility_error` instead.
     mesh_flexibility
         Estimated mesh error of the outward bore displacement: exact part minus its mesh, see
         `fenics_ehd.reduction.mesh_error`. Shape (p, s + 2 a), empty if unknown. Rows belong to p
@@ -380,7 +381,7 @@ class ReducedBody:
         return self.pressure_responses(np.eye(self.load_projection.shape[1]))[0]
 
     def pressure_responses(self, pressures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Static displacements under pressures, and their work on nodal pressures.
+        """Static displacements u under pressures, and the work of unit nodal pressures on u.
 
         For a free part, the pressures are in equilibrium with the inertia forces of the rigid
         acceleration, and the rigid motion is subtracted. The results do not depend on the frame.

@@ -21,7 +21,7 @@ from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configure
 from fenics_ehd.base.processes import in_neutral_folder
 from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine, inner, multiply
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.static import StaticSolver, Work
 from fenics_ehd.reduction.structure import Structure
 
 with in_neutral_folder():  # slepc4py searches the current folder for petsc.cfg
@@ -50,6 +50,7 @@ class _Inverse:
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Set y to the static response to x; PETSc calls this method."""
+        self._flexibility.work.eigensolver_applications += 1
         y.array = self._flexibility.apply(x.getArray(readonly=True).reshape(-1, 1))[:, 0]
 
 
@@ -229,7 +230,7 @@ def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray
 def _with_missed(
     flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray, options_prefix: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Add missed modes: with one start vector, the solver may find one of two modes of a frequency.
+    """Add modes that the solver has missed, such as the second of two modes of equal frequency.
 
     The lowest mode that is orthogonal to the known modes is computed with another start vector. If
     its eigenvalue is below the highest known eigenvalue, a mode was missed: further modes are
@@ -298,6 +299,7 @@ class FixedBoundary:
     def __init__(self, support: Flexibility, constraints: np.ndarray):
         self.structure: Structure = support.structure
         self.mass: MassOperator = support.mass
+        self.work: Work = support.work
         self.rigid_modes: np.ndarray = support.rigid_modes[:, :0]
         self._support = support
         comm = self.structure.comm
@@ -375,7 +377,7 @@ class FixedBoundary:
         return combine(rigid, motion) - combine(self._responses, reactions)
 
     def _orthogonal(self, columns: np.ndarray) -> np.ndarray:
-        """Subtract from columns the combinations of constraints that make them orthogonal to C."""
+        """Make columns orthogonal to C, by subtracting combinations of the columns of C."""
         constraints = self._constraints
         comm = self.structure.comm
         gram = inner(constraints, constraints, comm)
@@ -387,7 +389,7 @@ class FixedBoundary:
         return self._orthogonal(columns if self._lever.size else self._support.admissible(columns))
 
     def without_reactions(self, forces: np.ndarray) -> np.ndarray:
-        """Subtract the reactions at the boundary from forces; they are fitted by least squares."""
+        """Subtract from forces the reactions at the boundary, which are fitted by least squares."""
         return self._orthogonal(
             forces if self._lever.size else self._support.without_reactions(forces)
         )

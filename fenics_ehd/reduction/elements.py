@@ -228,7 +228,7 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
     """Sort the nodes of each face into the order of this package.
 
     The order is recognised from the geometry, face by face. Of the three ways to pair four corners,
-    the diagonals of a convex quadrilateral have the largest total length; they give the opposite
+    the two diagonals of a convex quadrilateral have the largest total length; they join opposite
     corners. Other nodes are assigned to midpoints of edges and centre so that the sum of squared
     distances is smallest. Corners may come first or alternate with midpoints (corner, midpoint,
     corner, ...); the assumption with the smaller distances is used.

@@ -325,6 +325,7 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
             options_prefix=f"{prefix}interior_",
             mass=reductor.mass,
             clamped=nodes,
+            work=reductor.work,
         ),
     )
     support, boundary_modes = hold(interior, None, reductor.points[:, ~on_bore])

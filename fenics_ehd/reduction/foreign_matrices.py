@@ -302,7 +302,7 @@ def _in_order(
     )
     nodes = np.unique(labels[:, 0]) if numbers is None else np.asarray(numbers)
     if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
-        raise StructureError("numbers must have the whole number of every node once")
+        raise StructureError("numbers must contain the whole number of every node once")
     rows, unknown = _looked_up(nodes, labels[:, 0])
     if len(unknown):
         raise StructureError(f"{files[0]}: node {unknown[0]} is not in `numbers`")

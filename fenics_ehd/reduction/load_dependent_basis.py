@@ -360,8 +360,8 @@ def load_dependent(
     selection
         Rule that selects residual modes, one of `SELECTIONS`.
     estimate_error
-        Whether to compute the bore flexibility that the basis does not contain; this needs one
-        static solve per pressure node.
+        Whether to compute the flexibility of the bores that the basis does not contain; this needs
+        static solves for the pressures of the base family, see `Reductor`.
     keep_basis
         Whether to store the part-size basis in the body.
 

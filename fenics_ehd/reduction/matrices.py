@@ -151,7 +151,7 @@ def as_matrix(
         ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
         HDF5 file has the CSR arrays ``data``, ``indices`` and ``indptr`` as datasets, and
         ``shape`` as a dataset or attribute. Each rank reads only its own rows from PETSc and HDF5
-        files, but all rows from the others.
+        files; from other files, each rank reads all rows.
     comm
         Communicator of the ranks that share the rows; a PETSc matrix keeps its own.
     name
@@ -251,7 +251,7 @@ def _open(path: str) -> Opened:
     if re.search(r"\.(dat|bin|petsc)$", path, re.IGNORECASE):
         return _in_binary(path)
     if not re.search(r"\.(mtx|mtx\.gz|npz)$", path, re.IGNORECASE):
-        raise ValueError(f"its name ends in none of {FILE_TYPES}")
+        raise ValueError(f"the name of the file ends in none of {FILE_TYPES}")
     from scipy import io
 
     # Newer SciPy would report a missing file as one that is not Matrix Market.
@@ -297,7 +297,7 @@ def _require_matrix_market(path: str) -> None:
     with gzip.open(path) if path.lower().endswith(".gz") else open(path, "rb") as file:
         if not file.read(14).lower().startswith(b"%%matrixmarket"):
             raise ValueError(
-                "it does not begin with %%MatrixMarket: a matrix that Abaqus wrote is read by "
+                "the file does not begin with %%MatrixMarket: read a matrix of Abaqus by "
                 "read_abaqus"
             )
 
@@ -308,7 +308,7 @@ def _in_hdf5(path: str, group: str) -> Opened:
     Raises
     ------
     ValueError
-        If the arrays do not fit each other or the shape.
+        If the arrays, or the arrays and the shape, do not fit each other.
     """
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -359,7 +359,7 @@ def _in_binary(path: str) -> Opened:
     reals = np.memmap(path, ">f8", "r", starts[2], entries)
     indptr = np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
     if lengths.min() < 0 or indptr[-1] != entries:
-        raise ValueError(f"its rows have {indptr[-1]} entries in total, but its header {entries}")
+        raise ValueError(f"the rows have {indptr[-1]} entries, but the header states {entries}")
 
     def read(first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         entries = slice(indptr[first], indptr[last])

@@ -12,10 +12,11 @@ compliances C and C', the difference of the exact compliance from C is estimated
 
 Differences of displacements are estimated likewise. They are evaluated between the nodes of both
 meshes too, because a thin film is more sensitive to shapes shorter than the cells than to smooth
-ones. Errors are of order 1.09 at re-entrant edges (Williams' exponent is 0.5445 at a right angle),
-and of order 4 for smooth solutions with quadratic cells. If the cells of the other mesh are two
-thirds as large, the estimate is within a factor of 1.6 of both; with a coarser other mesh it would
-be within a factor of 3. The other mesh is therefore the finer one if it can be afforded.
+ones. The order of errors is 1.09 at re-entrant edges (Williams' exponent is 0.5445 at a right
+angle), and 4 for smooth solutions with quadratic cells. If the cells of the other mesh are two
+thirds as large, the estimate is within a factor of 1.6 of the error, for both orders. With cells
+1.5 times as large, it would be within a factor of 3. The other mesh is therefore finer, unless its
+solution would take too long.
 
 Imports inside functions: runs only read stored errors, and need no PETSc for this purpose.
 """

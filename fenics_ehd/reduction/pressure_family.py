@@ -64,7 +64,7 @@ DIGITS = 5
 
 @dataclass(frozen=True, eq=False)
 class PressureFamily:
-    """Nested sets of nodal pressures of the bores of a part, zero in all bores but one.
+    """Nested sets of nodal pressures on the bores of a part; each pressure acts in one bore only.
 
     Attributes
     ----------
@@ -94,11 +94,11 @@ class PressureFamily:
 
     @cached_property
     def base(self) -> np.ndarray:
-        """Orthonormal columns of the base family, shape (k, r)."""
+        """Orthonormal pressures of the base family, as columns, shape (k, r)."""
         return self.columns(0, np.zeros((self._nodes, 0)))
 
     def up_to(self, level: int) -> np.ndarray:
-        """Orthonormal columns of all levels up to `level`, shape (k, r)."""
+        """Orthonormal pressures of all levels up to `level`, as columns, shape (k, r)."""
         known = self.base
         for number in range(1, level + 1):
             known = np.hstack([known, self.columns(number, known)])
@@ -109,20 +109,20 @@ class PressureFamily:
         return sum(len(bore.pressure_coordinates) for bore in self.bores.values())
 
     def columns(self, level: int, known: np.ndarray) -> np.ndarray:
-        """Orthonormal columns that a level adds to the columns of the level before.
+        """Orthonormal pressures, as columns, that a level adds to those of the level before.
 
         Parameters
         ----------
         level
             Number of the level, 0 for the base family.
         known
-            Orthonormal columns of the level before, shape (k, r).
+            Orthonormal pressures of the level before, as columns, shape (k, r).
 
         Returns
         -------
         numpy.ndarray
-            Columns, shape (k, c). If the level would have more than `COMPLETE` of all columns, the
-            result completes the set of all nodal pressures.
+            Added columns, shape (k, c). If the level would have more than the share `COMPLETE` of
+            all nodal pressures, the result adds all that are missing.
         """
         nodes = self._nodes
         if level >= self.last:
@@ -144,7 +144,7 @@ class PressureFamily:
 
 
 def _added(columns: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of what columns add to the span of known, orthonormal columns."""
+    """Orthonormal basis of the space by which columns extend the span of known columns."""
     lengths = np.linalg.norm(columns, axis=0)
     # The sine of the shortest wave is zero at all nodes, but for round-off.
     present = lengths > INDEPENDENT * lengths.max()
@@ -241,7 +241,7 @@ def _rows(bore: BoreSurface) -> int:
 
 
 def _spaced(bore: BoreSurface, length: float) -> int:
-    """Twice the number of nodes on a length if the bore's pressure nodes were evenly spaced."""
+    """Twice the number of nodes on a length, if the bore had as many evenly spaced nodes."""
     spacing = np.sqrt(2 * np.pi * bore.radius * bore.width / len(bore.pressure_coordinates))
     return int(np.ceil(2.0 * length / spacing))
 

@@ -41,7 +41,7 @@ from fenics_ehd.reduction.matrices import (
     transpose_multiply,
 )
 from fenics_ehd.reduction.pressure_family import PressureFamily
-from fenics_ehd.reduction.static import StaticSolver, bore_rows, room_for_columns
+from fenics_ehd.reduction.static import StaticSolver, Work, bore_rows, room_for_columns
 from fenics_ehd.reduction.structure import Structure, check_structure, rigid_motions
 
 #: Largest relative deviation of reduced matrices from the form that a method requires.
@@ -281,6 +281,11 @@ class Reductor:
         Whether errors of M1 to M3 are estimated for every nodal pressure, one solve each, instead
         of for the base family.
 
+    Attributes
+    ----------
+    work
+        Counts of factorisations and solves since the last body.
+
     Raises
     ------
     StructureError
@@ -304,6 +309,7 @@ class Reductor:
         self.options_prefix = options_prefix
         self.film_edges = film_edges or {}
         self._every_pressure = every_pressure
+        self.work = Work()
         self._family_responses: FamilyResponses | None = None
         self._directions = attachment_directions
         self._kept: dict[str, tuple[Hashable, Any]] = {}
@@ -329,7 +335,11 @@ class Reductor:
         """Static solver of the part, which factorises the stiffness matrix once."""
         prefix = f"{self.options_prefix}static_"
         return StaticSolver(
-            self.structure, mass=self.mass, solver=self.solver, options_prefix=prefix
+            self.structure,
+            mass=self.mass,
+            solver=self.solver,
+            options_prefix=prefix,
+            work=self.work,
         )
 
     @cached_property
@@ -438,21 +448,28 @@ class Reductor:
             missing_flexibility=np.zeros((0, 0)),
             residual=residual,
             accuracy=basis.accuracy,
-            provenance={"degrees_of_freedom": str(structure.size)},
             columns=basis.columns if keep_basis else None,
         )
         if not estimate_error:
-            return replace(body, inventory=_inventory(body, basis.dropped, self.measure, None))
+            inventory = _inventory(body, basis.dropped, self.measure, None)
+            return replace(body, inventory=inventory, provenance=self._provenance())
         responses = self.measured_responses()
         total = float(np.sum(responses.pressures * responses.work))
         inventory = _inventory(body, basis.dropped, responses.pressures, total)
         followed = sum(record.participation for record in inventory if not record.dropped)
         body = replace(
-            body, inventory=inventory, accuracy={**body.accuracy, "flexibility_followed": followed}
+            body,
+            inventory=inventory,
+            accuracy={**body.accuracy, "flexibility_followed": followed},
+            provenance=self._provenance(),
         )
         if residual is not None:
             return body
         return replace(body, missing_flexibility=missing_flexibility(responses, body))
+
+    def _provenance(self) -> dict[str, str]:
+        """Size of the part, and counts of the work since the last body."""
+        return {"degrees_of_freedom": str(self.structure.size), **self.work.take()}
 
 
 # Without modes

@@ -13,6 +13,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from mmap import mmap
 
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
@@ -157,6 +158,36 @@ def _factors_on_disk() -> Iterator[None]:
     finally:
         if not is_set:
             del os.environ[FACTORS_FOLDER]
+
+
+#: Names of counts of work in the provenance of a body.
+WORK = ("part_factorisations", "static_solves", "eigensolver_applications")
+
+
+@dataclass
+class Work:
+    """Counts of the work of a reduction, the same on every rank.
+
+    Attributes
+    ----------
+    factorisations
+        Number of factorisations of the part; with an iterative solver, of multigrid hierarchies.
+    solved_columns
+        Number of load columns that were solved for.
+    eigensolver_applications
+        Number of these columns that an eigensolver generated. It depends on round-off.
+    """
+
+    factorisations: int = 0
+    solved_columns: int = 0
+    eigensolver_applications: int = 0
+
+    def take(self) -> dict[str, str]:
+        """Return the counts since the last call for a body's provenance, and reset them."""
+        static = self.solved_columns - self.eigensolver_applications
+        counts = (self.factorisations, static, self.eigensolver_applications)
+        self.factorisations = self.solved_columns = self.eigensolver_applications = 0
+        return dict(zip(WORK, map(str, counts), strict=True))
 
 
 class LinearSolver:
@@ -388,6 +419,8 @@ class StaticSolver:
     once
         Whether the structure serves this solver only, and for few solves: its mass matrix is then
         freed, and factors are stored on disk. Less than two thirds of the memory is needed.
+    work
+        Counts to which those of this solver are added; None for new ones.
 
     Attributes
     ----------
@@ -395,6 +428,8 @@ class StaticSolver:
         Mass-orthonormal rigid-body modes U of (26), rows of this rank, shape (owned dofs, 6 or 0).
     mass
         Operator of products with M.
+    work
+        Counts of factorisations and solves.
 
     Raises
     ------
@@ -413,8 +448,10 @@ class StaticSolver:
         mass: MassOperator | None = None,
         clamped: np.ndarray | None = None,
         once: bool = False,
+        work: Work | None = None,
     ):
         self.structure = structure
+        self.work = work or Work()
         self.mass = mass or MassOperator(structure.mass)
         matrix = structure.stiffness.copy()
         direct = is_direct(solver, structure.size)
@@ -443,6 +480,7 @@ class StaticSolver:
             options_prefix=options_prefix,
             on_disk=once or structure.size > IN_CORE_LIMIT,
         )
+        self.work.factorisations += 1
         if direct:
             matrix.destroy()
         self._check_compliance()
@@ -468,6 +506,7 @@ class StaticSolver:
         """Compute static responses as `solve` does, but without its check, for an eigensolver."""
         balanced = self.equilibrate(loads)
         balanced[self._held] = 0.0
+        self.work.solved_columns += balanced.shape[1]
         return self.admissible(self.linear.solve(balanced))
 
     def solve(self, loads: np.ndarray) -> np.ndarray:

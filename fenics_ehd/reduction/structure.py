@@ -306,7 +306,7 @@ def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
     Raises
     ------
     StructureError
-        If the shape fits neither.
+        If the array has the shape of neither of them.
     """
     positions = np.asarray(coordinates, dtype=float)
     first, last = (row // 3 for row in stiffness.getOwnershipRange())

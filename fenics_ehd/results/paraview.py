@@ -66,7 +66,10 @@ class PartFields:
     def displacement(self, coordinates: np.ndarray, quasi_static: np.ndarray) -> np.ndarray:
         """Elastic displacement of the nodes, shape (p, 3) [m].
 
-        It belongs to elastic coordinates, shape (n,), and amplitudes of patterns, shape (r,).
+        Parameters
+        ----------
+        coordinates, amplitudes
+            Elastic coordinates, shape (n,), and amplitudes of residual patterns, shape (r,).
         """
         return self.basis @ coordinates + self.patterns @ quasi_static
 
@@ -141,7 +144,9 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
         fitting = {name: part for name, part in candidates.items() if part is not None}
         if not fitting:
             sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in reduced.items())
-            raise SettingsError(f"--basis {path}: it fits no flexible body ({sizes or 'none'})")
+            raise SettingsError(
+                f"--basis {path}: the basis fits no flexible body of the run ({sizes or 'none'})"
+            )
         parts |= fitting
     return parts
 

@@ -151,7 +151,9 @@ def require_folder_of(directory: Path, command: str) -> None:
     """
     require_made_by(directory, command)
     if command == "run" and is_part(directory):
-        raise InputError(f"{directory} belongs to the run in its parent: choose another folder")
+        raise InputError(
+            f"{directory} belongs to the run in its parent folder: choose another folder"
+        )
 
 
 def require_no_result(directory: Path) -> None:
@@ -427,7 +429,7 @@ def load_run_state(folder: Path) -> Checkpoint:
     with opened_history(path, refused) as file:
         require_present_format(file)
         if RESUME not in file:
-            raise ValueError("this history is of a finished run, which keeps no checkpoint")
+            raise ValueError("the run is complete, and its history has no checkpoint any more")
         tree = read_declared(file[RESUME], CHECKPOINT)
     state = tree["state"]
     state["integrator"] = _integration(state["integrator"])

@@ -39,8 +39,8 @@ class CycleStress:
     principal, principal_instants
         Largest principal stress at every node [Pa], and index of its instant, shape (p,).
     half_range_node, principal_node
-        Index of the node with the largest half-range, and of that with the largest principal
-        stress.
+        Index of the node with the largest half-range, and index of the node with the largest
+        principal stress.
     half_range_around, principal_around
         Half-range at `half_range_node`, and principal stress at `principal_node`, before averaging
         over cells: least and largest value of the cells around the node [Pa].
@@ -81,8 +81,8 @@ def cycle_stress(
         Coordinates q, shape (t, n), and amplitudes of residual patterns, shape (t, r), at the
         instants, see `RecordedMotion.in_equilibrium`.
     loads
-        Forces and speeds, see `missing_fields`. Displacements that the basis does not contain are
-        computed from these loads. If it is None, the residual patterns are used instead.
+        Forces and speeds, see `missing_fields`, from which the displacements that the basis does
+        not contain are computed. None: these displacements are those of the residual patterns.
 
     Raises
     ------

@@ -88,6 +88,9 @@ SOURCES = (
     "scenes/part.py",
 )
 
+#: Prefix of entries of a body's provenance: counts of the work for the error of its mesh.
+MESH_ERROR = "mesh_error_"
+
 #: Suffixes of files that are sources.
 SOURCE_SUFFIXES = (".py", ".npy", ".geo")
 
@@ -183,8 +186,14 @@ def folder() -> Path | None:
     """
     if not is_on():
         return None
-    named = os.environ.get(CACHE_VARIABLE, "")
-    path = Path(named) if Path(named).is_absolute() else user_cache() / "fenics_ehd"
+    named = Path(os.environ.get(CACHE_VARIABLE, ""))
+    try:
+        path = named if named.is_absolute() else user_cache() / "fenics_ehd"
+    except RuntimeError:  # of the standard library
+        report(f"reduced bodies are not kept: user {os.geteuid()} has no home folder: set HOME")
+        return None
+    if named.parts and path != named:
+        report(f"{CACHE_VARIABLE} = {named} is not an absolute path: {path} is used")
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         state = path.stat()
@@ -339,6 +348,8 @@ class Entry:
         share = self.comm.scatter([None] * self.comm.size if shares is None else shares)
         usable = share is not None and np.array_equal(share[0], structure.coordinates)
         if not self.comm.allreduce(usable, op=MPI.LAND):
+            basis = f"{self.name}{BASIS}"
+            self._on_first(lambda path: report(f"{path / basis} cannot be used: reduced anew"))
             return None
         return body, share[1].reshape(-1, body.modes)
 
@@ -365,6 +376,8 @@ class Entry:
         except (EhdError, OSError) as error:
             if self.comm.rank == 0:
                 report(f"a reduced body is not kept: {error}")
+                with suppress(OSError):  # a basis is read only with its body
+                    (path / f"{self.name}{BASIS}").unlink(missing_ok=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -403,7 +416,8 @@ class Entry:
 def without_mesh_error(body: ReducedBody) -> ReducedBody:
     """A body without the error of its mesh, as if that had not been estimated."""
     accuracy = {k: v for k, v in body.accuracy.items() if k != "flexibility_mesh_error"}
-    return replace(body, mesh_flexibility=unknown(), accuracy=accuracy)
+    made = {k: v for k, v in body.provenance.items() if not k.startswith(MESH_ERROR)}
+    return replace(body, mesh_flexibility=unknown(), accuracy=accuracy, provenance=made)
 
 
 def _read(path: Path, load: Callable[[Path], T], *, use: bool = True) -> T | None:

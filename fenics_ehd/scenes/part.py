@@ -53,10 +53,16 @@ from fenics_ehd.reduction.mesh_error import (
 from fenics_ehd.reduction.pressure_family import edges_text
 from fenics_ehd.reduction.reductor import Reductor, rigid
 from fenics_ehd.reduction.residual_completion import basis_of, residual_flexibility
-from fenics_ehd.reduction.static import StaticSolver
+from fenics_ehd.reduction.static import WORK, StaticSolver
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.scenes import kept_bodies, schema
-from fenics_ehd.scenes.kept_bodies import Entry, checksum, content_of, environment
+from fenics_ehd.scenes.kept_bodies import (
+    MESH_ERROR,
+    Entry,
+    checksum,
+    content_of,
+    environment,
+)
 from fenics_ehd.scenes.part_settings import ReductionSettings, method_keys
 from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
 
@@ -236,6 +242,15 @@ def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
 #: Keys of a body's provenance with the wall and processor time that its reduction took [s].
 SECONDS = "reduction_time_s"
 PROCESSOR_SECONDS = "reduction_processor_time_s"
+
+
+#: Names of the counts of work in a body's provenance: of its reduction, and of its mesh error.
+COUNTS = (*WORK, *(f"{MESH_ERROR}{name}" for name in WORK))
+
+
+def body_counts(body: ReducedBody) -> dict[str, int]:
+    """Counts of the work that a body took, by name; without those that are unknown."""
+    return {name: int(body.provenance[name]) for name in COUNTS if name in body.provenance}
 
 
 def clock() -> np.ndarray:
@@ -501,12 +516,18 @@ class ElasticPart:
             here = smooth_responses(reductor.static)
             reductor.forget()  # the factors of the second mesh need the memory
             other = self._other_mesh(part, with_counts(settings, "body"))
-            solver = StaticSolver(other, solver=settings.reduction.solver, once=True)
+            solver = StaticSolver(
+                other, solver=settings.reduction.solver, once=True, work=reductor.work
+            )
             there = smooth_responses(solver)
             errors, moved = missed(part, here, other, there)
             error = max(errors.values())
         accuracy = {**body.accuracy, "flexibility_mesh_error": error}
-        return replace(body, mesh_flexibility=moved, accuracy=accuracy)
+        provenance = {
+            **body.provenance,
+            **{f"{MESH_ERROR}{name}": text for name, text in reductor.work.take().items()},
+        }
+        return replace(body, mesh_flexibility=moved, accuracy=accuracy, provenance=provenance)
 
     def _other_mesh(self, part: Structure, counted: schema.FlexibleSettings) -> Structure:
         """The part on a finer mesh; on a coarser one if this mesh is large or the model refuses."""

@@ -257,7 +257,10 @@ class StudyFolder(RunsFolder):
         stored_bodies(scene, self.run(name))
         run = StoredRun(self.run(name), scene, self.study.start)
         if abs(run.times[-1] - scene.span) > ROUND_OFF * scene.span:
-            raise InputError(f"{self.run(name)}: its history ends at {run.times[-1]:g} s")
+            raise InputError(
+                f"{self.run(name)}: the history ends at {run.times[-1]:g} s, but the run at "
+                f"{scene.span:g} s"
+            )
         self.runs[name] = run
 
     def status(self, name: str) -> str:

@@ -85,7 +85,8 @@ def open_pool(workers: int | None) -> ProcessPool:
     """
     if MPI.COMM_WORLD.size > 1:
         raise SettingsError(
-            f"{MPI.COMM_WORLD.size} ranks: cases run in processes: give --workers, not mpirun"
+            f"the command runs on {MPI.COMM_WORLD.size} ranks, but its cases are run by worker "
+            "processes: use --workers in place of mpirun"
         )
     return ProcessPool(workers or len(os.sched_getaffinity(0)))
 
