@@ -571,8 +571,8 @@ class MassOperator:
     def free_matrix(self) -> None:
         """Free the memory of M if its products need only m.
 
-        Only the function that made M may do so: an empty matrix takes the place of M, and whoever
-        else uses it gets an error of PETSc.
+        Only the function that made M may do so. An empty matrix takes the place of M, with which
+        PETSc refuses to work.
         """
         if self._nodal is not None:
             comm = self._mass.comm
