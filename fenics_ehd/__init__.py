@@ -69,6 +69,7 @@ _NAMES = {
     "reduction.structure": ("Structure",),
     "scenes.bearing": ("bearing", "solve_bearing"),
     "scenes.build": ("Machine", "build"),
+    "scenes.rotor_map": ("rotor_map",),
     "scenes.run": ("run",),
     "scenes.scene": ("Scene", "read_scene"),
     "scenes.tables": ("read_load",),

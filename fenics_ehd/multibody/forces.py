@@ -244,14 +244,14 @@ class Unbalance(Force):
         return (self.point,)
 
     @property
-    def body(self) -> str:
+    def rotates_with(self) -> str:
         """Name of the body with which the force rotates."""
         return self.point.partition(".")[0]
 
     @property
     def variations(self) -> tuple[Variation, ...]:
         """Period of one turn of the body, see `Force.variations`."""
-        return (Variation(period=2 * np.pi, angle_of=self.body),)
+        return (Variation(period=2 * np.pi, angle_of=self.rotates_with),)
 
     @property
     def left_out_of_equilibrium(self) -> str:
