@@ -70,9 +70,9 @@ class _Body:
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
         """Two matrices from l loads to r amplitudes, and from these to u static displacements.
 
-        They are `amplitudes` and `shapes`. Without a mortar, loads are forces on the nodes, and the
-        response is symmetric. The factors are then one array in memory and its transpose, because
-        reading them takes most of the time of a product.
+        With a mortar they are `amplitudes` and `shapes`. Without one, loads are forces on the
+        nodes, and the response is symmetric: the matrices are the transpose of one array, and this
+        array, because reading the entries takes most of the time of a product.
         """
         if self.mortar:
             return self.amplitudes, self.shapes
