@@ -168,8 +168,8 @@ class FilmCoupling:
     ) -> sparse.csc_matrix:
         """Derivative of the film's equations with respect to the rate of the gap, (nodes, g).
 
-        It is computed from the derivatives with respect to the gap for two derivatives ``d h' / d
-        h`` of the rate: `along_gap` for `shift`, and those for a larger one.
+        `along_gap` is the derivative with respect to the gap if the gap's rate grows by `shift` per
+        gap. It is linear in the shift: the result is its slope.
         """
         rate = self.model.film.parameters.rate
         return (self.model.along_gap(point, shift + rate)[0] - along_gap) / rate

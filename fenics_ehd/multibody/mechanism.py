@@ -343,7 +343,7 @@ class System:
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
         """Yield every body that has coordinates, with their indices in z.
 
-        Third is a list of the entries of `values`, arrays in the order of z, for this body.
+        The third item is a list of the parts of `values`, arrays in the order of z, for this body.
         """
         for name, body in self._bodies.items():
             dofs = self.bodies[name]
@@ -529,9 +529,11 @@ class Motion:
     value_rates
         Rates ``u'`` of the values of joints and forces, shape (k,).
     on_values
-        Generalised forces on u, shape (k,): ``l . phi_u`` less the applied forces.
+        Generalised forces on the values u of joints and forces, shape (k,): constraint forces
+        ``l . phi_u`` less the applied forces.
     residual
-        Residual ``F + G^T l - Q`` of the equations, shape (n,).
+        Residual ``F + G^T l - Q`` of the equations of motion, shape (n,): forces F of inertia,
+        stiffness and damping, plus constraint forces, less the applied forces Q.
     """
 
     def __init__(
