@@ -202,8 +202,8 @@ def largest_energy(responses: Responses) -> float:
 def missing_flexibility(responses: Responses, body: ReducedBody) -> np.ndarray:
     """Outward bore displacement per nodal pressure that a body does not contain, (m, k) [m/Pa].
 
-    It is exact for the pressures of the responses. For other pressures, its energy is not above the
-    exact one.
+    The result is exact for the pressures of `responses`. For other pressures, its strain energy is
+    at most the exact energy.
     """
     displacement, work = body.pressure_responses(responses.pressures)
     form = flexibility_form(responses.pressures, responses.work - work, largest_energy(responses))
