@@ -469,7 +469,7 @@ class Reductor:
         return replace(body, missing_flexibility=missing_flexibility(responses, body))
 
     def _provenance(self) -> dict[str, str]:
-        """Size of the part, and counts of the work since the last body."""
+        """Provenance of a body: size of the part, and counts of solves since the last body."""
         return {"degrees_of_freedom": str(self.structure.size), **self.work.take()}
 
 

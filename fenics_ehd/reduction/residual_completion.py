@@ -329,7 +329,7 @@ class Remainder:
         return ResidualFlexibility(displacement, form.patterns.T, form.stiffness, np.zeros((0, 0)))
 
     def error(self, residual: ResidualFlexibility) -> float:
-        """Largest relative error of the bores under the verification pressures."""
+        """Largest relative error of the bores' displacement under verification pressures."""
         bores = self._reductor.structure.bores
         verification = self.responses.verification
         approximate = residual.displacement @ (residual.patterns @ verification.pressures)
