@@ -1,9 +1,10 @@
 """Static responses of a part to a pressure family, and the flexibility that they determine.
 
-The flexibility ``S = J^T G J`` of the bores is symmetric and positive semidefinite, and so is the
-part of it that a basis does not contain. Responses to r pressures Q of a `PressureFamily` have the
-displacement D of the bores' nodes and the work ``E = S Q`` on the nodal pressures. The flexibility
-follows from E by the formula of Nystroem:
+With the load matrix J of the bores and the static flexibility G of the part, the flexibility of the
+bores is ``S = J^T G J``. It is symmetric and positive semidefinite, and so is the part of it that a
+basis does not contain. Responses to r pressures Q of a `PressureFamily` have the displacement D of
+the bores' nodes and the work ``E = S Q`` on the nodal pressures. The flexibility follows from E by
+the formula of Nystroem:
 
     c = Q^T E = Z diag(w) Z^T,   C = Z w^(-1/2)   (w above round-off),   Y = E C = V s W^T,
     patterns V^T,   energies s^2,   displacements of the patterns D C W s.

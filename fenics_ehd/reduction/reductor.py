@@ -350,7 +350,7 @@ class Reductor:
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Nodal forces of n_a unit forces on the boundary points, shape (owned dofs, n_a)."""
+        """Nodal forces equivalent to n_a unit forces on boundary points, (owned dofs, n_a)."""
         points = self.structure.attachments.values()
         vectors = [point[d].array for point in points for d in self._directions]
         return np.column_stack(vectors or [np.zeros((self.structure.stiffness.local_size[0], 0))])
