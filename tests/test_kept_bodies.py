@@ -4,6 +4,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -145,6 +147,21 @@ def test_a_run_from_a_kept_body_is_that_of_a_new_reduction(cache, tmp_path, meth
                 joint.pop("error_budget")
     assert kept == anew
     assert summaries[0]["reduction_time_s"] < summaries[1]["reduction_time_s"]
+
+
+def test_a_run_from_a_kept_body_loads_no_mesher(cache, tmp_path):
+    scene = scene_file(tmp_path)
+    ehd.build(ehd.read_scene(str(scene)))
+    lines = (
+        "import sys; from fenics_ehd.cli.main import cli; "
+        "cli.main(['run', sys.argv[1], '--no-plots', '-o', sys.argv[2]], standalone_mode=False); "
+        "print(sorted({'gmsh', 'fenics_ehd.fem.structure', 'matplotlib'} & set(sys.modules)))"
+    )
+    command = [sys.executable, "-c", lines, scene, tmp_path / "run"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert "reading rod from the cache" in done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_a_body_with_its_mesh_error_serves_scenes_without_one(cache, tmp_path, reductions):
