@@ -385,19 +385,23 @@ def _ordered(chosen: Mapping[float, MapPoint]) -> tuple[MapPoint, ...]:
 
 
 def _listed(points: Sequence[MapPoint]) -> tuple[np.ndarray, np.ndarray]:
-    """Tracks and overlaps of a map, in ascending order of the frequency, see `RotorMap`."""
+    """Tracks and overlaps of a map, see `RotorMap`.
+
+    Tracks are in ascending order of the frequency, those that are overdamped at all speeds last.
+    """
     tracks, overlaps = followed([point.modes for point in points])
     for n, point in enumerate(points):
         below = point.modes.roots[tracks[:, n]].imag < 0.0
         tracks[below, n] = -1
     kept = [row for row in range(len(tracks)) if (tracks[row] >= 0).any()]
 
-    def frequency(row: int) -> tuple[float, float]:
-        n = int(np.argmax(tracks[row] >= 0))
-        root = points[n].modes.roots[tracks[row, n]]
-        return float(root.imag), float(abs(root))
+    def rank(row: int) -> tuple[bool, float, float]:
+        present = np.flatnonzero(tracks[row] >= 0)
+        roots = [points[n].modes.roots[tracks[row, n]] for n in present]
+        overdamped = all(damping_ratio(root) > OVERDAMPED for root in roots)
+        return overdamped, float(roots[0].imag), float(abs(roots[0]))
 
-    kept.sort(key=frequency)
+    kept.sort(key=rank)
     return tracks[kept], np.where(tracks[kept] >= 0, overlaps[kept], 0.0)
 
 

@@ -73,6 +73,7 @@ COMMANDS = {
     "part": "part",
     "plot": "pictures",
     "report": "study",
+    "rotor": "rotor",
     "sensitivity": "study",
     "stress": "pictures",
     "study": "study",

@@ -1,0 +1,285 @@
+"""``fenics-ehd rotor``: modes, critical speeds, stability limit and unbalance response of a rotor.
+
+Imports inside functions: ``--help`` must work without NumPy and films, and quickly.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.base.fields import FILM_MESHES
+from fenics_ehd.base.files import require_kept, require_made_by, versions
+from fenics_ehd.cli.options import (
+    Whole,
+    aligned,
+    answer,
+    flag,
+    json_option,
+    no_cache_option,
+    output_option,
+    warn_of,
+)
+
+if TYPE_CHECKING:
+    from fenics_ehd.analysis.rotor_map import RotorMap
+    from fenics_ehd.multibody.forces import Unbalance
+    from fenics_ehd.study.rotor_folder import RotorFolder
+
+
+class FailedSpeedsError(EhdError):
+    """Some speeds of a rotor map have no equilibrium; the results at the others are stored."""
+
+
+#: Syntax of ``--unbalance``, for messages.
+SYNTAX = (
+    "POINT=MAGNITUDE or POINT=MAGNITUDE@PHASE, for instance shaft.disk=4e-4 or shaft.disk=4e-4@90"
+)
+
+
+def parse_unbalance(text: str) -> Unbalance:
+    """Unbalance from the text of an option, ``shaft.disk=4e-4`` or ``shaft.disk=400 g mm@90``.
+
+    Raises
+    ------
+    SettingsError
+        The text is malformed, or a value has another unit.
+    """
+    from fenics_ehd.multibody.forces import Unbalance
+
+    point, equals, value = (part.strip() for part in text.partition("="))
+    magnitude, at, phase = (part.strip() for part in value.partition("@"))
+    if not (point and equals and magnitude) or (at and not phase):
+        raise SettingsError(f"--unbalance {text!r} must be {SYNTAX}")
+    try:
+        return Unbalance(point, _number(magnitude, "kg m"), _number(phase or "0", "degrees"))
+    except SettingsError as error:
+        raise SettingsError(f"--unbalance {text!r}: {error}") from None
+
+
+def _number(text: str, unit: str) -> float:
+    from fenics_ehd.base.units import in_unit, parse_number
+
+    try:
+        return parse_number(text)
+    except ValueError:
+        return in_unit(text, unit)
+
+
+@click.command()
+@click.argument("scene")
+@click.option(
+    "--speeds",
+    required=True,
+    metavar="VALUES",
+    help="Speeds of the rotor [rad/s], or with a unit: 1000rpm,2000rpm, or first:last:count, or "
+    "first:last:count:log.",
+)
+@click.option(
+    "--of",
+    metavar="BODY",
+    default="",
+    help="Body whose speed is varied [default: all that rotate].",
+)
+@click.option(
+    "--unbalance",
+    "unbalances",
+    multiple=True,
+    metavar="POINT=MAGNITUDE[@PHASE]",
+    help="Unbalance [kg m] at a point, and its phase [degrees], whose response is computed, in "
+    "place of the scene's unbalances: shaft.disk=4e-4. Repeatable.",
+)
+@click.option(
+    "--shapes",
+    metavar="VALUES",
+    help="Speeds whose mode shapes are drawn, as for --speeds; the nearest speed of the map is "
+    "used [default: the stability limit, or the middle of the range].",
+)
+@click.option(
+    "--meshes",
+    type=Whole(min=1, max=FILM_MESHES),
+    default=FILM_MESHES,
+    show_default=True,
+    help="Film meshes over which stiffness and damping are averaged, with 0, 2, 4 and 6 cells more "
+    "around; 1: the mesh of the scene alone.",
+)
+@output_option("directory", "Folder for tables and pictures [default: results/SCENE-rotor].")
+@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the diagrams.")
+@flag("--overwrite", "Discard the speeds in the folder, and compute all anew.")
+@no_cache_option
+@json_option
+def rotor(
+    scene: str,
+    speeds: str,
+    of: str,
+    unbalances: tuple[str, ...],
+    shapes: str | None,
+    meshes: int,
+    directory: str | None,
+    plots: bool,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Campbell diagram, stability limit and unbalance response of the rotor in SCENE.
+
+    At each speed the equilibrium of the rotor in its bearings is computed, and the modes of small
+    vibrations about it. Modes are followed over the speed. Critical speeds are crossings of the 1x
+    line with a damping ratio below 0.4. The stability limit is the speed from which a vibration
+    grows (oil whip); whirl ratio is the frequency of this vibration over the speed.
+
+    Speeds in the folder that are already complete are not computed again.
+    """
+    from fenics_ehd.scenes.rotor_map import plan_map
+    from fenics_ehd.scenes.scene import as_stored, input_files
+    from fenics_ehd.study.cases import parse_quantities
+    from fenics_ehd.study.rotor_folder import MADE, RotorFolder
+
+    target = Path(directory or Path("results") / f"{Path(scene).stem}-rotor")
+    require_made_by(target, RotorFolder.command)
+    source = as_stored(scene)
+    require_kept(target, input_files(scene, source), MADE)
+    values = parse_quantities("--speeds", speeds, "rad/s")
+    asked = parse_quantities("--shapes", shapes, "rad/s") if shapes else ()
+    unbalance = [parse_unbalance(text) for text in unbalances] or None
+    plan = plan_map(source, values, of=of, unbalance=unbalance, meshes=meshes)
+    warn_of(source.warnings)
+    begin = perf_counter(), process_time()
+    with RotorFolder(target, plan, overwrite=overwrite) as folder:
+        chart = _solved(folder)
+        warn_of(chart.notices)
+        shown = shown_speeds(chart, asked)
+        folder.write(chart, shown)
+        if plots:
+            from fenics_ehd.plotting.rotor import plot_map
+
+            plot_map(chart, folder.path, shown)
+        summary = _summary(chart, folder, begin)
+        folder.write_summary(summary)
+    answer(summary, "\n".join(report(chart, summary)), as_json)
+    if chart.failures:
+        speed, reason = next(iter(chart.failures.items()))
+        raise FailedSpeedsError(
+            f"{len(chart.failures)} of {len(values)} speeds have no equilibrium, the first is "
+            f"{speed:.6g} rad/s: {reason}"
+        )
+
+
+def _solved(folder: RotorFolder) -> RotorMap:
+    """Compute the map of a folder, and show the progress."""
+    from tqdm import tqdm
+
+    from fenics_ehd.base.processes import interrupt_between_steps
+    from fenics_ehd.scenes.rotor_map import solve_map
+
+    interval = 0.2 if sys.stderr.isatty() else 10.0
+    total = len(folder.plan.speeds)
+    with (
+        tqdm(total=total, unit="speed", file=sys.stderr, mininterval=interval) as bar,
+        interrupt_between_steps() as check,
+    ):
+
+        def progress(speed: float) -> None:
+            check()
+            bar.set_postfix_str(f"{speed:.5g} rad/s", refresh=False)
+            bar.update()
+
+        return solve_map(folder.plan, stored=folder.points, progress=progress)
+
+
+def shown_speeds(chart: RotorMap, asked: Sequence[float]) -> list[int]:
+    """Indices of the speeds whose mode shapes are shown, nearest to those that are asked for."""
+    if not asked:
+        middle = chart.points[len(chart.points) // 2].speed
+        asked = [chart.limits[0].speed if chart.limits else middle]
+    nearest = (min(range(len(chart.points)), key=lambda n: abs(chart.speeds[n] - s)) for s in asked)
+    return list(dict.fromkeys(nearest))
+
+
+def _summary(chart: RotorMap, folder: RotorFolder, begin: tuple[float, float]) -> dict[str, Any]:
+    from fenics_ehd.study.rotor_folder import figures_of_map
+
+    failed = len(chart.failures)
+    return {
+        "status": f"incomplete: {failed} speeds have no equilibrium" if failed else "complete",
+        "scene": folder.plan.scene.name,
+        "directory": str(folder.path),
+        "rotating": list(folder.plan.rotating),
+        "meshes": folder.plan.meshes,
+        **figures_of_map(chart),
+        "warnings": [*folder.plan.scene.warnings, *chart.notices],
+        "wall_time_s": perf_counter() - begin[0],
+        "processor_time_s": process_time() - begin[1],
+        "versions": versions(),
+    }
+
+
+def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
+    """Lines of the printed result of a map."""
+    first = chart.speeds[0]
+    last = chart.speeds[-1]
+    lines = [
+        f"{summary['scene']}: {len(chart.points)} speeds from {_speed(first)} to {_speed(last)}"
+    ]
+    if not summary["stable_at_first_speed"]:
+        lines.append("unstable at the lowest speed")
+    elif not chart.limits:
+        lines.append("stable at all these speeds")
+    for limit in chart.limits:
+        accuracy = f" +- {limit.scatter:.2g} by the film meshes" if limit.scatter else ""
+        lines.append(
+            f"stability {'lost' if limit.lost else 'regained'} at {_speed(limit.speed)}{accuracy}, "
+            f"mode {limit.mode + 1}, whirl ratio {limit.whirl_ratio:.4f}"
+        )
+    if chart.critical_speeds:
+        rows = [["critical speed", "1/min", "mode", "damping ratio", "whirl"]]
+        rows += [
+            [
+                f"{each.speed:.5g} rad/s",
+                f"{_rpm(each.speed):.0f}",
+                str(each.mode + 1),
+                f"{each.damping_ratio:.3f}",
+                f"{'forward' if each.direction > 0 else 'backward'} {abs(each.direction):.2f}",
+            ]
+            for each in chart.critical_speeds
+        ]
+        lines += aligned(rows)
+    else:
+        lines.append("no critical speed with a damping ratio below 0.4")
+    lines += _response_lines(chart)
+    lines.append(f"tables and pictures in {summary['directory']}")
+    return lines
+
+
+def _response_lines(chart: RotorMap) -> list[str]:
+    """Lines on the response to unbalances: resonances of all points."""
+    if chart.response is None:
+        return []
+    rows = [["resonance of", "rad/s", "1/min", "amplitude", "amplification"]]
+    for peak in chart.response.resonances:
+        factor = "-" if peak.amplification is None else f"{peak.amplification:.3g}"
+        rows.append(
+            [
+                peak.point,
+                f"{peak.speed:.5g}",
+                f"{_rpm(peak.speed):.0f}",
+                f"{1e6 * peak.amplitude:.4g} um",
+                factor,
+            ]
+        )
+    return aligned(rows) if len(rows) > 1 else ["no resonance in this range of speeds"]
+
+
+def _rpm(speed: float) -> float:
+    from fenics_ehd.study.rotor_folder import RPM
+
+    return speed * RPM
+
+
+def _speed(speed: float) -> str:
+    return f"{speed:.5g} rad/s ({_rpm(speed):.0f} 1/min)"

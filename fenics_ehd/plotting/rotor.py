@@ -1,0 +1,318 @@
+"""Pictures of a rotor map: Campbell diagram, decrement, mode shapes, unbalance response.
+
+Speeds are drawn in revolutions per minute and frequencies in Hz, as is usual in the field.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from fenics_ehd.analysis.modes import damping_ratio, log_decrement, whirl_direction
+from fenics_ehd.analysis.rotor_map import CRITICAL_DAMPING, OVERDAMPED, RotorMap, StabilityLimit
+from fenics_ehd.analysis.unbalance import UnbalanceResponse
+from fenics_ehd.plotting.picture import (
+    BLUE,
+    PANEL,
+    RED,
+    SETTINGS,
+    WIDTH,
+    legend,
+    plt,
+    save_in_formats,
+    style,
+)
+
+#: Revolutions per minute in one radian per second, and Hz in one radian per second.
+RPM = 30.0 / np.pi
+HERTZ = 0.5 / np.pi
+
+#: Highest frequency in the diagrams over the largest speed.
+HIGHEST = 1.6
+
+#: Absolute value of the whirl direction below which points move almost on straight lines.
+STRAIGHT = 0.05
+
+#: Colour map of damping ratios, and the largest one that it distinguishes.
+DAMPING = "viridis_r"
+MOST_DAMPING = 0.3
+
+#: Dashes of the line at a limit of stability.
+LIMIT_DASHES = (0, (6, 2, 1, 2))
+
+#: Largest number of modes in a picture of mode shapes.
+MOST_SHAPES = 6
+
+#: Number of points on the orbit of a station.
+ORBIT = 73
+
+#: Names of the pictures; the number of a speed follows that of mode shapes.
+CAMPBELL = "campbell"
+DECREMENT = "decrement"
+MODE_SHAPES = "mode_shapes"
+UNBALANCE = "unbalance"
+
+
+def plot_map(chart: RotorMap, directory: str | Path, shown: Sequence[int]) -> list[Path]:
+    """Draw all pictures of a map into its folder; returns their paths.
+
+    Parameters
+    ----------
+    chart, directory
+        The map, and the folder.
+    shown
+        Indices of the speeds whose mode shapes are drawn.
+    """
+    with plt.rc_context(SETTINGS):
+        figures = {CAMPBELL: campbell(chart), DECREMENT: decrement(chart)}
+        if chart.stations.heights.any():  # otherwise there is no shaft
+            for number, n in enumerate(shown, 1):
+                figures[f"{MODE_SHAPES}-{number}"] = mode_shapes(chart, n)
+        if chart.response is not None:
+            figures[UNBALANCE] = unbalance(chart.response)
+        paths = []
+        for name, figure in figures.items():
+            paths += save_in_formats(figure, directory, name)
+    return paths
+
+
+def _along(chart: RotorMap, body: str) -> np.ndarray:
+    """Indices of the stations along a shaft; empty for another body."""
+    indices = [k for k, name in enumerate(chart.stations.bodies) if name == body]
+    heights = chart.stations.heights[indices]
+    return (
+        np.array(indices, dtype=int) if len(indices) > 1 and np.ptp(heights) else np.zeros(0, int)
+    )
+
+
+def _speed_axis(axes: Axes, chart: RotorMap) -> None:
+    """Label the axis of speeds, and mark the limits of stability."""
+    axes.set_xlabel("speed [1/min]")
+    for limit in chart.limits:
+        axes.axvline(RPM * abs(limit.speed), color=RED, linewidth=1.2, linestyle=LIMIT_DASHES)
+    speeds = RPM * np.abs(chart.speeds)
+    if len(speeds) > 1:
+        axes.set_xlim(speeds[0], speeds[-1])
+
+
+def _limit_text(limit: StabilityLimit) -> str:
+    change = "stability limit" if limit.lost else "stable again"
+    return f"{change} {RPM * abs(limit.speed):.0f}/min, whirl ratio {limit.whirl_ratio:.3f}"
+
+
+def _listed(
+    chart: RotorMap, highest: float, most_damping: float = OVERDAMPED
+) -> list[tuple[int, np.ndarray]]:
+    """Tracks that vibrate below a frequency [rad/s], each with the indices of its speeds.
+
+    Speeds at which a mode has more than a damping ratio are left out.
+    """
+    tracks = []
+    for track in range(len(chart.tracks)):
+        roots = chart.roots[track]
+        vibrates = np.nan_to_num(roots.imag) > 0.0
+        little = np.nan_to_num(-roots.real) < most_damping * np.nan_to_num(np.abs(roots))
+        drawn = np.flatnonzero(vibrates & little & (np.nan_to_num(roots.imag) < highest))
+        if len(drawn):
+            tracks.append((track, drawn))
+    return tracks
+
+
+def campbell(chart: RotorMap) -> Figure:
+    """Campbell diagram: frequencies over the speed, with the 1x line and critical speeds."""
+    figure, axes = plt.subplots(figsize=(WIDTH, 4.8), layout="constrained")
+    speeds = np.abs(chart.speeds)
+    highest = HIGHEST * float(speeds.max())
+    image = None
+    for track, drawn in _listed(chart, highest):
+        roots = chart.roots[track, drawn]
+        axes.plot(RPM * speeds[drawn], HERTZ * roots.imag, color="0.7", linewidth=0.8, zorder=1)
+        directions = np.array([chart.direction(int(n), track) for n in drawn])
+        ratios = np.array([damping_ratio(root) for root in roots])
+        marks = {
+            "^": directions > STRAIGHT,
+            "v": directions < -STRAIGHT,
+            "o": np.abs(directions) <= STRAIGHT,
+        }
+        for mark, where in marks.items():
+            image = axes.scatter(
+                RPM * speeds[drawn][where],
+                HERTZ * roots.imag[where],
+                c=ratios[where],
+                marker=mark,
+                s=26,
+                cmap=DAMPING,
+                vmin=0.0,
+                vmax=MOST_DAMPING,
+                edgecolors=[RED if ratio < 0.0 else "none" for ratio in ratios[where]],
+                linewidths=1.2,
+                zorder=2,
+            )
+        axes.annotate(
+            str(track + 1), (RPM * speeds[drawn[-1]], HERTZ * roots.imag[-1]),
+            xytext=(5, 0), textcoords="offset points", va="center", fontsize=8,
+        )  # fmt: skip
+    line = np.array([0.0, speeds.max()])
+    axes.plot(RPM * line, HERTZ * line, color="black", linewidth=1.0, linestyle="--", zorder=1)
+    for critical in chart.critical_speeds:
+        speed = abs(critical.speed)
+        axes.plot(
+            RPM * speed, HERTZ * speed, "o", markersize=11, markerfacecolor="none",
+            markeredgecolor=BLUE, zorder=3,
+        )  # fmt: skip
+        axes.annotate(
+            f"{RPM * speed:.0f}", (RPM * speed, HERTZ * speed), ha="center",
+            xytext=(0, -16), textcoords="offset points", color=BLUE, fontsize=8.5,
+        )  # fmt: skip
+    axes.set(ylabel="frequency [Hz]", ylim=(0.0, HERTZ * highest))
+    _speed_axis(axes, chart)
+    if image is not None:
+        figure.colorbar(image, ax=axes, label="damping ratio", extend="max", pad=0.02)
+    _legend_below(axes, _campbell_handles(chart))
+    return figure
+
+
+def _legend_below(axes: Axes, handles: Sequence[Line2D]) -> None:
+    """Put a legend below the label of the horizontal axis."""
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncol=3, columnspacing=1.2
+    )
+
+
+def _campbell_handles(chart: RotorMap) -> list[Line2D]:
+    """Entries of the legend of a Campbell diagram."""
+
+    def mark(symbol: str, label: str, edge: str = "0.4", face: str = "0.4") -> Line2D:
+        return Line2D(
+            [], [], linestyle="none", marker=symbol, markeredgecolor=edge, markerfacecolor=face,
+            label=label,
+        )  # fmt: skip
+
+    handles = [mark("^", "forward whirl"), mark("v", "backward whirl"), mark("o", "straight line")]
+    handles.append(Line2D([], [], color="black", linestyle="--", linewidth=1.0, label="1x"))
+    if chart.critical_speeds:
+        handles.append(mark("o", "critical speed", BLUE, "none"))
+    return [*handles, *_limit_handles(chart)]
+
+
+def _limit_handles(chart: RotorMap) -> list[Line2D]:
+    """Entries of the legend for the limits of stability."""
+    return [
+        Line2D([], [], color=RED, linestyle=LIMIT_DASHES, label=_limit_text(limit))
+        for limit in chart.limits
+    ]
+
+
+def decrement(chart: RotorMap) -> Figure:
+    """Logarithmic decrement over the speed of those modes that have critical speeds or limits."""
+    figure, axes = plt.subplots(figsize=(WIDTH, 4.2), layout="constrained")
+    speeds = np.abs(chart.speeds)
+    highest = HIGHEST * float(speeds.max())
+    for number, (track, drawn) in enumerate(_listed(chart, highest, CRITICAL_DAMPING)):
+        values = [log_decrement(root) for root in chart.roots[track, drawn]]
+        axes.plot(
+            RPM * speeds[drawn], np.array(values, dtype=float), label=f"mode {track + 1}",
+            **style(number),
+        )  # fmt: skip
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    low, high = axes.get_ylim()
+    axes.axhspan(min(low, 0.0), 0.0, color=RED, alpha=0.12, linewidth=0.0)
+    axes.set(ylabel="logarithmic decrement", ylim=(low, high))
+    _speed_axis(axes, chart)
+    handles = [*axes.get_legend_handles_labels()[0], *_limit_handles(chart)]
+    _legend_below(axes, handles)
+    return figure
+
+
+def mode_shapes(chart: RotorMap, n: int) -> Figure:
+    """Mode shapes in space at speed n: orbits of the stations, and the axis at one instant.
+
+    The axis is drawn at the instant at which its largest deflection has its full size, and the part
+    of the orbit over the next quarter of the period is thick.
+    """
+    tracks = [
+        track
+        for track in range(len(chart.tracks))
+        if chart.tracks[track, n] >= 0
+        and chart.roots[track, n].imag > 0.0
+        and damping_ratio(chart.roots[track, n]) < OVERDAMPED
+    ]
+    tracks = sorted(tracks, key=lambda track: chart.roots[track, n].imag)[:MOST_SHAPES]
+    columns = min(3, max(1, len(tracks)))
+    rows = max(1, -(-len(tracks) // columns))
+    figure = plt.figure(figsize=(0.8 * PANEL * columns, 0.8 * PANEL * rows), layout="constrained")
+    speed = abs(chart.points[n].speed)
+    figure.suptitle(f"mode shapes at {RPM * speed:.0f} 1/min")
+    for number, track in enumerate(tracks):
+        axes = figure.add_subplot(rows, columns, number + 1, projection="3d")
+        _draw_shape(axes, chart, n, track)
+    return figure
+
+
+def _draw_shape(axes: Axes, chart: RotorMap, n: int, track: int) -> None:
+    """Draw one mode shape: orbits of the nodes of every shaft, bearings and axis in space."""
+    shape = chart.shape(n, track)
+    root = complex(chart.roots[track, n])
+    instants = np.exp(1j * np.linspace(0.0, 2 * np.pi, ORBIT))
+    quarter = ORBIT // 4 + 1
+    for body in dict.fromkeys(chart.stations.bodies):
+        along = _along(chart, body)
+        if not len(along):
+            continue
+        heights = chart.stations.heights[along]
+        u, v = shape[along].T
+        axes.plot(heights, 0 * heights, 0 * heights, color="0.6", linewidth=0.8)
+        axes.plot(heights, u.real, v.real, color=BLUE, linewidth=1.8)
+        for k, z in enumerate(heights):
+            orbit = np.array([(u[k] * instants).real, (v[k] * instants).real])
+            axes.plot(np.full(ORBIT, z), *orbit, color="0.5", linewidth=0.5)
+            axes.plot(np.full(quarter, z), *orbit[:, :quarter], color=RED, linewidth=1.0)
+    direction = whirl_direction(shape, chart.points[n].speed)
+    whirl = "forward" if direction > 0 else "backward"
+    axes.set_title(
+        f"mode {track + 1}: {HERTZ * root.imag:.4g} Hz, ζ = {damping_ratio(root):.3f}\n"
+        f"{whirl} whirl, κ = {direction:.2f}",
+        fontsize=8.5,
+    )
+    axes.set(ylim=(-1.0, 1.0), zlim=(-1.0, 1.0), yticklabels=[], zticklabels=[])
+    axes.set_xlabel("z [m]", fontsize=8)
+    axes.set_ylabel("x", fontsize=8, labelpad=-10)
+    axes.set_zlabel("y", fontsize=8, labelpad=-10)
+    axes.tick_params(labelsize=7, pad=0)
+    axes.set_box_aspect((1.8, 1.0, 1.0))
+
+
+def unbalance(response: UnbalanceResponse) -> Figure:
+    """Unbalance response over the speed: amplitudes and phases of points, forces in bearings."""
+    panels = 3 if response.forces else 2
+    figure, axes = plt.subplots(
+        panels, 1, figsize=(WIDTH, 2.4 * panels), layout="constrained", sharex=True
+    )
+    speeds = RPM * np.abs(response.speeds)
+    for number, name in enumerate(response.points):
+        amplitudes = 1e6 * response.amplitude(name)
+        axes[0].plot(speeds, amplitudes, label=name, **style(number))
+        phases = np.degrees(np.unwrap(response.phase(name)))
+        axes[1].plot(speeds, phases, label=name, **style(number))
+    for number, joint in enumerate(response.forces):
+        axes[2].plot(speeds, response.bearing_force(joint), label=joint, **style(number))
+    axes[0].set_ylabel("amplitude [µm]")
+    axes[1].set_ylabel("phase [°]")
+    if response.forces:
+        axes[2].set_ylabel("bearing force [N]")
+    for panel in axes:
+        legend(panel)
+    axes[-1].set_xlabel("speed [1/min]")
+    if len(speeds) > 1:
+        axes[-1].set_xlim(speeds[0], speeds[-1])
+    listed = ", ".join(
+        f"{1e6 * each.magnitude:.4g} g mm at {each.point}" for each in response.unbalances
+    )
+    figure.suptitle(f"response to {listed}")
+    return figure

@@ -1,0 +1,248 @@
+"""Rotor map of a scene: which bodies take the speed of the map, and which forces take no part.
+
+All bodies that rotate in the scene take the speed of the map, or one that is chosen by name. Their
+drives, by speed, table or torque, are replaced by a constant speed. Forces that rotate take no part
+in an equilibrium: unbalances are the excitation of the response, others are left out with a notice.
+Heat is balanced at each speed if the scene has a heat balance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import isfinite, radians
+
+from fenics_ehd.analysis.rotor_map import MapPoint, RotorMap, rotor_map_of
+from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.fields import FILM_MESHES
+from fenics_ehd.multibody.forces import Force, Unbalance
+from fenics_ehd.multibody.joints import Speed, require_body, require_point
+from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.film_meshes import scenes_on_meshes
+from fenics_ehd.scenes.scene import GROUND, Scene, points_of
+
+#: Unbalances in kg m by their points, or as forces with a phase each.
+Unbalances = Mapping[str, float] | Sequence[Unbalance]
+
+
+@dataclass(frozen=True)
+class RotorPlan:
+    """Checked arguments of a rotor map of a scene.
+
+    Attributes
+    ----------
+    scene
+        The scene.
+    speeds
+        Speeds in ascending order of their absolute values [rad/s].
+    rotating
+        Names of the bodies that take the speed of the map.
+    unbalances
+        Unbalances whose response is computed.
+    meshes
+        Number of film meshes over which the matrices are averaged.
+    notices
+        Notices of forces that are left out.
+    """
+
+    scene: Scene
+    speeds: tuple[float, ...]
+    rotating: tuple[str, ...]
+    unbalances: tuple[Unbalance, ...]
+    meshes: int
+    notices: tuple[str, ...]
+
+
+def rotor_map(
+    scene: Scene,
+    speeds: Sequence[float],
+    *,
+    of: str = "",
+    unbalance: Unbalances | None = None,
+    meshes: int = FILM_MESHES,
+) -> RotorMap:
+    """Compute modes, critical speeds, stability limit and unbalance response over the speed.
+
+    Parameters
+    ----------
+    scene
+        Scene as read; its drives give no speed, but which bodies rotate.
+    speeds
+        Speeds of one sign, none of them 0 [rad/s].
+    of
+        Name of the body whose speed is varied; by default all bodies that rotate.
+    unbalance
+        Unbalances [kg m] by their points, or `Unbalance` forces; by default those of the scene.
+    meshes
+        Number of film meshes, 1 to 4, over which stiffness and damping are averaged.
+
+    Raises
+    ------
+    SettingsError
+        An argument or the scene cannot be used; the message names it.
+    SolverError
+        No equilibrium was found at any speed.
+    """
+    return solve_map(plan_map(scene, speeds, of=of, unbalance=unbalance, meshes=meshes))
+
+
+def plan_map(
+    scene: Scene,
+    speeds: Sequence[float],
+    *,
+    of: str = "",
+    unbalance: Unbalances | None = None,
+    meshes: int = FILM_MESHES,
+) -> RotorPlan:
+    """Check the arguments of a rotor map, see `rotor_map`."""
+    require_class("scene", scene, Scene)
+    if type(meshes) is not int or not 1 <= meshes <= FILM_MESHES:
+        raise SettingsError(f"meshes = {meshes!r} must be a whole number from 1 to {FILM_MESHES}")
+    ordered = _ordered_speeds(speeds)
+    for name, joint in scene.films.items():
+        if joint.cavitation != "reynolds":
+            raise SettingsError(
+                f"joints.{name}.cavitation = {joint.cavitation!r}: a rotor map is made of small "
+                "motions about equilibria, and stiffness and damping of this film depend on the "
+                "frequency: use 'reynolds'"
+            )
+    rotating = _rotating(scene, of)
+    unbalances = _unbalances(scene, unbalance, rotating)
+    notices = tuple(
+        f"forces.{name}: a rotating force is no part of an equilibrium, it is left out; for the "
+        "response to an unbalance give it the kind 'unbalance', or use --unbalance"
+        for name, force in scene.forces.items()
+        if isinstance(force, Force) and force.left_out_of_equilibrium
+        and not isinstance(force, Unbalance)
+    )  # fmt: skip
+    return RotorPlan(scene, ordered, rotating, unbalances, meshes, notices)
+
+
+def solve_map(
+    plan: RotorPlan,
+    *,
+    stored: MutableMapping[float, MapPoint] | None = None,
+    progress: Callable[[float], None] = lambda speed: None,
+) -> RotorMap:
+    """Compute a planned rotor map.
+
+    Parameters
+    ----------
+    plan
+        Checked arguments.
+    stored, progress
+        Points of an interrupted map, and function called with each speed, see `rotor_map_of`.
+    """
+    first, *finer = scenes_on_meshes(plan.scene, plan.meshes)
+    machine = build(first)
+    mechanisms = [machine.mechanism]
+    mechanisms += [build(scene, bodies=machine.bodies).mechanism for scene in finer]
+    makers = [partial(_at_speed, mechanism, plan) for mechanism in mechanisms]
+    chart = rotor_map_of(
+        makers, plan.speeds, unbalances=plan.unbalances, stored=stored, progress=progress
+    )
+    return replace(chart, notices=(*plan.notices, *machine.warnings, *chart.notices))
+
+
+def _at_speed(mechanism: Mechanism, plan: RotorPlan, speed: float) -> Mechanism:
+    """Mechanism whose rotating bodies have a constant speed [rad/s], without forces that rotate."""
+    angles = {name: radians(plan.scene.bodies[name].angle) for name in plan.rotating}
+    drives = {name: Speed(speed, angle) for name, angle in angles.items()}
+    forces = {
+        name: force
+        for name, force in mechanism.forces.items()
+        if not force.left_out_of_equilibrium and force.turned_body not in plan.rotating
+    }
+    return replace(mechanism, drives={**mechanism.drives, **drives}, forces=forces)
+
+
+def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
+    """Speeds in ascending order of their absolute values [rad/s].
+
+    Raises
+    ------
+    SettingsError
+        There is none, or one is not finite, 0, repeated, or of another sign than the first.
+    """
+    values = tuple(float(speed) for speed in speeds)
+    if not values:
+        raise SettingsError("speeds: give at least one speed")
+    for speed in values:
+        if not isfinite(speed) or not speed:
+            raise SettingsError(
+                f"speeds: {speed:g} rad/s must be finite and not 0: a film at rest carries no load"
+            )
+        if (speed > 0) != (values[0] > 0):
+            raise SettingsError(
+                f"speeds: {values[0]:g} and {speed:g} rad/s have different signs: make a map for "
+                "each sense of rotation"
+            )
+    if len(set(values)) < len(values):
+        raise SettingsError("speeds: a speed is given twice: drop one of them")
+    return tuple(sorted(values, key=abs))
+
+
+def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
+    """Names of the bodies that take the speed of the map.
+
+    Raises
+    ------
+    SettingsError
+        No body rotates, or several rotate at different speeds and none is chosen.
+    """
+    points = {GROUND: (), **{name: points_of(body) for name, body in scene.bodies.items()}}
+    if of:
+        require_body("of", of, points)
+        if of == GROUND or getattr(scene.bodies[of], "angle", None) is None:
+            raise SettingsError(f"of = {of!r}: this body cannot rotate")
+        return (of,)
+    journals = [joint.journal.partition(".")[0] for joint in scene.films.values()]
+    candidates = dict.fromkeys([*scene.drives, *(name for name in journals if name != GROUND)])
+    driven = {name: scene.speed_of(name) for name in candidates}
+    rotating = {name: speed for name, speed in driven.items() if speed}
+    # A drive by a table or a torque has no speed in the scene.
+    rotating = rotating or dict.fromkeys(scene.drives, 0.0)
+    if not rotating:
+        raise SettingsError(
+            "no body of the scene rotates: give a body a drive (drives.NAME with kind = 'speed'), "
+            "or name the body with --of"
+        )
+    if len(set(rotating.values())) > 1:
+        listed = ", ".join(f"{name} ({speed:g} rad/s)" for name, speed in rotating.items())
+        raise SettingsError(
+            f"bodies rotate at different speeds: {listed}: name the one whose speed is varied "
+            "with --of; the others keep their speeds"
+        )
+    return tuple(rotating)
+
+
+def _unbalances(
+    scene: Scene, unbalance: Unbalances | None, rotating: tuple[str, ...]
+) -> tuple[Unbalance, ...]:
+    """Unbalances whose response is computed, by default those of the scene.
+
+    Raises
+    ------
+    SettingsError
+        A point does not exist, or its body does not take the speed of the map.
+    """
+    if unbalance is None:
+        unbalances = [force for force in scene.forces.values() if isinstance(force, Unbalance)]
+    elif isinstance(unbalance, Mapping):
+        unbalances = [Unbalance(point, magnitude) for point, magnitude in unbalance.items()]
+    else:
+        unbalances = list(unbalance)
+    points = {GROUND: (), **{name: points_of(body) for name, body in scene.bodies.items()}}
+    for each in unbalances:
+        require_class("unbalance", each, Unbalance)
+        require_point("unbalance", each.point, points)
+        if each.rotates_with not in rotating:
+            raise SettingsError(
+                f"unbalance of {each.point}: body {each.rotates_with} does not rotate at the "
+                f"speeds of the map, {', '.join(rotating)} does: choose it with --of, or drop the "
+                "unbalance"
+            )
+    return tuple(unbalances)

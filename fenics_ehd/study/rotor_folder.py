@@ -1,0 +1,350 @@
+"""Folder of a rotor map: stored points, tables of modes, films, shapes and unbalance, summary.
+
+``rotor.json`` has all data on which the points depend. Every point of the map is stored as soon as
+it is computed, in ``points/0001.npz`` and so on. A map of the same scene, with equal or other
+speeds, reads them and computes only the missing ones, after an interruption as well. Tables and
+summary are written at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from fenics_ehd.analysis.equilibrium import Linearisation, SearchStart
+from fenics_ehd.analysis.modes import damping_ratio, log_decrement
+from fenics_ehd.analysis.rotor_map import MapPoint, RotorMap
+from fenics_ehd.analysis.unbalance import UnbalanceResponse
+from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.files import (
+    PICTURE_FORMATS,
+    SUMMARY,
+    claim,
+    clear,
+    listed,
+    locked,
+    read_json,
+    require_writable,
+    to_json,
+    write_whole,
+)
+from fenics_ehd.scenes.rotor_map import RotorPlan
+from fenics_ehd.study.cases import identity, write_table
+
+#: Files and folders of a rotor map.
+ABOUT = "rotor.json"
+MODES = "modes.csv"
+FILMS = "films.csv"
+SHAPES = "shapes.csv"
+UNBALANCE = "unbalance.csv"
+POINTS = "points"
+MADE = (ABOUT, MODES, FILMS, SHAPES, UNBALANCE, SUMMARY, f"{POINTS}/")
+
+#: Revolutions per minute in one radian per second.
+RPM = 30.0 / np.pi
+
+
+class StoredPoints(dict[float, MapPoint]):
+    """Points of a map by speed [rad/s], each of which is also stored in a file.
+
+    Parameters
+    ----------
+    directory
+        Folder of the files. Files that cannot be read are computed anew.
+    """
+
+    def __init__(self, directory: Path):
+        super().__init__()
+        self._directory = directory
+        for path in sorted(directory.glob("*.npz")):
+            point = _read_point(path)
+            if point is not None:
+                super().__setitem__(point.speed, point)
+        self.read = len(self)
+
+    def __setitem__(self, speed: float, point: MapPoint) -> None:
+        number = 1
+        while (self._directory / _file_name(number)).exists():
+            number += 1
+        claim(self._directory, [_file_name(number)])
+        write_whole(self._directory / _file_name(number), _content(point))
+        super().__setitem__(speed, point)
+
+
+def _file_name(number: int) -> str:
+    return f"{number:04d}.npz"
+
+
+def _content(point: MapPoint) -> bytes:
+    """Content of the file of a point."""
+    linear = point.linear
+    arrays: dict[str, Any] = {
+        "speed": point.speed,
+        "basis": linear.basis,
+        "mass": linear.mass,
+        "damping": linear.damping,
+        "stiffness": linear.stiffness,
+        "growth": point.growth,
+        "joints": np.array(list(linear.films), dtype=str),
+        "columns": np.array(list(point.figures), dtype=str),
+        "figures": np.array(list(point.figures.values()), dtype=float),
+    }
+    arrays |= {f"film_{n}": film for n, film in enumerate(linear.films.values())}
+    for n, start in enumerate(point.starts):
+        arrays |= {
+            f"x_{n}": start.x,
+            f"values_{n}": start.values,
+            f"patterns_{n}": start.patterns,
+            f"heated_{n}": np.array(list(start.temperatures), dtype=str),
+            f"temperatures_{n}": np.array(list(start.temperatures.values()), dtype=float),
+        }
+    content = BytesIO()
+    np.savez(content, **arrays)
+    return content.getvalue()
+
+
+def _read_point(path: Path) -> MapPoint | None:
+    """Read the file of a point; None if it cannot be read."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        films = {str(joint): arrays[f"film_{n}"] for n, joint in enumerate(arrays["joints"])}
+        starts = [
+            SearchStart(
+                arrays[f"x_{n}"],
+                arrays[f"values_{n}"],
+                int(arrays[f"patterns_{n}"]),
+                _by_name(arrays[f"heated_{n}"], arrays[f"temperatures_{n}"]),
+            )
+            for n in range(len(arrays["growth"]))
+        ]
+        return MapPoint(
+            float(arrays["speed"]),
+            Linearisation(
+                arrays["basis"], arrays["mass"], arrays["damping"], arrays["stiffness"], films
+            ),
+            _by_name(arrays["columns"], arrays["figures"]),
+            arrays["growth"],
+            tuple(starts),
+        )
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        return None
+
+
+def _by_name(names: np.ndarray, values: np.ndarray) -> dict[str, float]:
+    return {str(name): float(value) for name, value in zip(names, values, strict=True)}
+
+
+class RotorFolder(ExitStack):
+    """Folder of a rotor map, which one process at a time can use.
+
+    Parameters
+    ----------
+    directory
+        Path of the folder; it is created if it does not exist.
+    plan
+        Checked arguments of the map.
+    overwrite
+        Whether the points of another map are removed.
+
+    Attributes
+    ----------
+    points
+        Points that are stored in the folder.
+
+    Raises
+    ------
+    InputError
+        The folder has the map of another scene, or cannot be written to.
+    InUseError
+        Another process uses the folder.
+    """
+
+    command = "rotor"
+
+    def __init__(self, directory: str | Path, plan: RotorPlan, *, overwrite: bool = False):
+        super().__init__()
+        self.path = Path(directory)
+        self.plan = plan
+        about = identity(plan.scene) | {
+            "rotating": ", ".join(plan.rotating),
+            "meshes": str(plan.meshes),
+        }
+        require_writable(self.path)
+        self.path.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as held:
+            held.enter_context(locked(self.path))
+            claim(self.path, MADE, self.command)
+            if overwrite:
+                clear(self.path, MADE)
+            self._require_same(about)
+            (self.path / SUMMARY).unlink(missing_ok=True)
+            write_whole(self.path / ABOUT, to_json(about) + "\n")
+            claim(self.path / POINTS, [])
+            self.points = StoredPoints(self.path / POINTS)
+            self.push(held.pop_all())
+
+    def _require_same(self, about: Mapping[str, str]) -> None:
+        """Refuse the folder if its points are those of another scene."""
+        path = self.path / ABOUT
+        if not path.exists():
+            return
+        try:
+            stored = dict(read_json(path))
+        except (OSError, ValueError, TypeError):
+            raise InputError(
+                f"{path} cannot be read: choose another folder or use --overwrite"
+            ) from None
+        for key in dict.fromkeys((*about, *stored)):
+            if stored.get(key) != about.get(key):
+                raise InputError(
+                    f"{self.path} has the rotor map of another scene ({key} is "
+                    f"{stored.get(key)} in the folder, but {about.get(key)} here): choose another "
+                    "folder or use --overwrite"
+                )
+
+    def write(self, chart: RotorMap, shown: Sequence[int]) -> None:
+        """Write the tables of a map, and remove former pictures.
+
+        `shown` are the indices of the speeds whose mode shapes are written.
+        """
+        drawn = tuple(f".{ending}" for ending in PICTURE_FORMATS)
+        clear(self.path, [name for name in listed(self.path) if name.endswith(drawn)])
+        _write(self.path / MODES, mode_rows(chart))
+        _write(self.path / FILMS, film_rows(chart))
+        _write(self.path / SHAPES, shape_rows(chart, shown))
+        if chart.response is not None:
+            _write(self.path / UNBALANCE, unbalance_rows(chart.response))
+
+    def write_summary(self, entries: Mapping[str, Any]) -> None:
+        """Write the summary of the map, after all other files."""
+        write_whole(self.path / SUMMARY, to_json(entries) + "\n")
+
+
+def _write(path: Path, rows: Iterator[dict[str, Any]]) -> None:
+    """Write a table whose columns are those of its rows, in the order of the first one."""
+    table = list(rows)
+    columns = dict.fromkeys(column for row in table for column in row)
+    write_table(path, list(columns), table)
+
+
+def mode_rows(chart: RotorMap) -> Iterator[dict[str, Any]]:
+    """Rows of ``modes.csv``: one for every mode at every speed."""
+    for n, speed in enumerate(chart.speeds):
+        for track in np.flatnonzero(chart.tracks[:, n] >= 0):
+            root = complex(chart.roots[track, n])
+            yield {
+                "speed_rad_per_s": float(speed),
+                "mode": int(track) + 1,
+                "real_part_1_per_s": root.real,
+                "frequency_rad_per_s": root.imag,
+                "damping_ratio": damping_ratio(root),
+                "logarithmic_decrement": log_decrement(root),
+                "direction": chart.direction(n, int(track)) if root.imag else None,
+                "overlap": float(chart.overlaps[track, n]),
+            }
+
+
+def film_rows(chart: RotorMap) -> Iterator[dict[str, Any]]:
+    """Rows of ``films.csv``: figures of all films in equilibrium at every speed."""
+    for point in chart.points:
+        yield {"speed_rad_per_s": point.speed, **point.figures}
+
+
+def shape_rows(chart: RotorMap, shown: Sequence[int]) -> Iterator[dict[str, Any]]:
+    """Rows of ``shapes.csv``: complex deflections of all points in the modes at some speeds."""
+    stations = chart.stations
+    for n in shown:
+        for track in np.flatnonzero(chart.tracks[:, n] >= 0):
+            shape = chart.shape(n, int(track))
+            for k, name in enumerate(stations.names):
+                u, v = shape[k]
+                yield {
+                    "speed_rad_per_s": float(chart.speeds[n]),
+                    "mode": int(track) + 1,
+                    "point": name,
+                    "z_m": float(stations.heights[k]),
+                    "u_real": float(u.real),
+                    "u_imag": float(u.imag),
+                    "v_real": float(v.real),
+                    "v_imag": float(v.imag),
+                }
+
+
+def unbalance_rows(response: UnbalanceResponse) -> Iterator[dict[str, Any]]:
+    """Rows of ``unbalance.csv``: amplitudes, phases and bearing forces at every speed."""
+    columns: dict[str, np.ndarray] = {"speed_rad_per_s": response.speeds}
+    for name in response.points:
+        columns[f"{name}.amplitude_m"] = response.amplitude(name)
+        columns[f"{name}.phase_deg"] = np.degrees(response.phase(name))
+    for joint in response.forces:
+        columns[f"{joint}.force_amplitude_N"] = response.bearing_force(joint)
+    for n in range(len(response.speeds)):
+        yield {column: float(values[n]) for column, values in columns.items()}
+
+
+def figures_of_map(chart: RotorMap) -> dict[str, Any]:
+    """Entries of ``summary.json`` for a map: limits, critical speeds and resonances."""
+    lost = next((limit for limit in chart.limits if limit.lost), None)
+    unstable = chart.points[0].largest_real_part > 0.0
+    return {
+        "speeds": len(chart.points),
+        "failed_speeds": [
+            {"speed_rad_per_s": speed, "reason": reason} for speed, reason in chart.failures.items()
+        ],
+        "stable_at_first_speed": not unstable,
+        "stability_limit_rad_per_s": lost.speed if lost else None,
+        "stability_limit_scatter_rad_per_s": lost.scatter if lost else None,
+        "whirl_ratio": lost.whirl_ratio if lost else None,
+        "stability_limits": [
+            {
+                "speed_rad_per_s": limit.speed,
+                "speed_rpm": limit.speed * RPM,
+                "mode": limit.mode + 1,
+                "whirl_ratio": limit.whirl_ratio,
+                "direction": limit.direction,
+                "stability": "lost" if limit.lost else "regained",
+                "scatter_rad_per_s": limit.scatter,
+            }
+            for limit in chart.limits
+        ],
+        "critical_speeds": [
+            {
+                "speed_rad_per_s": critical.speed,
+                "speed_rpm": critical.speed * RPM,
+                "mode": critical.mode + 1,
+                "damping_ratio": critical.damping_ratio,
+                "direction": critical.direction,
+            }
+            for critical in chart.critical_speeds
+        ],
+        **({} if chart.response is None else _response_figures(chart.response)),
+    }
+
+
+def _response_figures(response: UnbalanceResponse) -> dict[str, Any]:
+    return {
+        "unbalances": [
+            {"point": each.point, "magnitude_kg_m": each.magnitude, "phase_deg": each.phase}
+            for each in response.unbalances
+        ],
+        "resonances": [
+            {
+                "point": peak.point,
+                "speed_rad_per_s": peak.speed,
+                "speed_rpm": peak.speed * RPM,
+                "amplitude_m": peak.amplitude,
+                "amplification_factor": peak.amplification,
+            }
+            for peak in response.resonances
+        ],
+        "max_bearing_force_N": {
+            joint: float(response.bearing_force(joint).max()) for joint in response.forces
+        },
+    }

@@ -1,0 +1,301 @@
+"""The command rotor: results, tables, pictures, interrupted maps, and bad input in one line."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from command_line import call, exit_of
+
+import fenics_ehd as ehd
+from fenics_ehd.analysis import rotor_map as engine
+from fenics_ehd.cli.main import main
+from fenics_ehd.plotting.rotor import campbell, decrement, mode_shapes
+from fenics_ehd.scenes.scene import scene_text
+from fenics_ehd.study.rotor_folder import StoredPoints
+
+COARSE = {"joints.left.cells": [16, 3], "joints.right.cells": [16, 3]}
+SPEEDS = "3000rpm:11000rpm:5"
+
+
+def write(folder, **changes):
+    """Scene file of the shipped rotor with coarse films and an unbalance in place of its force."""
+    scene = ehd.read_scene("rotor-two-bearings")
+    tables = {**scene.tables, "forces": {**scene.tables["forces"]}}
+    tables["forces"]["unbalance"] = {"kind": "unbalance", "point": "shaft.disk", "magnitude": 4e-4}
+    path = folder / "machine.toml"
+    path.write_text(scene_text(ehd.read_scene(tables, **COARSE, **changes)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    """Scene file, and folder of a complete map of it on one film mesh."""
+    folder = tmp_path_factory.mktemp("rotor")
+    path = write(folder)
+    out = folder / "map"
+    assert call("rotor", path, "--speeds", SPEEDS, "--meshes", "1", "-o", out) == 0
+    return path, out
+
+
+def rows(path):
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tables_summary_and_pictures_are_those_of_the_map(complete):
+    path, out = complete
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["status"] == "complete"
+    chart = ehd.rotor_map(ehd.read_scene(path), np.linspace(3000, 11000, 5) * np.pi / 30, meshes=1)
+    np.testing.assert_allclose(summary["stability_limit_rad_per_s"], chart.stable_below, rtol=1e-6)
+    (limit,) = summary["stability_limits"]
+    assert 0.4 < limit["whirl_ratio"] < 0.55
+    assert limit["stability"] == "lost"
+    assert limit["direction"] > 0.5
+    modes = rows(out / "modes.csv")
+    assert len(modes) == (chart.tracks >= 0).sum()
+    lost = [row for row in modes if float(row["real_part_1_per_s"]) > 1.0]
+    assert min(float(row["speed_rad_per_s"]) for row in lost) > chart.stable_below
+    for row in modes:
+        decrement = row["logarithmic_decrement"]
+        assert bool(decrement) == (float(row["frequency_rad_per_s"]) != 0.0)
+    films = rows(out / "films.csv")
+    assert len(films) == len(chart.speeds)
+    assert float(films[0]["left.reynolds_number"]) > 1.0
+    assert {row["point"] for row in rows(out / "shapes.csv")} >= {"shaft.disk", "shaft[0]"}
+    response = rows(out / "unbalance.csv")
+    middle = chart.response.amplitude("shaft.disk")
+    np.testing.assert_allclose(
+        [float(row["shaft.disk.amplitude_m"]) for row in response], middle, rtol=1e-6
+    )
+    for name in ("campbell", "decrement", "mode_shapes-1", "unbalance"):
+        assert (out / f"{name}.png").stat().st_size > 5000
+
+
+def test_a_map_again_reads_its_points_and_further_speeds_are_added(complete, capfd, monkeypatch):
+    path, out = complete
+    stored = len(list((out / "points").glob("*.npz")))
+    before = (out / "modes.csv").read_bytes()
+
+    def refused(*_arguments, **_settings):
+        raise AssertionError("a stored speed was computed again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "equilibrium", refused)
+        status, printed, _ = exit_of(
+            capfd, "rotor", path, "--speeds", SPEEDS, "--meshes", "1", "-o", out, "--json",
+            "--no-plots",
+        )  # fmt: skip
+    assert status == 0
+    assert json.loads(printed)["speeds"] == len(
+        {r["speed_rad_per_s"] for r in rows(out / "modes.csv")}
+    )
+    assert (out / "modes.csv").read_bytes() == before
+    more = f"{SPEEDS},350"
+    assert call("rotor", path, "--speeds", more, "--meshes", "1", "-o", out, "--no-plots") == 0
+    assert len(list((out / "points").glob("*.npz"))) >= stored + 1
+
+
+def test_an_interrupted_map_is_continued(complete, tmp_path, monkeypatch):
+    path, out = complete
+    folder = tmp_path / "map"
+    arguments = ("rotor", path, "--speeds", SPEEDS, "--meshes", "1", "-o", folder, "--no-plots")
+    once = engine.equilibrium
+    calls = []
+
+    def stopping(*positional, **settings):
+        calls.append(1)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return once(*positional, **settings)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "equilibrium", stopping)
+        assert call(*arguments) == 130
+    assert not (folder / "summary.json").exists()
+    assert len(StoredPoints(folder / "points")) == 3
+    assert call(*arguments) == 0
+    summaries = [json.loads((f / "summary.json").read_text()) for f in (out, folder)]
+    for name in ("stability_limit_rad_per_s", "whirl_ratio"):
+        np.testing.assert_allclose(summaries[1][name], summaries[0][name], rtol=1e-4)
+    damaged = sorted((folder / "points").glob("*.npz"))[0]
+    damaged.write_bytes(damaged.read_bytes()[:500])
+    assert len(StoredPoints(folder / "points")) >= 4
+    assert call(*arguments) == 0
+
+
+def test_a_folder_of_another_scene_is_refused(complete, tmp_path, capfd):
+    _, out = complete
+    other = write(tmp_path, **{"joints.left.clearance": 41e-6})
+    arguments = ("rotor", other, "--speeds", "500", "--meshes", "1", "-o", out, "--no-plots")
+    status, _, error = exit_of(capfd, *arguments)
+    assert status == 2
+    assert "has the rotor map of another scene (joints.left.clearance is 4e-05" in error
+    assert "--overwrite" in error
+
+
+def test_a_speed_without_equilibrium_gives_status_1_and_the_others_stay(
+    complete, tmp_path, capfd, monkeypatch
+):
+    path, _ = complete
+    once = engine.equilibrium
+
+    def failing(mechanism, **settings):
+        if mechanism.drives["shaft"].speed > 1000.0:
+            raise ehd.errors.SolverError("no equilibrium found from the pose at the start: why")
+        return once(mechanism, **settings)
+
+    monkeypatch.setattr(engine, "equilibrium", failing)
+    arguments = ("--meshes", "1", "-o", tmp_path / "map", "--no-plots")
+    status, printed, error = exit_of(capfd, "rotor", path, "--speeds", "500,600,1100", *arguments)
+    assert status == 1
+    assert (
+        "1 of 3 speeds have no equilibrium, the first is 1100 rad/s: no equilibrium found" in error
+    )
+    assert "2 speeds from 500 rad/s" in printed
+    summary = json.loads((tmp_path / "map" / "summary.json").read_text())
+    assert summary["status"].startswith("incomplete")
+    assert [failed["speed_rad_per_s"] for failed in summary["failed_speeds"]] == [1100.0]
+
+
+REFUSED = {
+    "a speed of another kind": (["--speeds", "1000 m"], "--speeds = '1000 m' must be a number"),
+    "a range without a count": (["--speeds", "1:2"], "first:last:count"),
+    "no speed": (["--speeds", "0"], "0 rad/s must be finite and not 0"),
+    "both senses": (["--speeds", "500,-500"], "different signs"),
+    "an unknown body": (["--speeds", "500", "--of", "rotor"], "of: there is no body 'rotor'"),
+    "a malformed unbalance": (
+        ["--speeds", "500", "--unbalance", "shaft.disk"],
+        "--unbalance 'shaft.disk' must be POINT=MAGNITUDE",
+    ),
+    "an unbalance at no point": (
+        ["--speeds", "500", "--unbalance", "shaft.rim=1e-4"],
+        "body shaft has no point 'rim'",
+    ),
+    "an unbalance of the ground": (
+        ["--speeds", "500", "--unbalance", "ground.left=1e-4"],
+        "body ground does not rotate",
+    ),
+    "a negative unbalance": (
+        ["--speeds", "500", "--unbalance", "shaft.disk=-1"],
+        "magnitude = -1.0 must be at least 0",
+    ),
+    "another unit of an unbalance": (
+        ["--speeds", "500", "--unbalance", "shaft.disk=1 kg"],
+        "kg is of another kind",
+    ),
+    "too many meshes": (["--speeds", "500", "--meshes", "9"], "9 is not in the range 1<=x<=4"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_bad_input_gives_one_line(what, complete, tmp_path, capfd):
+    arguments, message = REFUSED[what]
+    status, printed, error = exit_of(capfd, "rotor", complete[0], *arguments, "-o", tmp_path / "m")
+    assert status == 2
+    assert message in " ".join(error.split())
+    assert not printed
+    if "Usage" not in error:
+        assert len(error.strip().splitlines()) == 1
+
+
+SCENES = {
+    "four-bar": "four-bar",
+    "a film that conserves mass": {
+        "joints.left.cavitation": "mass-conserving", "joints.left.element": "bilinear",
+    },
+    "a groove of the journal": {
+        "joints.left.supply.hole.kind": "hole", "joints.left.supply.hole.diameter": 8e-3,
+        "joints.left.supply.hole.angle": 0.0, "joints.left.supply.hole.on": "journal",
+        "joints.left.supply.hole.pressure": 1e5, "joints.left.cells": [16, 5],
+    },
+    "a shape of the journal": {"joints.left.journal_shape.ovality": 2e-6},
+    "a load that no film carries": {"forces.weight.acceleration": [0.0, -1e7]},
+}  # fmt: skip
+REASONS = {
+    "four-bar": "no equilibrium: crank.tip is carried around as its body turns: run it",
+    "a film that conserves mass": "a rotor map is made of small motions about equilibria",
+    "a groove of the journal": "a supply of the journal of left turns: run it",
+    "a shape of the journal": "the shape or a supply of the journal of left turns: run it",
+    "a load that no film carries": "no equilibrium at any speed; at 500 rad/s: no equil",
+}
+
+
+@pytest.mark.parametrize("what", SCENES)
+def test_rotors_without_equilibria_are_refused(what):
+    changes = SCENES[what]
+    if isinstance(changes, str):
+        scene = ehd.read_scene(changes)
+    else:
+        scene = ehd.read_scene("rotor-two-bearings", **{**COARSE, **changes})
+    kinds = (ehd.errors.SettingsError, ehd.errors.SolverError)
+    with pytest.raises(kinds) as caught:
+        ehd.rotor_map(scene, [500.0], meshes=1)
+    assert REASONS[what] in str(caught.value)
+
+
+def test_two_shafts_of_different_speed_need_a_choice():
+    scene = ehd.read_scene("rotor-two-bearings", **COARSE)
+    tables = json.loads(json.dumps(scene.tables))
+    tables["bodies"]["spindle"] = {"kind": "massless"}
+    tables["joints"]["seat"] = {"kind": "revolute", "between": ["spindle", "ground"]}
+    tables["drives"]["spindle"] = {"kind": "speed", "speed": 100.0}
+    both = ehd.read_scene(tables)
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"shaft \(300 rad/s\), spindle \(100 rad/s\)"
+    ):
+        ehd.rotor_map(both, [500.0], meshes=1)
+    chart = ehd.rotor_map(both, [500.0], of="shaft", meshes=1)
+    alone = ehd.rotor_map(scene, [500.0], meshes=1)
+    np.testing.assert_allclose(chart.roots, alone.roots, rtol=1e-6)
+
+
+def test_the_limit_of_laminar_flow_gives_a_notice():
+    thin = {"lubricants.oil.viscosity": 2e-4, "forces.weight.acceleration": [0.0, -0.5]}
+    chart = ehd.rotor_map(
+        ehd.read_scene("rotor-two-bearings", **COARSE, **thin), [500.0, 900.0], meshes=1
+    )
+    (notice,) = [line for line in chart.notices if line.startswith("joints.left")]
+    assert "above Taylor's limit of laminar flow, 41 sqrt(R / c) = 916.8" in notice
+
+
+def test_heat_is_balanced_at_each_speed():
+    oil = {"lubricants.oil.viscosity": 0.0, "lubricants.oil.grade": "ISO VG 32"}
+    heat = {f"joints.{name}.heat.supply_temperature": 45.0 for name in ("left", "right")}
+    scene = ehd.read_scene("rotor-two-bearings", **COARSE, **oil, **heat)
+    chart = ehd.rotor_map(scene, [400.0, 700.0], meshes=1)
+    column = "left.effective_temperature_C"
+    temperatures = [point.figures[column] for point in chart.points]
+    assert 45.0 < temperatures[0] < temperatures[-1]
+    flow, power = (chart.points[-1].figures[f"left.{name}"] for name in (
+        "leaving_flow_m3_per_s", "dissipated_power_W"))  # fmt: skip
+    bearing = chart.points[-1]
+    assert flow > 0.0
+    assert power > 0.0
+    assert bearing.starts[0].temperatures.keys() == {"left", "right"}
+
+
+def test_pictures_are_drawn_without_a_limit_and_without_a_shaft():
+    body = ehd.RigidBody(6.0, 1e-3, position=(4e-6, -16e-6))
+    film = ehd.Film(
+        ehd.FilmParameters(
+            ehd.uniform_grid(0.02, 0.02, (16, 3)), 40e-6, ehd.Lubricant(0.008), 500.0
+        )
+    )
+    joint = ehd.LubricatedJoint("rotor", "ground", film, eccentricity=(4e-6, -16e-6))
+
+    def make(speed):
+        drives = {"rotor": ehd.Speed(speed)}
+        return ehd.Mechanism({"rotor": body}, {"b": joint}, drives, gravity=(0.0, -9.81))
+
+    chart = engine.rotor_map_of([make], [500.0])
+    assert not chart.limits
+    for figure in (campbell(chart), decrement(chart), mode_shapes(chart, 0)):
+        assert figure.axes
+
+
+def test_help_loads_no_arrays(capfd):
+    with pytest.raises(SystemExit):
+        main(["rotor", "--help"])
+    assert "Campbell diagram" in capfd.readouterr().out
