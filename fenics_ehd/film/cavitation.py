@@ -112,7 +112,7 @@ class ActiveSetSystem:
     def prepare(
         self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
     ) -> None:
-        """Factorise the system for an active set, unless it is factorised for it already.
+        """Factorise the system for an active set, unless its factors exist already.
 
         Parameters
         ----------
@@ -283,7 +283,7 @@ class SnesVi:
         Returns
         -------
         x, function : numpy.ndarray
-            Solution and ``F`` there, shape (n,) each.
+            Solution x, and values of the function F at x, shape (n,) each.
         iterations : int
             Number of iterations.
 
@@ -428,7 +428,7 @@ class Complementarity:
     smallest
         Value of `source` below which the source counts as zero.
     weights
-        Entries of W in the order of the solver's pattern, or None.
+        Entries of W in the order of the solver's pattern; None if the problem has no weights.
     """
 
     residual: Callable[[np.ndarray], np.ndarray]

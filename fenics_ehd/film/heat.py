@@ -139,9 +139,9 @@ def require_cycle(periodic: bool, key: str) -> None:
 class TemperatureSearch(Stateful):
     """Search for the effective temperature of a film, by power and flow at trial temperatures.
 
-    Between two temperatures ``P / Q`` is assumed to be a power of the viscosity, whose dependence
-    on temperature is known. The exponent changes little even if the viscosity changes a
-    thousandfold.
+    Between two temperatures the ratio of power to flow is assumed to be a power of the viscosity,
+    whose dependence on temperature is known. The exponent changes little even if the viscosity
+    changes a thousandfold.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ class TemperatureSearch(Stateful):
 
 
 def _thinner(oil: TemperatureLaw, temperature: float, hottest: float) -> float:
-    """Temperature at which the viscosity of an oil is lower by the factor `THINNER` [C].
+    """Temperature at which an oil is thinner than at `temperature` by the factor `THINNER` [C].
 
     It is at most `hottest`.
     """

@@ -351,7 +351,7 @@ class ContactColumns:
         self._unknowns = np.arange(first, self.size)
 
     def add_to_core(self, core: np.ndarray, speed: np.ndarray) -> None:
-        """Add the derivatives of contact with respect to x to the core matrix.
+        """Add the derivatives of contact with respect to the unknowns x to the core matrix.
 
         Parameters
         ----------

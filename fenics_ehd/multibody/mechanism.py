@@ -343,7 +343,7 @@ class System:
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
         """Yield every body that has coordinates, with their indices in z.
 
-        Third is a list of the entries of `values`, arrays in the order of z, for this body.
+        The third item is a list of the parts of `values`, arrays in the order of z, for this body.
         """
         for name, body in self._bodies.items():
             dofs = self.bodies[name]

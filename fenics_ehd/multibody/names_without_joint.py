@@ -62,7 +62,7 @@ class Summary(dict[str, Any]):
         return joints[joint][name]
 
     def get(self, name: str, default: Any = None) -> Any:
-        """Entry of a name, of the run or of its only joint with it; `default` if none has it."""
+        """Entry of the run with this name, or of the only joint that has it; else `default`."""
         try:
             return self[name]
         except KeyError:

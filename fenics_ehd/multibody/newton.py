@@ -134,12 +134,14 @@ MOST_NODES = 700
 #: starts. The contribution of the others to an update is computed by repeated substitution, at most
 #: `MAX_REFINEMENTS` times, until it changes by less than `REFINED` of the update. If a substitution
 #: reduces the change to more than `SLOW` of the one before, the number of retained patterns is
-#: doubled; if to less than `FAST`, it is halved in the next step.
+#: doubled; if to less than `FAST`, it is halved in the next step. Substitutions that follow are
+#: taken to change an update by at most `MARGIN` times the sum of a geometric series.
 FEWEST_PATTERNS = 30
 REFINED = 0.02
 MAX_REFINEMENTS = 8
 SLOW = 0.4
 FAST = 0.02
+MARGIN = 2.0
 
 
 class Update(NamedTuple):
@@ -282,10 +284,18 @@ class StepFactors:
             update = self.solve(point, films, rest)
         return update
 
-    def solve(self, point: Point, films: Sequence[np.ndarray], rest: np.ndarray) -> Update:
+    def solve(
+        self,
+        point: Point,
+        films: Sequence[np.ndarray],
+        rest: np.ndarray,
+        *,
+        limit: float = np.nan,
+    ) -> Update:
         """Compute the Newton update for right-hand sides of films, coordinates and multipliers.
 
-        Repeated substitution adds the contribution of residual patterns that are not retained.
+        Repeated substitution adds the contribution of residual patterns that are not retained. With
+        a `limit`, it ends as soon as it is known whether the size of the update exceeds the limit.
         """
         factored = self._factored
         assert factored is not None
@@ -309,6 +319,9 @@ class StepFactors:
             self._reduction = changed / former
             former = changed
             if changed <= REFINED * size or self._reduction > SLOW:
+                break
+            remaining = changed * self._reduction / (1.0 - self._reduction)
+            if abs(size - limit) > MARGIN * remaining:
                 break
         return Update(pressures, x[: len(rest)], gap_reduction, size)
 
@@ -661,6 +674,7 @@ class CoupledSteps:
             return False
         if not all(film.settled(point, self._tolerance) for film, point, _ in self._films):
             return False
-        return self._factors.solve(self._point, self._right_sides(), self._point.rest).size <= (
-            self._tolerance
+        update = self._factors.solve(
+            self._point, self._right_sides(), self._point.rest, limit=self._tolerance
         )
+        return update.size <= self._tolerance
