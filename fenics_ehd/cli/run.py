@@ -267,7 +267,8 @@ def changed_scene(
     body
         Path of a reduced body that replaces the scene's flexible body, or None.
     method
-        Reduction method for all parts of the scene, or None. A search for an accuracy keeps it.
+        Reduction method for all parts of the scene, or None. A search for an accuracy does not
+        change it.
     output
         Values of settings in ``[output]`` by key.
 
