@@ -434,7 +434,8 @@ def test_pressures_of_a_run_are_checked_if_the_part_is_at_hand(tmp_path):
     assert line.endswith("checked with pressures of this run")
     entries = history.entries | {"flexibility_errors": {}}  # as of a kept body
     line = budget_table(history.entries["joints"], entries)[-1]
-    assert "verified at its reduction" in line and "pressures of this run were not checked" in line
+    assert "verified at its reduction" in line
+    assert "pressures of this run were not checked" in line
     again = ehd.run(
         short(**{"bodies.rod.reduction.flexibility_tolerance": 0.0}), tmp_path / "exact"
     )
