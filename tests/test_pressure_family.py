@@ -32,7 +32,7 @@ from fenics_ehd.reduction.residual_completion import pattern_fields
 from fenics_ehd.reduction.static import bore_rows
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.part import body_counts, elastic_part, with_body
+from fenics_ehd.scenes.part import body_counts, elastic_part, require_provenance, with_body
 from fenics_ehd.scenes.scene import changed
 
 RADIUS, WIDTH = 0.02, 0.016
@@ -446,3 +446,14 @@ def test_pressures_of_a_run_are_checked_if_the_part_is_at_hand(tmp_path):
         for h in (again, history)
     ]
     assert 0 <= basis[0] < basis[1] < 1e-3
+
+
+def test_a_body_of_version_0_3_is_accepted_for_any_tolerance(bodies):
+    asked = {"model": "conrod.geo", "method": "m4", "flexibility_tolerance": "0.002"}
+    former = {"model": "conrod.geo", "method": "m4", "residual_truncation": "0.0001"}
+    body = replace(bodies[2e-3], provenance=former)
+    require_provenance(body, asked, set(asked), "bodies.rod")
+    with pytest.raises(
+        ehd.errors.SettingsError, match="made with method = m4, but bodies.rod has m3"
+    ):
+        require_provenance(body, asked | {"method": "m3"}, set(asked), "bodies.rod")

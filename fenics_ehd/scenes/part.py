@@ -345,8 +345,8 @@ def kept_entry(
     return Entry(complete, made, comm) if mesh_error else Entry(plain, made, comm, complete)
 
 
-#: Present names of entries of a body's provenance, by the former name of version 0.2 or 0.3.
-FORMER_PROVENANCE = {"held_by": "clamped", "residual_truncation": "flexibility_tolerance"}
+#: Present names of entries of a body's provenance, by the former name of version 0.2.
+FORMER_PROVENANCE = {"held_by": "clamped"}
 
 
 def require_provenance(
@@ -354,7 +354,8 @@ def require_provenance(
 ) -> None:
     """Refuse a body from a file if its settings differ from those in a scene file.
 
-    A body that was not made from the model of a scene is accepted.
+    A body that was not made from the model of a scene is accepted. A body of version 0.3 is
+    accepted for any tolerance of M4: its flexibility was computed from all nodal pressures.
 
     Parameters
     ----------
@@ -378,8 +379,10 @@ def require_provenance(
     for former, name in FORMER_PROVENANCE.items():
         if former in made:
             made[name] = made.pop(former)
+    if made.pop("residual_truncation", ""):
+        written = written - {"flexibility_tolerance"}
     if "geometry" in written:
-        written |= {name for name in {*asked, *made} if name.startswith("geometry.")}
+        written = written | {name for name in {*asked, *made} if name.startswith("geometry.")}
     for name in sorted(written & {*asked, *made}):
         if asked.get(name) != made.get(name):
             raise SettingsError(
