@@ -246,7 +246,8 @@ def mode_shapes(chart: RotorMap, n: int) -> Figure:
     tracks = sorted(tracks, key=lambda track: chart.roots[track, n].imag)[:MOST_SHAPES]
     columns = min(3, max(1, len(tracks)))
     rows = max(1, -(-len(tracks) // columns))
-    figure = plt.figure(figsize=(0.8 * PANEL * columns, 0.8 * PANEL * rows), layout="constrained")
+    figure = plt.figure(figsize=(0.8 * PANEL * columns, 0.8 * PANEL * rows))
+    figure.subplots_adjust(0.01, 0.04, 0.95, 0.9 if rows > 1 else 0.8, wspace=0.12, hspace=0.2)
     speed = abs(chart.points[n].speed)
     figure.suptitle(f"mode shapes at {RPM * speed:.0f} 1/min")
     for number, track in enumerate(tracks):
@@ -276,7 +277,7 @@ def _draw_shape(axes: Axes, chart: RotorMap, n: int, track: int) -> None:
     direction = whirl_direction(shape, chart.points[n].speed)
     whirl = "forward" if direction > 0 else "backward"
     axes.set_title(
-        f"mode {track + 1}: {HERTZ * root.imag:.4g} Hz, ζ = {damping_ratio(root):.3f}\n"
+        f"mode {track + 1}: {HERTZ * root.imag:.4g} Hz, ζ = {round(damping_ratio(root), 3) + 0.0:.3f}\n"
         f"{whirl} whirl, κ = {direction:.2f}",
         fontsize=8.5,
     )
