@@ -54,7 +54,8 @@ test-faults: export OPENBLAS_NUM_THREADS := 1
 test-faults: set-up  ## malformed inputs, kills, full disks, errors on one rank
 	$(VENV)/bin/python tests/faults $(ARGS)
 
-figures: set-up $(VENV)/exudyn  ## run the tests whose numbers the validation page shows
+figures: set-up $(VENV)/exudyn $(VENV)/ross/stamp  ## run the tests whose numbers the validation page shows
+	$(VENV)/bin/python tests/ross_case.py --python $(VENV)/ross/bin/python -o tests/golden/ross.json
 	PYTHONPATH=$(VENV)/exudyn $(VENV)/bin/python -m pytest -m "" --figures=docs/validation.json tests $(ARGS)
 	$(VENV)/bin/python docs/tables.py
 
@@ -114,6 +115,13 @@ $(VENV)/docs-stamp: $(VENV)/stamp debian-packages-docs.txt
 # Beside Debian's packages, so that pip cannot replace numpy; the program does without it.
 $(VENV)/exudyn: $(VENV)/stamp
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --target $@ exudyn==1.13.6
+
+# Without system packages, as it needs newer ones; matrices are handed over as a file. Later plotly
+# lacks what this release imports.
+$(VENV)/ross/stamp: $(VENV)/stamp
+	$(PYTHON) -m venv --clear $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check ross-rotordynamics==2.3.0 'plotly<6'
+	@touch $@
 
 # Linters import nothing of ours, so they may come from PyPI.
 $(LINT_VENV)/stamp: Makefile

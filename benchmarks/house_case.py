@@ -1,4 +1,4 @@
-"""One scene, built and run in memory: prints processor seconds of both, steps and iterations.
+"""One scene, built and run in memory: prints processor seconds of both, and counts.
 
     python benchmarks/house_case.py SCENE.toml
 
@@ -59,4 +59,5 @@ def run_by_names(path: str) -> dict[str, float]:
 if __name__ == "__main__":
     named = hasattr(importlib.import_module("fenics_ehd"), "build")
     answer = (run_by_names if named else run_by_modules)(sys.argv[1])
-    print(json.dumps({k: answer[k] for k in ("seconds", "steps", "newton_iterations")}))
+    keys = ("seconds", "steps", "newton_iterations", "counts")
+    print(json.dumps({key: answer[key] for key in keys if key in answer}))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 from mpi4py import MPI
@@ -17,7 +17,7 @@ from reduction_scipy import SCIPY_METHODS
 
 import fenics_ehd as ehd
 from fenics_ehd.reduction import two_step_craig_bampton
-from fenics_ehd.scenes.part import elastic_part
+from fenics_ehd.scenes.part import body_counts, elastic_part
 
 #: No error estimate: that is one more block of solves for every method but M4.
 METHODS = {
@@ -82,18 +82,24 @@ def main() -> None:
     before = comm.gather(peak_memory())
     comm.barrier()
     start = perf_counter()
+    start_of_process = process_time()
+    counts = {}
     if arguments.program == "scipy":
         frequencies, flexibility = SCIPY_METHODS[arguments.method](structure)
     else:
         body = METHODS[arguments.method](ehd.Reductor(structure, solver=arguments.solver))
         frequencies, flexibility = body.frequencies, body.basis_flexibility()
+        counts = body_counts(body)
     comm.barrier()
     seconds = perf_counter() - start
+    processor_seconds = process_time() - start_of_process
     after = comm.gather(peak_memory())
     if comm.rank == 0:
         result = {
             "size": structure.size,
             "seconds": seconds,
+            "processor_seconds": processor_seconds,
+            "counts": counts,
             "memory_before": before,
             "memory": after,
             "lowest_Hz": float(frequencies[0]),

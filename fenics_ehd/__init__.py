@@ -59,6 +59,7 @@ _NAMES = {
     "multibody.quantities": ("quantity",),
     "multibody.shaft": ("ModalRotor", "Shaft", "ShaftBody"),
     "multibody.simulation": ("simulate",),
+    "plotting.pictures": ("plot",),
     "reduction.body": ("ReducedBody", "load_body", "save_body"),
     "reduction.bore": ("bore_from_faces",),
     "reduction.fixed_interface_modes": ("craig_bampton",),

@@ -114,6 +114,21 @@ def test_grades_become_thicker_with_their_numbers():
             assert len(values) >= 5
 
 
+#: Ranges of the kinematic viscosity at 100 C in SAE J300 of 2015 [mm2/s], by the last number.
+RANGES = {
+    "8": (4.0, 6.1), "12": (5.0, 7.1), "16": (6.1, 8.2), "20": (6.9, 9.3), "30": (9.3, 12.5),
+    "40": (12.5, 16.3), "50": (16.3, 21.9), "60": (21.9, 26.1),
+}  # fmt: skip
+
+
+def test_grades_lie_in_the_middle_of_their_range():
+    names = [name for name in GRADES if name.startswith("SAE") and name != "SAE 10"]
+    assert len(names) == 18
+    for name in names:
+        least, most = RANGES[name.removeprefix("SAE ").rpartition("-")[2]]
+        assert GRADES[name].viscosity_100 == pytest.approx((least + most) / 2, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("name", "expected"),
     [("sae 10w40", "SAE 10W-40"), ("5W-30", "SAE 5W-30"), ("ISO VG 46", "ISO VG 46"),

@@ -13,6 +13,7 @@ from foreign_parts import ring
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from petsc4py import PETSc
 from scene_cases import structure as structure_of
 
 import fenics_ehd as ehd
@@ -23,7 +24,7 @@ from fenics_ehd.reduction.load_dependent_basis import (
 )
 from fenics_ehd.reduction.matrices import MassOperator
 from fenics_ehd.reduction.reductor import rigid
-from fenics_ehd.reduction.static import LinearSolver, rigid_body_modes
+from fenics_ehd.reduction.static import LinearSolver, StaticSolver, rigid_body_modes
 
 ROOT = Path(__file__).parents[1]
 
@@ -191,3 +192,14 @@ def test_nothing_of_a_reduction_stays_behind():
     before = solvers()
     ehd.load_dependent(ring(), 3, 4, estimate_error=False)
     assert solvers() == before
+
+
+def test_a_mass_matrix_is_freed_only_on_request_and_then_refused():
+    part = ring()
+    kept = StaticSolver(part)
+    assert part.mass.norm() > 0
+    column = np.ones((part.mass.local_size[0], 1))
+    freed = StaticSolver(part, once=True)
+    assert np.array_equal(freed.mass.multiply(column), kept.mass.multiply(column))
+    with pytest.raises(PETSc.Error):
+        part.mass.norm()

@@ -75,7 +75,10 @@ MOST_POINTS = 50
 
 
 def _expected_attitude(settings: BearingSettings) -> float:
-    """First guess of the attitude [rad]: 50 degrees with rotation, else the squeeze direction."""
+    """First guess of the attitude angle [rad].
+
+    It is 50 degrees in the direction of rotation. Without rotation, it is the squeeze direction.
+    """
     entrainment = settings.direction * settings.entrainment
     if entrainment:
         return float(np.copysign(np.radians(50.0), entrainment))
@@ -83,7 +86,9 @@ def _expected_attitude(settings: BearingSettings) -> float:
 
 
 def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
-    """Equilibrium under a load [N], with a mesh that suits the position of the journal.
+    """Equilibrium under a load [N], with a film mesh for the position of the journal.
+
+    The search begins at the operating point `start`.
 
     Raises
     ------
@@ -102,7 +107,9 @@ def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
 
 
 def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
-    """Equilibrium under a load [N], approached through other loads if it is not found directly.
+    """Equilibrium under a load [N].
+
+    If it is not found directly, the load is approached through loads in between.
 
     Raises
     ------
@@ -142,7 +149,9 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
 
 
 def _held(bearing: Bearing, ratio: float) -> OperatingPoint:
-    """Journal held at an eccentricity ratio, at the first of six attitudes with an open gap.
+    """Operating point of a journal that is held at an eccentricity ratio.
+
+    The attitude is the first of six angles at which the shaft does not touch the bore.
 
     Raises
     ------
@@ -174,17 +183,17 @@ FLAT = 0.05
 
 
 def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
-    """Equilibrium at an eccentricity ratio in 0..1; at any attitude if the film has no pressure.
+    """Operating point at an eccentricity ratio in 0..1, with the film's force on the load line.
 
     The attitude is found by the secant method. The first step assumes that the force rotates with
-    the journal, as it does in a plain bearing.
+    the journal, as in a plain bearing. If the film has no pressure, the attitude is arbitrary.
 
     Raises
     ------
     SettingsError
-        A centred shaft has a force off the load line, or the shaft touches the bore.
+        The force on a centred shaft is not on the load line, or the shaft touches the bore.
     SolverError
-        The force of the film lies on the load line at no attitude that was tried.
+        No attitude was found at which the force of the film is on the load line.
     """
     point = _held(bearing, ratio)
     off = direction_of(point.force_on_bore)
@@ -238,7 +247,7 @@ class BearingHeat:
 def _with_balanced_heat(
     bearing: Bearing, solve: Callable[[Bearing], OperatingPoint]
 ) -> tuple[BearingHeat, OperatingPoint]:
-    """Operating point at the effective temperature of the oil, and the heat balance.
+    """Result of the heat balance, and operating point at the effective temperature of the oil.
 
     Raises
     ------
@@ -290,12 +299,12 @@ class ContactFigures:
     Attributes
     ----------
     load
-        Resultant of the contact pressure [N].
+        Size of the resultant of the contact pressure [N].
     share
-        Resultant over the load. Contact and film act in different directions, so their shares
-        do not add up to 1.
+        Size of this resultant over the load [-]. Contact and film act in different directions, so
+        that their shares do not add up to 1.
     max_pressure
-        Largest contact pressure, between the Gauss points [Pa].
+        Largest contact pressure, interpolated between the Gauss points [Pa].
     power
         Power lost by boundary friction [W].
     """
@@ -312,8 +321,8 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
     Raises
     ------
     SettingsError
-        The film has no force or the shaft no eccentricity, so that there are no derivatives; or
-        the oil is compressible.
+        The film has no force or the shaft has no eccentricity, so that the derivatives do not
+        exist; or the oil is compressible.
     """
     settings = point.meshed.settings
     if settings.density_law != "constant":
@@ -492,12 +501,12 @@ def bearing_result(
 
 
 def _require_finite_figures(result: BearingResult) -> None:
-    """Refuse a result that is not a finite number.
+    """Refuse a result that is not a finite number; results that are None are accepted.
 
     Raises
     ------
     VerificationError
-        A result is not finite; the message names it.
+        Some results are not finite; the message names all of them.
     """
     unknown = []
     for part in (result, result.flow, result.contact, result.coefficients, result.heat):
@@ -513,7 +522,7 @@ def _require_finite_figures(result: BearingResult) -> None:
 
 
 def _require_resolved(point: OperatingPoint) -> None:
-    """Refuse pressures at which the viscosity grows too much within a cell of the mesh."""
+    """Refuse a solution in which the viscosity varies too much within a cell of the film mesh."""
     steepest = steepest_thickening(point.meshed.film, point.state.pressure)
     if not steepest <= MOST_WITHIN_A_CELL:
         raise ViscosityError(
@@ -538,7 +547,7 @@ def _tilting_moment(point: OperatingPoint) -> np.ndarray:
 def _result(
     point: OperatingPoint, with_coefficients: bool, heat: BearingHeat | None
 ) -> BearingResult:
-    """Results of an operating point."""
+    """Results of a bearing at an operating point, without heat balance and coefficients."""
     position = point.position
     settings = point.meshed.settings
     film = point.meshed.film
@@ -574,7 +583,7 @@ def _result(
 
 
 def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
-    """Results on the contact of rough surfaces; None for smooth surfaces."""
+    """Results on the contact of rough surfaces at an operating point; None for smooth surfaces."""
     joint = point.joint
     if joint.contact is None:
         return None
@@ -584,7 +593,7 @@ def _contact(point: OperatingPoint, load: float) -> ContactFigures | None:
 
 
 def _peak(point: OperatingPoint) -> tuple[float, float | None]:
-    """Peak pressure between the nodes [Pa], and its angle from the maximum film [rad]."""
+    """Peak pressure, interpolated between nodes [Pa], and its angle from the maximum film [rad]."""
     joint = point.joint
     scale = point.meshed.film.parameters.pressure_scale
     if not float(joint.pressure.max()) > NO_PRESSURE * scale:

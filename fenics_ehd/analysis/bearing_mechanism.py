@@ -1,9 +1,9 @@
 """One rigid bearing with a film mesh for a position of its journal, and its equilibrium.
 
-The film's mesh is graded by the gap at one position of the journal, finer if the film is thin. If
-the bore is round, the x axis of the film's frame points to the journal; grooves are rotated into
-this frame. The mesh is made again if the equilibrium position has another gap or direction than
-the mesh was made for (`MeshedBearing.suits`).
+The film's mesh is made for one position of the journal: cells are small where the film is thin. If
+the bore is round, the x axis of the film's frame points to the journal, and grooves are rotated
+into this frame. The mesh is made again if the equilibrium position has another gap or direction
+than the position for which the mesh was made (`MeshedBearing.suits`).
 
 `Bearing.build` makes the mechanism (`fenics_ehd.scenes.bearing`): the bodies ``shaft`` and
 ``bore``, the joint ``film``, and drives. This module adds the position of the journal, and either a
@@ -77,16 +77,19 @@ class Bearing:
     build: BuildBearing
 
     def changed(self, **changes: Any) -> Bearing:
-        """Return the bearing with other values of some settings."""
+        """Copy of the bearing with other values of some settings."""
         return replace(self, settings=attrs.evolve(self.settings, **changes))
 
     def gaps(self, position: np.ndarray) -> np.ndarray:
-        """Film thickness for an eccentricity, x along the load, shape (2,) [m].
+        """Film thickness at angles and heights for a position of the journal [m].
+
+        `position` is the eccentricity, x along the load, shape (2,) [m].
 
         Returns
         -------
         numpy.ndarray
-            Thickness at all `ANGLES` from the load line and `HEIGHTS`, shape (720, 41) [m].
+            Film thickness at the `ANGLES` from the load line and the `HEIGHTS`, shape (720, 41)
+            [m].
         """
         s = self.settings
         height = s.width * np.linspace(-0.5, 0.5, HEIGHTS)
@@ -95,12 +98,12 @@ class Bearing:
         return round_gap[:, None] + s.relative_shape().radial(AROUND[:, None], height)
 
     def open_gaps(self, position: np.ndarray) -> np.ndarray:
-        """Film thickness for an eccentricity, see `gaps`; a journal touching its bore is refused.
+        """Film thickness for a position of the journal, see `gaps`, if the gap is open.
 
         Raises
         ------
         GapClosedError
-            The thickness is not positive; rough surfaces may overlap by up to a limit.
+            The journal touches the bore; rough surfaces may overlap by up to a limit.
         """
         s = self.settings
         thickness = self.gaps(position)
@@ -118,12 +121,15 @@ class Bearing:
 
 @attrs.frozen
 class HeldPoint(Revolute):
-    """Constraint that holds a point at another point, but gives it a velocity [m/s]."""
+    """Joint that holds a point at another point, and at the same time imposes a velocity [m/s].
+
+    The velocity enters the squeeze motion of a film, but does not change positions.
+    """
 
     velocity: np.ndarray = attrs.field(factory=lambda: np.zeros(2))
 
     def imposed(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Imposed distance of the two points, 0, and imposed velocity of the point, see `Joint`."""
+        """Imposed distance of the two points, which is 0, and imposed velocity, see `Joint`."""
         return np.zeros(2), self.velocity
 
 
@@ -135,7 +141,7 @@ class MeshedBearing:
     bearing
         The bearing.
     position
-        Eccentricity for which the mesh is made, x along the load, shape (2,) [m].
+        Eccentricity of the journal for which the mesh is made, x along the load, shape (2,) [m].
 
     Attributes
     ----------
@@ -144,7 +150,7 @@ class MeshedBearing:
     angle
         Angle from the load line to the x axis of the film's frame [rad].
     film
-        Film in this frame.
+        Film, in this frame.
 
     Raises
     ------
@@ -163,32 +169,36 @@ class MeshedBearing:
 
     @property
     def _joint(self) -> LubricatedJoint:
-        """Lubricated joint of the mechanism before a load or an eccentricity is added."""
+        """Lubricated joint of the bearing, without a load or an eccentricity of the journal."""
         joint = self._unloaded.joints["film"]
         assert isinstance(joint, LubricatedJoint)
         return joint
 
     def _mesh(self, edges: np.ndarray) -> FilmGrid:
-        """Mesh that is finer where the film is thin, with lines at the edges of grooves [rad]."""
+        """Film mesh that is finer where the film is thin, with cell boundaries at groove edges.
+
+        `edges` are the angles of the edges [rad].
+        """
         s = self.settings
         cells = s.cells_around, s.cells_along
         return gap_graded_grid(s.radius, s.width, cells, s.element, self._thickness, sorted(edges))
 
     def _profile(self, thickness: np.ndarray) -> np.ndarray:
-        """Length by which the mesh is graded, by angle: smallest thickness along the axis [m].
+        """Smallest film thickness along the axis at each of the `ANGLES`, shape (720,) [m].
 
-        Between rough surfaces it is the length scale of their contact, see `length_scale`.
+        The mesh is finer where this thickness is small. Between rough surfaces it is the length
+        scale of their contact, see `length_scale`.
         """
         thinnest = thickness.min(axis=1)
         roughness = self.settings.roughness
         return length_scale(thinnest, roughness) if roughness else thinnest
 
     def _thickness(self, angle: np.ndarray) -> np.ndarray:
-        """Length by which the mesh is graded [m], at angles in the film's frame [rad]."""
+        """Smallest film thickness along the axis [m], at angles in the film's frame [rad]."""
         return np.asarray(np.interp(angle + self.angle, AROUND, self._made_for, period=2 * np.pi))
 
     def suits(self, position: np.ndarray) -> bool:
-        """True if the mesh can be used for another eccentricity, shape (2,) [m]."""
+        """True if the mesh can be used for another position of the journal, shape (2,) [m]."""
         if self.settings.bore_shape is None:
             off = direction_of(rotation(-self.angle) @ position)
             if abs(off) > (ALIGNED_WITH_LINE if self.settings.line_at_max_film else ALIGNED):
@@ -197,11 +207,17 @@ class MeshedBearing:
         return bool(np.all((factor < LARGEST_FACTOR) & (factor > 1 / LARGEST_FACTOR)))
 
     def meshed_for(self, position: np.ndarray) -> MeshedBearing:
-        """Bearing with a mesh for an eccentricity [m]: this one if its mesh can be used."""
+        """Bearing with a film mesh for a position of the journal [m].
+
+        It is the same bearing if its mesh can be used for this position.
+        """
         return self if self.suits(position) else MeshedBearing(self.bearing, position)
 
     def mechanism(self, position: np.ndarray, load: float | None) -> Mechanism:
-        """Mechanism with the journal at an eccentricity [m], under a load [N]; None: held there."""
+        """Mechanism with the journal at a position [m], under a load [N].
+
+        If the load is None, the journal is held at the position.
+        """
         s = self.settings
         into_frame = rotation(-self.angle)
         # The rate of the eccentricity is needed in the frame of the bore, which rotates.
@@ -224,18 +240,21 @@ class MeshedBearing:
         return replace(unloaded, bodies=bodies, joints=joints, forces=forces)
 
     def rest(self, position: np.ndarray, load: float | None = None) -> OperatingPoint:
-        """Equilibrium under a load [N]; without one, the journal is held at the position [m]."""
+        """Operating point under a load [N], searched from a position of the journal [m].
+
+        If the load is None, the journal is held at the position.
+        """
         return OperatingPoint(self, balanced(System(self.mechanism(position, load))))
 
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """A bearing with its journal in equilibrium, under a load or held.
+    """A bearing with its journal in equilibrium, under a load or held at a position.
 
     Attributes
     ----------
     meshed
-        Bearing with its mesh.
+        Bearing with its film mesh.
     rest
         Equilibrium of the mechanism.
     """
@@ -250,7 +269,7 @@ class OperatingPoint:
 
     @property
     def state(self) -> FilmState:
-        """Solution of the film."""
+        """Solution of the film in equilibrium."""
         return self.joint.state
 
     @property
@@ -267,7 +286,7 @@ class OperatingPoint:
 
     @property
     def carries(self) -> bool:
-        """True if the film's force exceeds the round-off of its pressures."""
+        """True if the film carries a load: its force exceeds the round-off of its pressures."""
         s = self.meshed.settings
         scale = self.meshed.film.parameters.pressure_scale
         least = ROUND_OFF * self.state.pressure.max() + NO_PRESSURE * scale

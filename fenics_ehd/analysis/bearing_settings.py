@@ -110,7 +110,7 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def heat(self) -> Heat:
-        """Settings of the heat balance, which is solved if a supply temperature is set."""
+        """Settings of the heat balance, which is computed if a supply temperature is set."""
         from fenics_ehd.film.heat import Heat
 
         return Heat(
@@ -122,16 +122,16 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def oil(self) -> OilSettings:
-        """Settings of the oil; a grade or kinematic viscosities replace the default viscosity."""
+        """Settings of the oil; if they have a grade, the default viscosity is not used."""
         values = {field.name: getattr(self, field.name) for field in attrs.fields(OilSettings)}
         if self.graded and self.viscosity == VISCOSITY:
             values["viscosity"] = 0.0
         return OilSettings(**values)
 
     def relative_shape(self, angle: float = 0.0) -> Shape:
-        """Shape of the bore relative to the shaft, in a frame at an angle from the load line [rad].
+        """Shape of the bore, in which a tilt of the shaft is the opposite misalignment of the bore.
 
-        A tilted shaft counts as a bore with the opposite misalignment. `angle` must be 0 for a bore
+        The frame of the shape is at `angle` from the load line [rad], which must be 0 for a bore
         that is not round.
         """
         from fenics_ehd.base.plane import rotation
@@ -145,7 +145,7 @@ class BearingSettings(OilSettings, Roughness):
 
     @property
     def plain(self) -> bool:
-        """True if no direction is distinguished except those of load and eccentricity."""
+        """True if the bearing is the same in all directions, except for load and eccentricity."""
         fixed = self.grooves or self.line_at_max_film or self.bore_shape is not None
         return not (fixed or any(self.tilt) or any(self.squeeze))
 
@@ -187,10 +187,10 @@ class BearingSettings(OilSettings, Roughness):
             )
 
     def _check_entrainment(self) -> None:
-        """Refuse speeds of shaft and bore that nearly cancel.
+        """Refuse speeds of shaft and bore whose sum is nearly zero.
 
-        The pressure of the film is proportional to the sum of the speeds. Terms with their
-        difference are smaller by c / R, and lubrication theory has only some of these terms.
+        The pressure of the film is proportional to the sum of the speeds. Terms with the difference
+        of the speeds are smaller by c / R, and lubrication theory neglects some of these terms.
         """
         least = self.clearance / self.radius * abs(self.speed - self.bore_speed)
         if abs(self.entrainment) < least and not any(self.squeeze):
@@ -201,7 +201,7 @@ class BearingSettings(OilSettings, Roughness):
             )
 
     def _check_classes(self) -> None:
-        """Refuse grooves and shapes that are objects of other classes."""
+        """Refuse grooves and shapes that are not objects of their classes."""
         if self.grooves:
             from fenics_ehd.film.supply import AxialGroove
 

@@ -1,13 +1,14 @@
 """Mechanisms at rest: equilibrium under constant loads, and small motions about it.
 
-A mechanism is in equilibrium if its step equations hold with constant velocities that the
-coordinates do not follow: an implicit step of infinite length, with the shift zero. Shafts rotate,
-journals rest in their bores or move at their initial rates, and the pressure of every film balances
-its load. If a bore rotates, the eccentricity rotates backwards in the frame of the bore.
+A mechanism is in equilibrium if its equations hold with constant velocities and constant
+coordinates: an implicit step of infinite length, with the shift zero. Shafts rotate, journals rest
+in their bores or have their initial velocities, and the pressure of every film balances its load.
+If a bore rotates, the eccentricity rotates backwards in the frame of the bore.
 
-A mechanism that varies with time has no equilibrium. Rotating forces are left out with a notice,
-because they excite motions about the equilibrium. The following are refused: tables over time,
-parts that are carried around, shapes and supplies that rotate, and shafts without a drive.
+A mechanism that varies with time has no equilibrium. Rotating forces are not included, and a notice
+reports them, because they excite motions about the equilibrium. A mechanism is refused if it has
+tables over time, parts whose centre of mass moves on a circle, shapes or supplies that rotate, or
+shafts without a drive.
 
 The same equations with a shift s, linearised at the equilibrium, give the response to a generalised
 force f. On the motions that the joints allow, spanned by the columns of Z, it is
@@ -113,17 +114,17 @@ class Equilibrium:
     system
         Equations of the mechanism, with the indices of its coordinates.
     x, rate
-        State x of the integration, which starts with the coordinates z, and its rate.
+        State x of the time integration, whose first n entries are the coordinates z, and its rate.
     state
-        State of films and forces.
+        Solution of films and forces in equilibrium.
     iterations
         Number of iterations of Newton's method.
     solver
-        Newton solver at the solution.
+        Newton solver of the step equations.
     notices
-        Descriptions of the forces that were left out.
+        Notices of the rotating forces that are not included.
     unknowns
-        Solution of the step equations, from which a later search can start.
+        Unknowns of the step equations in equilibrium, from which a later search can start.
     """
 
     system: System
@@ -184,7 +185,10 @@ class Linearisation:
     films: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def along(self, places: np.ndarray) -> Linearisation:
-        """The same motions with k of the coordinates z as q; these must determine all motions."""
+        """The same linearisation, in which q are k of the coordinates z.
+
+        These coordinates must determine all motions that the joints allow.
+        """
         return self.with_coordinates(np.linalg.inv(self.basis[places]))
 
     def with_coordinates(self, turn: np.ndarray) -> Linearisation:
@@ -199,7 +203,10 @@ class Linearisation:
 
     @property
     def roots(self) -> np.ndarray:
-        """Eigenvalues [1/s]; stable if no real part is positive. M must not be singular."""
+        """Eigenvalues of the motions [1/s]; the equilibrium is stable if no real part is positive.
+
+        The mass matrix M must not be singular.
+        """
         unit = np.eye(len(self.mass))
         zero = np.zeros_like(self.mass)
         motion = np.block([[zero, unit], [-self.stiffness, -self.damping]])
@@ -264,12 +271,12 @@ def equilibrium(
 def balanced(
     system: System, tolerance: float = TOLERANCE, former: SearchStart | None = None
 ) -> Equilibrium:
-    """State of a mechanism in balance with its loads at time zero; later times are ignored.
+    """Equilibrium of a mechanism under its loads at time zero, even if the loads vary later.
 
     Parameters
     ----------
     system
-        Mechanism, whose approximate pose and rates are assembled.
+        Equations of the mechanism, whose approximate pose and rates are assembled.
     tolerance
         Tolerance of the last update, relative to the gaps.
     former
@@ -389,12 +396,12 @@ OTHER_MECHANISM = (
 
 
 def _require_same(system: System, former: Equilibrium) -> None:
-    """Refuse to continue from the equilibrium of another mechanism.
+    """Refuse to start a search from the equilibrium of another mechanism.
 
     Raises
     ------
     SettingsError
-        Bodies, joints or films of the two have different coordinates or nodes.
+        The mechanisms differ in coordinates of bodies and joints, or in film nodes.
     """
     nodes, former_nodes = (
         {film.name: film.film.film.assembly.size for film in each.films}
@@ -408,7 +415,7 @@ def _require_same(system: System, former: Equilibrium) -> None:
 
 
 def _without_rotating_forces(mechanism: Mechanism) -> tuple[Mechanism, tuple[str, ...]]:
-    """The mechanism without rotating forces, and a notice for each force that is left out."""
+    """Copy of a mechanism without its rotating forces, and a notice for each of these forces."""
     rotating = {
         name: force.left_out_of_equilibrium
         for name, force in mechanism.forces.items()
@@ -454,7 +461,10 @@ ROUNDING = 1e-13
 
 
 def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
-    """Reasons by drives, forces and supplies that vary while the bodies keep their rates."""
+    """Reasons why there is no equilibrium: drives, forces and supplies that vary with time.
+
+    Bodies move with constant rates.
+    """
     times = np.array([0.0, *SAMPLES])
     for table in system.tables:
         rows = table.curve.curve.x
@@ -489,7 +499,7 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
 
 
 def _differs(values: list[float] | list[np.ndarray]) -> bool:
-    """True if values at several times differ from the first one."""
+    """True if some of the values, at several times, differ from the first value."""
     array = np.stack([np.asarray(value, dtype=float) for value in values])
     return bool(np.abs(array - array[0]).max() > UNCHANGED * np.abs(array).max())
 
@@ -499,7 +509,10 @@ CENTRED = 1e-9
 
 
 def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterator[str]:
-    """Reasons by bodies that rotate about another axis than their own, or are elastic."""
+    """Reasons why there is no equilibrium: rotating bodies that are elastic or not balanced.
+
+    A body is not balanced if its centre of mass or a point with a joint is not on its axis.
+    """
     carried = instant.rate_derivative(rates)[0] @ rates
     for name, marker in system.markers.items():
         turning = system.angles.get(name.partition(".")[0])
@@ -524,7 +537,7 @@ def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterat
 
 
 def _turning_surfaces(binding: FilmBinding, rates: np.ndarray) -> Iterator[str]:
-    """Reasons by shapes and supplies of a film that rotate relative to the load."""
+    """Reasons why there is no equilibrium: shapes and supplies of a film that rotate."""
     parameters = binding.film.film.parameters
     for bound in reversed(binding.surfaces):
         side = bound.surface.side
@@ -536,17 +549,20 @@ def _turning_surfaces(binding: FilmBinding, rates: np.ndarray) -> Iterator[str]:
 
 
 def _all_around(feed: Supply) -> bool:
-    """True if a supply is the same at all angles."""
+    """True if an oil supply has the same geometry at all angles: a groove around the bearing."""
     return isinstance(feed, CircumferentialGrooveSupply) and feed.extent >= 360.0
 
 
 def _rate(system: System) -> float:
-    """Largest reference rate of a film [rad/s]."""
+    """Largest reference angular speed of the films of a mechanism [rad/s]; 1 without films."""
     return max((binding.film.film.parameters.rate for binding in system.films), default=1.0)
 
 
 def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
-    """First guess: pressures by Reynolds' condition; None if a film cannot be solved."""
+    """First guess of the unknowns, with pressures of each film alone under Reynolds' condition.
+
+    The result is None if a film cannot be solved.
+    """
     values = np.zeros(len(equations.lower))
     for film, dofs in zip(equations.films, equations.film_indices, strict=True):
         gap = film.binding.gap(z, rates, 0.0)
@@ -617,7 +633,7 @@ def _dynamic_stiffness(
 
 @dataclass(frozen=True, eq=False)
 class DynamicCoefficients:
-    """Linear dynamics of a shaft in its bearing, x along the load.
+    """Stiffness, damping and stability of a shaft in its bearing, with x along the load.
 
     Attributes
     ----------
@@ -630,8 +646,8 @@ class DynamicCoefficients:
     whirl_ratio
         Whirl frequency nu at the threshold over the speed of the shaft [-]; None without one.
     threshold
-        ``omega sqrt(c M / W)`` [-]: the speed ``omega_th sqrt(c / g)``, at this Sommerfeld number,
-        at which a rotor whose weight is the load becomes unstable; None if it is always stable.
+        Stability threshold ``omega sqrt(c M / W)`` [-]: dimensionless speed above which a rotor
+        whose weight is the load W is unstable; None if every mass is stable.
     stiffness_scatter, damping_scatter
         Half the range of stiffness and damping over the film meshes, shape (2, 2) [N/m, N s/m];
         None for a single mesh.
@@ -647,7 +663,10 @@ class DynamicCoefficients:
 
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:
-    """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor; None if always stable."""
+    """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor in its bearing.
+
+    A value that does not exist, because the rotor is always stable or always unstable, is None.
+    """
     # The matrices are scaled, because products of small entries would underflow.
     sizes = float(np.abs(stiffness).max()), float(np.abs(damping).max())
     k = stiffness / sizes[0]

@@ -1,9 +1,9 @@
 """Means of dynamic coefficients over film meshes with slightly different numbers of cells.
 
 Stiffness and damping of a film jump, by up to 1 %, when the edge of the film moves by a row of
-nodes. The error of a mesh changes its sign over the distance of two rows. The mean over four meshes
-with 0, 2, 4 and 6 more cells around the bearing cancels most of it; half the range of the four
-values is the scatter, which is reported with a mean.
+nodes. The error of a mesh changes its sign over the distance of two rows. In the mean over four
+meshes with 0, 2, 4 and 6 more cells around the bearing, most of these errors cancel. Half the range
+of the four values is the scatter, which is reported with a mean.
 
 Matrices of a mechanism are averaged in one basis. The bases Z of two meshes span almost the same
 motions, because the equilibria differ little. The coordinates of mesh k are the projection of its
@@ -24,7 +24,7 @@ CELLS_APART = 2
 
 
 def extra_cells(meshes: int) -> range:
-    """Numbers of cells around the bearing that are added to those given, one for each mesh."""
+    """Numbers of cells by which the meshes have more cells around than the given mesh: 0, 2, ..."""
     return range(0, CELLS_APART * meshes, CELLS_APART)
 
 
@@ -46,14 +46,14 @@ class MeshMean:
 
     @classmethod
     def of(cls, values: Sequence[np.ndarray]) -> MeshMean:
-        """Mean of the values of one or more meshes, which have equal shapes."""
+        """Mean and scatter of the values of a quantity, one value of equal shape for each mesh."""
         if len(values) == 1:
             return cls(values[0], None)
         return cls(np.mean(values, axis=0), 0.5 * np.ptp(values, axis=0))
 
 
 def mean_linearisation(parts: Sequence[Linearisation]) -> Linearisation:
-    """Small motions with the mean matrices of one mechanism on several film meshes.
+    """Small motions of a mechanism, with matrices that are means over several film meshes.
 
     Parameters
     ----------
@@ -80,5 +80,8 @@ def mean_linearisation(parts: Sequence[Linearisation]) -> Linearisation:
 
 
 def in_basis(part: Linearisation, basis: np.ndarray) -> Linearisation:
-    """The same motions in the coordinates of a basis with orthonormal columns, shape (n, k)."""
+    """Convert small motions to the coordinates of another basis of the same motions.
+
+    `basis` has orthonormal columns, shape (n, k).
+    """
     return part.with_coordinates(np.linalg.inv(basis.T @ part.basis))

@@ -6,14 +6,14 @@ A mode of ``M q'' + D q' + K q = 0`` is a motion ``q = x exp(lambda t)`` with th
     A = [[0, I], [-K, -D]],    B = [[I, 0], [0, M]],    A X = lambda B X,    Y^H A = lambda Y^H B,
 
 with right and left eigenvectors X and Y, scaled so that ``Y^H B X = 1``. If M is singular, as with
-massless journals, some roots are infinite; they are left out. Real roots belong to motions without
-oscillation, which are overdamped in pairs.
+massless journals, some roots are infinite and are not included. Real roots belong to motions
+without oscillation; a pair of real roots belongs to an overdamped motion.
 
 - Damping ratio ``-sigma / |lambda|``, logarithmic decrement ``-2 pi sigma / |nu|``.
 - Whirl direction of the deflections (u, v) of k points, u along x and v along y, at nu > 0:
-  ``kappa = -2 Im sum conj(u) v / sum (|u|^2 + |v|^2)`` times the sign of the speed. It is +1 if the
-  axis moves on circles in the sense of rotation (forward whirl), -1 if against it (backward whirl),
-  and 0 if it moves on straight lines.
+  ``kappa = -2 Im sum conj(u) v / sum (|u|^2 + |v|^2)`` times the sign of the speed. It is +1 if all
+  points move on circles in the sense of rotation (forward whirl), -1 if they move on circles in the
+  opposite sense (backward whirl), and 0 if they move on straight lines.
 - Modes i and j at neighbouring speeds 1 and 2 are the same if their overlap
   ``sqrt |Y_1i^H B_1 X_2j  Y_2j^H B_2 X_1i|`` is near 1. The overlap does not depend on scales.
 
@@ -46,14 +46,14 @@ REAL = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Finite roots of small motions, and their eigenvectors.
+    """The r modes of small motions in k coordinates: finite roots and their eigenvectors.
 
     Attributes
     ----------
     roots
-        Roots lambda, shape (r,) [1/s], the least stable first.
+        Roots lambda, the least stable root first, shape (r,) [1/s].
     eigenvectors, left_eigenvectors
-        Eigenvectors X and Y with ``Y^H B X = 1``, as columns, shape (2 k, r).
+        Right eigenvectors X and left eigenvectors Y of the states, as columns, shape (2 k, r).
     mass
         Mass matrix M, shape (k, k).
     """
@@ -65,25 +65,25 @@ class Modes:
 
     @property
     def shapes(self) -> np.ndarray:
-        """Motions x of the modes in the coordinates q, as columns, shape (k, r)."""
+        """Motions x of the r modes in the k coordinates q, as columns, shape (k, r)."""
         return self.eigenvectors[: len(self.mass)]
 
     @cached_property
     def _dual(self) -> np.ndarray:
-        """Rows ``Y^H B``, shape (r, 2 k)."""
+        """Matrix ``Y^H B`` with one row for each mode, shape (r, 2 k)."""
         size = len(self.mass)
         dual = self.left_eigenvectors.conj().T
         return np.hstack([dual[:, :size], dual[:, size:] @ self.mass])
 
     def overlaps(self, other: Modes) -> np.ndarray:
-        """Overlaps of these modes with those at a neighbouring speed, shape (r, other r)."""
+        """Overlaps of the r modes with the s modes at a neighbouring speed, shape (r, s)."""
         forth = self._dual @ other.eigenvectors
         back = other._dual @ self.eigenvectors
         return np.asarray(np.sqrt(np.abs(forth * back.T)))
 
 
 def modes_of(linear: Linearisation) -> Modes:
-    """Modes of small motions about an equilibrium."""
+    """Compute the modes of small motions about an equilibrium, from their matrices M, D and K."""
     size = len(linear.mass)
     # In units of time at which mass and stiffness have the same size, the pencil is well scaled.
     rate = float(np.sqrt(np.linalg.norm(linear.stiffness) / np.linalg.norm(linear.mass)))
@@ -114,12 +114,12 @@ def modes_of(linear: Linearisation) -> Modes:
 
 
 def damping_ratio(root: complex) -> float:
-    """Damping ratio of a root, 1 if it is real and stable."""
+    """Damping ratio of a mode with a given root; 1 if the root is real and stable."""
     return float(-root.real / abs(root)) if root else 0.0
 
 
 def log_decrement(root: complex) -> float | None:
-    """Logarithmic decrement of a root; None if the root is real."""
+    """Logarithmic decrement of a mode with a given root; None if the root is real."""
     return float(-2 * np.pi * root.real / abs(root.imag)) if root.imag else None
 
 
@@ -128,18 +128,18 @@ def log_decrement(root: complex) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Stations:
-    """Points whose deflections show the shapes of modes.
+    """Points of a rotor at which the deflections of modes are computed.
 
     Attributes
     ----------
     names
-        Names of the k points, ``"shaft.disk"``; points of the beam mesh are ``"shaft[3]"``.
+        Names of the p points, ``"shaft.disk"``; nodes of the beam mesh are ``"shaft[3]"``.
     bodies
         Name of the body of every point.
     heights
-        Position of every point along the axis of its shaft [m]; 0 on other bodies.
+        Position of every point along the axis of its shaft [m], shape (p,); 0 on other bodies.
     rows
-        Derivatives of the deflections (u, v) by the coordinates z, shape (k, 2, n).
+        Derivatives of the deflections (u, v) with respect to the coordinates z, shape (p, 2, n).
     """
 
     names: tuple[str, ...]
@@ -148,19 +148,19 @@ class Stations:
     rows: np.ndarray
 
     def deflections(self, linear: Linearisation, motions: np.ndarray) -> np.ndarray:
-        """Deflections (u, v) for motions in the coordinates q, shape (k, 2, ...)."""
+        """Deflections (u, v) of the p points for motions in coordinates q, shape (p, 2, ...)."""
         return np.asarray(self.rows @ linear.basis @ motions)
 
 
 def stations_of(system: System, z: np.ndarray) -> Stations:
-    """Points of the bodies that can move: nodes and points of shafts, and points of other bodies.
+    """Stations of a mechanism: nodes and points of its shafts, and points of other moving bodies.
 
     Parameters
     ----------
     system
         Equations of the mechanism.
     z
-        Coordinates of the equilibrium, shape (n,).
+        Coordinates in equilibrium, shape (n,).
     """
     names: list[str] = []
     bodies: list[str] = []
@@ -191,19 +191,24 @@ def stations_of(system: System, z: np.ndarray) -> Stations:
 def _rows(
     system: System, dofs: slice, body: Body, point: str, coordinates: np.ndarray
 ) -> np.ndarray:
-    """Derivatives of the deflections (u, v) of a point of a body by z, shape (2, n)."""
+    """Derivatives of the deflections (u, v) of a body's point with respect to z, shape (2, n).
+
+    `dofs` are the indices of the body's coordinates in z.
+    """
     rows = np.zeros((2, system.n))
     rows[:, dofs] = body.marker(point, coordinates).jacobian[:2]
     return rows
 
 
 def point_rows(system: System, z: np.ndarray, marker: str) -> np.ndarray:
-    """Derivatives of the deflections (u, v) of a point ``"body.point"`` by z, shape (2, n).
+    """Derivatives of the deflections (u, v) of a point with respect to z, shape (2, n).
+
+    `marker` is the name of the point, ``"body.point"``, and z are the coordinates in equilibrium.
 
     Raises
     ------
     SettingsError
-        There is no such body that can move, or no such point of it.
+        No moving body has this name, or the body has no point of this name.
     """
     moving = [body for body, dofs in system.bodies.items() if dofs.stop > dofs.start]
     known = {dofs.start: body.point_names for dofs, body, _ in system.each_body(z)}
@@ -216,9 +221,10 @@ def point_rows(system: System, z: np.ndarray, marker: str) -> np.ndarray:
 
 
 def whirl_direction(deflections: np.ndarray, sense: float = 1.0) -> float:
-    """Whirl direction kappa of deflections (u, v) of k points at nu > 0, shape (k, 2).
+    """Whirl direction kappa of a mode with nu > 0, see the module; 0 without motion.
 
-    `sense` is positive if the rotor turns from x to y, else negative. Without motion kappa is 0.
+    `deflections` are the complex deflections (u, v) of p points, shape (p, 2). `sense` is positive
+    if the rotor rotates from x to y, else negative.
     """
     u, v = deflections.T
     size = float(np.sum(np.abs(deflections) ** 2))
@@ -231,12 +237,13 @@ def whirl_direction(deflections: np.ndarray, sense: float = 1.0) -> float:
 
 
 def matched(former: Modes, modes: Modes) -> tuple[np.ndarray, np.ndarray]:
-    """Partners of former modes among the modes at a neighbouring speed.
+    """Find the modes that continue former modes at a neighbouring speed, by the largest overlaps.
 
     Returns
     -------
     partners, overlaps : numpy.ndarray
-        Index of the partner of every former mode, -1 without one, and their overlap, shape (r,).
+        For each of the r former modes: index of the mode that continues it, or -1; and the overlap
+        of the two modes. Both have the shape (r,).
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -250,18 +257,19 @@ def matched(former: Modes, modes: Modes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def followed(sequence: Sequence[Modes]) -> tuple[np.ndarray, np.ndarray]:
-    """Follow modes over speeds.
+    """Follow modes over speeds; a track is one mode that is followed.
 
     Parameters
     ----------
     sequence
-        Modes at s speeds in ascending order.
+        Modes at each of s speeds, in ascending order of the speeds.
 
     Returns
     -------
     tracks, overlaps : numpy.ndarray
-        Index of the mode of every track at every speed, -1 where the track has none, shape
-        (tracks, s), and the overlap with the mode at the former speed, 1 at the first one.
+        Index of each track's mode at each speed, -1 if the track has no mode there; and overlap
+        of this mode with the track's mode at the former speed, 1 at its first speed. Both have the
+        shape (tracks, s).
     """
     tracks = [[i] for i in range(len(sequence[0].roots))]
     overlaps = [[1.0] for _ in tracks]

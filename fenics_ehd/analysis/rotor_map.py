@@ -1,18 +1,18 @@
 """Rotor maps: modes, critical speeds, stability limit and unbalance response over the speed.
 
-At every speed the equilibrium is computed, continued from the nearest speed before it, and small
+At every speed the equilibrium is computed, starting from that at the nearest known speed, and small
 motions about it are linearised (`fenics_ehd.analysis.equilibrium`). Modes are followed over the
 speed (`fenics_ehd.analysis.modes`). Further speeds are added
 
-- between two speeds where a mode with little damping has an overlap below 0.9 with its successor;
+- between two speeds, if a mode with little damping changes so much that the overlap is below 0.9;
 - at critical speeds, ``nu(Omega) = |Omega|`` of a followed mode with a damping ratio below 0.4;
 - at the limits of stability, where the largest real part of all roots is zero.
 
 The whirl ratio is ``nu / |Omega|`` at a limit of stability; oil whirl has a ratio near 1/2.
 
 The matrices M, D and K may be means over several film meshes of one machine, because the
-coefficients of a film jump by about 1 % as its end moves past a row of nodes. The equilibrium and
-the figures of the films are those of the first mesh.
+coefficients of a film jump by about 1 % when its edge moves past a row of nodes. The equilibrium
+and the results of the films are those of the first mesh.
 
 Imports inside functions: `scipy.optimize` is slow to import.
 """
@@ -74,10 +74,10 @@ TAYLOR = 41.0
 
 
 class MakeMechanism(Protocol):
-    """Function that makes a mechanism whose rotor has a speed [rad/s]."""
+    """Function that makes the mechanism of a rotor at a given speed [rad/s]."""
 
     def __call__(self, speed: float, /) -> Mechanism:
-        """Mechanism at a speed."""
+        """Make the mechanism of the rotor at a speed [rad/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +89,15 @@ class MapPoint:
     speed
         Speed Omega [rad/s].
     linear
-        Small motions about the equilibrium, means over the film meshes; the coordinates q are the
-        same at all speeds of a map.
+        Small motions about the equilibrium, with matrices that are means over the film meshes; the
+        coordinates q are the same at all speeds of a map.
     figures
-        Figures of the films in equilibrium, by column, ``left.max_pressure_Pa``.
+        Results of the films in equilibrium, by column, ``left.max_pressure_Pa``.
     growth
-        Largest real part of the roots for every film mesh alone, shape (meshes,) [1/s].
+        Largest real part of the roots with each single film mesh, shape (meshes,) [1/s].
     starts
-        Starts of the search for an equilibrium at another speed, one for every film mesh.
+        States from which the search for an equilibrium at another speed can start, one for every
+        film mesh.
     """
 
     speed: float
@@ -107,12 +108,15 @@ class MapPoint:
 
     @cached_property
     def modes(self) -> Modes:
-        """Modes of the small motions."""
+        """Modes of the small motions about the equilibrium."""
         return modes_of(self.linear)
 
     @property
     def least_stable(self) -> int:
-        """Index of the mode with the largest real part, and not below the real axis."""
+        """Index of the mode whose root has the largest real part.
+
+        Only roots with an imaginary part of at least 0 are considered.
+        """
         roots = self.modes.roots
         return int(np.argmax(np.where(roots.imag >= 0.0, roots.real, -np.inf)))
 
@@ -151,11 +155,11 @@ class StabilityLimit(NamedTuple):
     mode
         Number in the map of the mode whose real part changes its sign.
     whirl_ratio
-        Angular frequency of this mode over the speed.
+        Angular frequency of this mode over the speed [-].
     direction
         Whirl direction kappa of the mode.
     lost
-        Whether stability is lost as the speed rises; if not, it is regained.
+        Whether the rotor is unstable above the limit; if false, it is unstable below the limit.
     scatter
         Half the range of the limit over the film meshes [rad/s]; 0 with one mesh.
     """
@@ -170,22 +174,22 @@ class StabilityLimit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RotorMap:
-    """Modes of a rotor over its speed.
+    """Modes of a rotor over its speed, critical speeds, limits of stability, unbalance response.
 
-    A track is a mode that is followed over the speed. One of a conjugate pair of roots is listed,
-    that with a positive imaginary part.
+    A track is a mode that is followed over the speed. Of a conjugate pair of roots, only the root
+    with the positive imaginary part has a track.
 
     Attributes
     ----------
     points
-        The rotor at s speeds, in ascending order of their absolute values.
+        The rotor at s speeds, in ascending order of the absolute values of the speeds.
     stations
-        Points of the rotor in the order of the rows of `shape`.
+        Points of the rotor at which `shape` returns deflections.
     tracks
-        Index of the mode of every track among the modes of every point, -1 where it has none, shape
-        (tracks, s).
+        Index of each track's mode among the modes at each speed, -1 if the track has no mode
+        there, shape (tracks, s).
     overlaps
-        Overlap of every mode with that of the track at the speed before, shape (tracks, s).
+        Overlap of each track's modes at each speed and at the speed before, shape (tracks, s).
     critical_speeds
         Critical speeds in ascending order.
     limits
@@ -193,9 +197,9 @@ class RotorMap:
     response
         Response to unbalances; None without unbalances.
     failures
-        Reasons by the speeds [rad/s] at which no equilibrium was found.
+        Reasons why no equilibrium was found, by speed [rad/s].
     notices
-        Notices of forces that are left out and of films beyond the limit of laminar flow.
+        Notices of forces that are not included, and of films beyond the limit of laminar flow.
     """
 
     points: tuple[MapPoint, ...]
@@ -215,7 +219,7 @@ class RotorMap:
 
     @cached_property
     def roots(self) -> np.ndarray:
-        """Roots of all tracks, NaN where a track has none, shape (tracks, s) [1/s]."""
+        """Roots of all tracks at all speeds, shape (tracks, s) [1/s]; NaN without a mode."""
         roots = np.full(self.tracks.shape, complex(np.nan, np.nan))
         for n, point in enumerate(self.points):
             present = self.tracks[:, n] >= 0
@@ -224,23 +228,29 @@ class RotorMap:
 
     @property
     def stable_below(self) -> float | None:
-        """Lowest limit at which stability is lost [rad/s]; None without one."""
+        """Lowest speed at which the rotor loses stability [rad/s]; None if it never does."""
         return next((limit.speed for limit in self.limits if limit.lost), None)
 
     def shape(self, n: int, track: int) -> np.ndarray:
-        """Deflections (u, v) of the stations in a mode at speed n, largest one 1, shape (k, 2)."""
+        """Complex deflections (u, v) of the p stations in a track's mode, shape (p, 2).
+
+        `n` is the index of the speed. The largest deflection is 1.
+        """
         point = self.points[n]
         motion = point.modes.shapes[:, self.tracks[track, n]]
         return scaled_shape(self.stations.deflections(point.linear, motion))
 
     def direction(self, n: int, track: int) -> float:
-        """Whirl direction kappa of a mode at speed n, see `fenics_ehd.analysis.modes`."""
+        """Whirl direction kappa of a track's mode, see `fenics_ehd.analysis.modes`.
+
+        `n` is the index of the speed.
+        """
         shape = self.shape(n, track)
         return whirl_direction(shape, self.points[n].speed)
 
 
 def scaled_shape(deflections: np.ndarray) -> np.ndarray:
-    """Deflections (u, v), shape (k, 2), divided by the component of largest absolute value."""
+    """Complex deflections (u, v), divided by their component of largest magnitude, shape (p, 2)."""
     largest = deflections.ravel()[np.argmax(np.abs(deflections))] if deflections.size else 0.0
     return deflections / largest if largest else deflections
 
@@ -253,7 +263,8 @@ class MapSolver:
     makers
         Functions that make the mechanism at a speed, one for every film mesh.
     stored
-        Points by speed, among them those of an interrupted map; new points are added.
+        Known points by speed [rad/s], for example those of an interrupted map; new points are
+        added.
     """
 
     def __init__(self, makers: Sequence[MakeMechanism], stored: MutableMapping[float, MapPoint]):
@@ -261,12 +272,12 @@ class MapSolver:
         self.points = stored
 
     def at(self, speed: float) -> MapPoint:
-        """The rotor at a speed, from the stored points if it is among them.
+        """Point of the map at a speed [rad/s]: a known point, or a new point that is computed.
 
         Raises
         ------
         SettingsError, SolverError
-            The rotor has no equilibrium, or none was found; or it cannot be linearised.
+            The rotor has no equilibrium, no equilibrium was found, or it cannot be linearised.
         """
         if speed in self.points:
             return self.points[speed]
@@ -290,7 +301,7 @@ class MapSolver:
 
     @staticmethod
     def _rest(mechanism: Mechanism, start: SearchStart | None) -> Equilibrium:
-        """Equilibrium from a start; from the approximate pose if there is none from the start."""
+        """Equilibrium of a mechanism, searched from `start` and, if that fails, from its pose."""
         try:
             return equilibrium(mechanism, start=start)
         except SolverError:
@@ -300,7 +311,7 @@ class MapSolver:
 
 
 def figures_of(rest: Equilibrium) -> dict[str, float]:
-    """Figures of all films in equilibrium, by column that begins with the name of the joint."""
+    """Results of all films in equilibrium, by column, ``JOINT.max_pressure_Pa``."""
     figures: dict[str, float] = {}
     for name, joint in rest.joints().items():
         row = joint_row(joint) | {"reynolds_number": reynolds_number(joint)}
@@ -311,7 +322,10 @@ def figures_of(rest: Equilibrium) -> dict[str, float]:
 
 
 def reynolds_number(joint: JointStep) -> float:
-    """Reynolds number ``rho |Omega_1 - Omega_2| R c / eta`` of a film."""
+    """Reynolds number of a film, ``rho |Omega_1 - Omega_2| R c / eta`` [-].
+
+    Omega_1 and Omega_2 are the angular speeds of journal and bore.
+    """
     lubricant = joint.film.equation.lubricant
     parameters = joint.film.parameters
     journal, bore = joint.speeds
@@ -337,16 +351,16 @@ def rotor_map_of(
     speeds
         Speeds of one sign, none of them 0 [rad/s].
     unbalances
-        Unbalances whose response is computed; their points must be points of the rotor.
+        Unbalances whose response is computed; they must be at points of the rotor.
     stored
-        Points by speed of an interrupted map, to which new points are added.
+        Known points by speed, for example of an interrupted map; new points are added.
     progress
-        Function that is called with every requested speed when it is done.
+        Function that is called after each requested speed, with this speed.
 
     Raises
     ------
     SettingsError
-        The rotor has no equilibria, see `fenics_ehd.analysis.equilibrium`.
+        The rotor cannot be in equilibrium, see `fenics_ehd.analysis.equilibrium`.
     SolverError
         No equilibrium was found at any speed.
     """
@@ -380,14 +394,14 @@ def rotor_map_of(
 
 
 def _ordered(chosen: Mapping[float, MapPoint]) -> tuple[MapPoint, ...]:
-    """Points in ascending order of the absolute values of their speeds."""
+    """Points of a map, sorted by the absolute values of their speeds."""
     return tuple(sorted(chosen.values(), key=lambda point: abs(point.speed)))
 
 
 def _listed(points: Sequence[MapPoint]) -> tuple[np.ndarray, np.ndarray]:
-    """Tracks and overlaps of a map, see `RotorMap`.
+    """Tracks and overlaps of a map, see `RotorMap`, sorted by frequency.
 
-    Tracks are in ascending order of the frequency, those that are overdamped at all speeds last.
+    Tracks that are overdamped at all speeds are last.
     """
     tracks, overlaps = followed([point.modes for point in points])
     for n, point in enumerate(points):
@@ -409,7 +423,10 @@ def _listed(points: Sequence[MapPoint]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _follow_closely(solver: MapSolver, chosen: dict[float, MapPoint]) -> None:
-    """Add speeds where modes change too much from one speed to the next to be followed."""
+    """Add points between two speeds if modes change too much between these speeds.
+
+    New points are added to `chosen`, the points of the map by speed.
+    """
     for _ in range(HALVINGS):
         added = False
         for first, second in pairwise(_ordered(chosen)):
@@ -424,7 +441,7 @@ def _follow_closely(solver: MapSolver, chosen: dict[float, MapPoint]) -> None:
 
 
 def _alike(former: Modes, modes: Modes) -> bool:
-    """Whether every mode with little damping is near to its successor."""
+    """True if the modes with little damping change little between two neighbouring speeds."""
     partners, overlaps = matched(former, modes)
     for i, (partner, overlap) in enumerate(zip(partners, overlaps, strict=True)):
         roots = former.roots[i], modes.roots[partner]
@@ -435,14 +452,20 @@ def _alike(former: Modes, modes: Modes) -> bool:
 
 
 def _zero(function: Callable[[float], float], first: float, last: float) -> float:
-    """Speed between two others at which a function of the speed is zero, to `ACCURACY` [rad/s]."""
+    """Speed between `first` and `last` at which a function of the speed is zero [rad/s].
+
+    The relative error of the speed is at most `ACCURACY`.
+    """
     from scipy.optimize import brentq
 
     return float(brentq(function, first, last, xtol=ACCURACY * abs(first), rtol=ACCURACY))
 
 
 def _limits(solver: MapSolver, chosen: dict[float, MapPoint]) -> list[MapPoint]:
-    """Limits of stability, where the largest real part of the roots changes its sign."""
+    """Points at the limits of stability, where the largest real part of all roots is zero.
+
+    The points are also added to `chosen`, the points of the map by speed.
+    """
     limits = []
     for first, second in pairwise(_ordered(chosen)):
         if (first.largest_real_part > 0.0) == (second.largest_real_part > 0.0):
@@ -457,7 +480,10 @@ def _limits(solver: MapSolver, chosen: dict[float, MapPoint]) -> list[MapPoint]:
 def _critical_speeds(
     solver: MapSolver, chosen: dict[float, MapPoint]
 ) -> list[tuple[MapPoint, int]]:
-    """Points at which a mode vibrates once per revolution, with the index of the mode."""
+    """Points at which a mode vibrates once per revolution, each with the index of the mode.
+
+    The points are also added to `chosen`, the points of the map by speed.
+    """
     critical = []
     for first, second in pairwise(_ordered(chosen)):
         partners, _ = matched(first.modes, second.modes)
@@ -479,12 +505,15 @@ def _critical_speeds(
 
 
 def _partner(first: MapPoint, mode: int, point: MapPoint) -> int:
-    """Index of the mode at a point that continues a mode of a neighbouring point."""
+    """Index of the mode at `point` that continues the mode `mode` of `first`, a neighbour."""
     return int(matched(first.modes, point.modes)[0][mode])
 
 
 def _off_the_line(solver: MapSolver, first: MapPoint, mode: int, speed: float) -> float:
-    """Difference from the speed to the angular frequency of a followed mode [rad/s]."""
+    """Angular frequency of a mode at a speed, minus the speed [rad/s].
+
+    The mode is the one that continues the mode `mode` of the point `first`.
+    """
     point = solver.at(speed)
     return float(point.modes.roots[_partner(first, mode, point)].imag - abs(speed))
 
@@ -493,7 +522,7 @@ def _off_the_line(solver: MapSolver, first: MapPoint, mode: int, speed: float) -
 
 
 def _track_of(bare: RotorMap, point: MapPoint, mode: int) -> tuple[int, int]:
-    """Indices of a point, and of the track that has a mode of the point."""
+    """Index of a point in a map, and index of the track to which one of its modes belongs."""
     n = bare.points.index(point)
     return n, int(np.flatnonzero(bare.tracks[:, n] == mode)[0])
 
@@ -521,7 +550,7 @@ def _limit(bare: RotorMap, point: MapPoint) -> StabilityLimit:
 
 
 def _response(bare: RotorMap, system: System, unbalances: Sequence[Unbalance]) -> UnbalanceResponse:
-    """Response of the rotor of a map to unbalances, at the points with names."""
+    """Response of the rotor of a map to unbalances, at all stations except nodes of beams."""
     z = bare.points[0].starts[0].x[: system.n]
     rows = [point_rows(system, z, unbalance.point) for unbalance in unbalances]
     named = [i for i, name in enumerate(bare.stations.names) if not name.endswith("]")]
@@ -536,7 +565,7 @@ def _response(bare: RotorMap, system: System, unbalances: Sequence[Unbalance]) -
 
 
 def _turbulent(system: System, points: Sequence[MapPoint]) -> Iterator[str]:
-    """A notice for every film beyond Taylor's limit of laminar flow."""
+    """Notices of films whose Reynolds number exceeds Taylor's limit of laminar flow."""
     for binding in system.films:
         parameters = binding.film.film.parameters
         limit = TAYLOR * np.sqrt(parameters.grid.radius / parameters.clearance)

@@ -10,13 +10,14 @@ About an equilibrium with the motions ``z = Z q`` and ``M q'' + D q' + K q = Z^T
 
     q = (K + i omega D - omega^2 M)^-1 Z^T F.
 
-A point moves on an ellipse. Its larger half axis is the amplitude of the point. The phase is the
-angle, from the body's x axis and positive from x to y like phi, of the part of the deflection that
-rotates with the body. The force of a film on its journal is ``-(k_f + i omega d_f) q``.
+A point moves on an ellipse, whose larger half axis is the amplitude of the point. A part of the
+deflection rotates with the body. The phase is the angle of this part from the body's x axis,
+positive from x to y like phi. The force of a film on its journal is ``-(k_f + i omega d_f) q``.
 
-The amplification factor of a resonance at the speed Omega_r is ``Omega_r / (Omega_2 - Omega_1)``,
-by the speeds on both sides at which the amplitude is lower by 3 dB, a factor of ``sqrt(1/2)`` (API
-617). Resonances are located on a finer grid of speeds, for which M, D and K are interpolated.
+The amplification factor of a resonance at the speed Omega_r is ``Omega_r / (Omega_2 - Omega_1)``
+(API 617). At the speeds Omega_1 and Omega_2, on both sides of the resonance, the amplitude is lower
+by 3 dB, a factor of ``sqrt(1/2)``. Resonances are located on a finer grid of speeds, for which M, D
+and K are interpolated.
 """
 
 from __future__ import annotations
@@ -47,9 +48,9 @@ class Resonance(NamedTuple):
     speed
         Speed at the maximum [rad/s].
     amplitude
-        Larger half axis at this speed [m].
+        Amplitude of the point at this speed: larger half axis of its ellipse [m].
     amplification
-        Amplification factor; None if the amplitude falls by less than 3 dB on a side.
+        Amplification factor [-]; None if the amplitude decreases by less than 3 dB on a side.
     """
 
     point: str
@@ -65,7 +66,7 @@ class UnbalanceResponse:
     Attributes
     ----------
     unbalances
-        Unbalances that act.
+        Unbalances of the rotor.
     speeds
         Speeds Omega, shape (s,) [rad/s].
     points
@@ -87,27 +88,37 @@ class UnbalanceResponse:
     resonances: tuple[Resonance, ...]
 
     def amplitude(self, point: str) -> np.ndarray:
-        """Larger half axes of the ellipse of a point over the speed, shape (s,) [m]."""
+        """Amplitude of a point over the speed: larger half axis of its ellipse, shape (s,) [m]."""
         return larger_axes(self.deflections[:, self.points.index(point)])
 
     def phase(self, point: str) -> np.ndarray:
-        """Phase of a point over the speed, see the module, shape (s,) [rad]."""
+        """Phase of a point over the speed, as the module defines it, shape (s,) [rad]."""
         deflections = self.deflections[:, self.points.index(point)]
         return phases(deflections, float(np.sign(self.speeds[0])))
 
     def bearing_force(self, joint: str) -> np.ndarray:
-        """Larger half axes of the force in a lubricated joint over the speed, shape (s,) [N]."""
+        """Amplitude of the film force in a joint over the speed, shape (s,) [N].
+
+        It is the larger half axis of the ellipse that the force describes.
+        """
         return larger_axes(self.forces[joint])
 
 
 def larger_axes(amplitudes: np.ndarray) -> np.ndarray:
-    """Larger half axes of ellipses with the complex amplitudes (u, v), shape (..., 2)."""
+    """Larger half axes of the ellipses with the complex amplitudes (u, v), shape (...).
+
+    `amplitudes` has the shape (..., 2).
+    """
     u, v = np.moveaxis(amplitudes, -1, 0)
     return np.asarray(0.5 * (np.abs(u + 1j * v) + np.abs(u - 1j * v)))
 
 
 def phases(amplitudes: np.ndarray, sense: float) -> np.ndarray:
-    """Phases of the parts of (u, v), shape (..., 2), that rotate in a sense, 1 or -1 [rad]."""
+    """Phases of deflections [rad], as the module defines them, shape (...).
+
+    `amplitudes` are complex amplitudes (u, v), shape (..., 2); `sense` is the sense of rotation, 1
+    or -1.
+    """
     u, v = np.moveaxis(amplitudes, -1, 0)
     return np.asarray(sense * np.angle(u + 1j * sense * v))
 
@@ -120,7 +131,8 @@ def unbalance_force(unbalance: Unbalance, rows: np.ndarray, speed: float) -> np.
     unbalance
         The unbalance.
     rows
-        Derivatives of the deflections (u, v) of its point by the coordinates z, shape (2, n).
+        Derivatives of the deflections (u, v) of its point with respect to the n coordinates z,
+        shape (2, n).
     speed
         Speed Omega [rad/s].
     """
@@ -131,19 +143,30 @@ def unbalance_force(unbalance: Unbalance, rows: np.ndarray, speed: float) -> np.
 
 
 def response(linear: Linearisation, force: np.ndarray, frequency: float) -> np.ndarray:
-    """Complex amplitude of the motion q under a generalised force at a frequency [rad/s], (k,)."""
+    """Complex amplitude of the motion q under a generalised force, shape (k,).
+
+    `force` is the complex amplitude of the force on the coordinates z, shape (n,); `frequency` is
+    its angular frequency [rad/s].
+    """
     dynamic = linear.stiffness + 1j * frequency * linear.damping - frequency**2 * linear.mass
     return np.asarray(np.linalg.solve(dynamic, linear.basis.T @ force))
 
 
 def film_force(film: np.ndarray, motion: np.ndarray, frequency: float) -> np.ndarray:
-    """Complex amplitude of the force of a film, see `Linearisation.films`, on its journal, (2,)."""
+    """Complex amplitude of the force of a film on its journal, shape (2,) [N].
+
+    `film` has stiffness and damping of the film, see `Linearisation.films`; `motion` is the complex
+    amplitude of q, and `frequency` its angular frequency [rad/s].
+    """
     stiffness, damping = film
     return np.asarray(-(stiffness + 1j * frequency * damping) @ motion)
 
 
 def blended(first: Linearisation, second: Linearisation, share: float) -> Linearisation:
-    """Linear interpolation between small motions at two speeds, in the same coordinates."""
+    """Interpolate the matrices of small motions between two speeds linearly.
+
+    Both have the same coordinates. `share` is the fraction of the way from the first speed.
+    """
 
     def mean(name: str) -> np.ndarray:
         former: np.ndarray = getattr(first, name)
@@ -160,17 +183,18 @@ def unbalance_response(
     linears: Sequence[Linearisation],
     speeds: np.ndarray,
 ) -> UnbalanceResponse:
-    """Steady vibration under unbalances at s speeds.
+    """Compute the steady vibration of a rotor under unbalances, at s speeds.
 
     Parameters
     ----------
     unbalances, rows
-        Unbalances, and derivatives of the deflections of their points, shape (2, n) each.
+        Unbalances; and for each of them the derivatives of its point's deflections with respect to
+        z, shape (2, n).
     points, point_rows
-        Names of the p points whose deflections are reported, and derivatives of these deflections,
-        shape (p, 2, n).
+        Names of the p points whose deflections are reported; and derivatives of these deflections
+        with respect to z, shape (p, 2, n).
     linears, speeds
-        Small motions at every speed, in the same coordinates q, and the speeds [rad/s].
+        Small motions at each speed, in the same coordinates q; and the speeds, shape (s,) [rad/s].
     """
 
     def motion_at(linear: Linearisation, speed: float) -> np.ndarray:
@@ -212,7 +236,7 @@ def unbalance_response(
 
 
 def _resonances(point: str, speeds: np.ndarray, amplitudes: np.ndarray) -> list[Resonance]:
-    """Maxima of an amplitude over the speed, each with its amplification factor."""
+    """Maxima of a point's amplitude over the speed, each with its amplification factor."""
     resonances = []
     for i in range(1, len(speeds) - 1):
         before, here, after = amplitudes[i - 1 : i + 2]
@@ -235,9 +259,10 @@ def _resonances(point: str, speeds: np.ndarray, amplitudes: np.ndarray) -> list[
 def _falls_below(
     speeds: np.ndarray, amplitudes: np.ndarray, start: int, side: int, level: float
 ) -> float | None:
-    """Speed on one side of a maximum at which the amplitude falls to a level; None if it does not.
+    """Speed on one side of a maximum at which the amplitude has decreased to `level`.
 
-    A higher maximum before that ends the search.
+    `start` is the index of the maximum, and `side` is -1 or 1. The result is None if there is no
+    such speed before the next higher maximum.
     """
     i = start
     while 0 <= i + side < len(speeds) and amplitudes[i + side] <= amplitudes[start] * BANDWIDTH:

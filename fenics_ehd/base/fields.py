@@ -69,19 +69,31 @@ def number(
     most: float | None = None,
     usual: tuple[float, float] | None = None,
     example: str = "",
+    words: Mapping[str, float] | None = None,
 ) -> Any:
     """Field for a real number with limits: `above`, `below` exclusive, `least`, `most` inclusive.
 
     The help text has the unit of the setting in brackets; a text is accepted as a number with its
-    own unit. The message about a value beyond a limit has the unit of the setting and the
-    `example`, because the value may be in another unit. `fenics_ehd.base.settings.unusual` reports
-    magnitudes outside `usual`.
+    own unit, or as one of the `words`. The message about a value beyond a limit has the unit of the
+    setting and the `example`, because the value may be in another unit. Magnitudes outside `usual`
+    are reported by `fenics_ehd.base.settings.unusual`.
     """
     unit = unit_of(help_text)
     measured = f"in {unit}, " if unit else ""
     hint = f": {measured}{example}" if example else ""
     check = limits(above=above, least=least, below=below, most=most, unit=unit, hint=hint)
-    return checked(default, help_text, check, partial(as_float, unit=unit), usual=(usual, hint))
+
+    def convert(value: Any) -> Any:
+        if words and isinstance(value, str) and value in words:
+            return words[value]
+        return as_float(value, unit)
+
+    def check_words(name: str, value: Any) -> None:
+        if words and isinstance(value, str):
+            raise SettingsError(f"{name} = {value!r} must be a number or {' or '.join(words)}")
+        check(name, value)
+
+    return checked(default, help_text, check_words, convert, usual=(usual, hint))
 
 
 def count(default: int, help_text: str, least: int = 0, most: int | None = None) -> Any:

@@ -55,7 +55,7 @@ def supply_temperature(default: float, help_text: str) -> Any:
 
     The default `NO_TEMPERATURE` means that the setting is not used.
     """
-    lower = {"above" if default is REQUIRED else "least": NO_TEMPERATURE}
+    lower: dict[str, Any] = {"above" if default is REQUIRED else "least": NO_TEMPERATURE}
     return number(default, help_text, **lower, below=1000, usual=(1, 200), example="80 for 353 K")
 
 

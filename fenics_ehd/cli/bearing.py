@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from fenics_ehd.base.shared_settings import Deviations
 from fenics_ehd.cli.options import (
     FILE,
     Measured,
+    MeasuredRange,
     answer,
     flag,
     json_option,
@@ -56,7 +57,8 @@ DRAWING = r"""  maximum film    . . . . .
                      v
                      x"""
 
-DESCRIPTION = f"""Operating point of one rigid bearing, at a given eccentricity or load.
+DESCRIPTION = f"""Operating point of one rigid bearing, at a given eccentricity or load, or a map
+of several.
 
 \b
 {DRAWING}
@@ -90,7 +92,9 @@ another row of nodes; their scatter is half the range over these meshes. The cri
 mass of a rigid rotor, per bearing, at the threshold of oil whirl; the whirl ratio is its whirl
 frequency at the threshold over the speed. stability_threshold is omega sqrt(c M / W). This equals
 omega_th sqrt(c / g) for a rotor whose weight is the load. Both are null if the rotor is stable at
-every speed. With --line-at-max-film the line of zero pressure keeps its position when the shaft
+every speed. With several speeds or loads the coefficients are computed at all combinations; a point
+without a result is named, the others are kept, and the command exits with 1.
+With --line-at-max-film the line of zero pressure keeps its position when the shaft
 moves, like a groove.
 """
 
@@ -319,11 +323,25 @@ def _cells(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-@click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing.")
+@click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing, or a map.")
 @click.option(
     "--eccentricity", type=Measured(""), metavar="E", help="Eccentricity over clearance, 0..1."
 )
-@click.option("--load", type=Measured("[N]"), metavar="W", help="Load on the shaft [N].")
+@click.option(
+    "--load",
+    type=MeasuredRange("[N]"),
+    metavar="W",
+    help="Load on the shaft [N]; several make a map, as for --speed.",
+)
+@click.option(
+    "--speed",
+    type=MeasuredRange("[rad/s]"),
+    default=attrs.fields(BearingSettings).speed.default,
+    show_default=True,
+    metavar="SPEED",
+    help="Angular speed of the shaft [rad/s]. Several speeds, 1000rpm:10000rpm:19 for 19 speeds "
+    "or 300,400,500, make a map: coefficients at each of them.",
+)
 @click.option(
     "--groove",
     "grooves",
@@ -333,7 +351,7 @@ def _cells(text: str) -> tuple[int, int]:
     help="Axial groove over the full width, at rest: angle of its middle from the load line in "
     "direction of rotation [degrees], its width [degrees], its pressure [Pa]. Repeatable.",
 )
-@setting_options(BearingSettings, "cells_around", "cells_along", "element")
+@setting_options(BearingSettings, "speed", "cells_around", "cells_along", "element")
 @setting_options(Deviations, "misalignment", "table")
 @click.option(
     "--shape-table",
@@ -360,57 +378,111 @@ def _cells(text: str) -> tuple[int, int]:
     "[default: lagrange; bilinear with mass-conserving cavitation]",
 )
 @flag("--coefficients", "Also compute stiffness, damping and stability threshold.")
-@click.option("--plot", type=FILE, help="Draw pressure, film thickness and forces to this file.")
+@click.option(
+    "--plot",
+    type=FILE,
+    help="Draw pressure, film thickness and forces to this file; of a map coefficients, whirl "
+    "ratio and critical mass.",
+)
+@click.option(
+    "--table",
+    "table_file",
+    type=FILE,
+    help="Write the rows of a map to this CSV file; the first columns, frequency [rad/s], kxx to "
+    "kyy [N/m], cxx to cyy [N s/m], have the names that ROSS reads.",
+)
 @json_option
 def bearing(
     eccentricity: float | None,
-    load: float | None,
+    load: float | tuple[float, ...] | None,
+    speed: float | tuple[float, ...],
     grooves: tuple[tuple[float, float, float], ...],
     cells: str,
     element: str | None,
     coefficients: bool,
     plot: str | None,
+    table_file: str | None,
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Solve for the operating point of one rigid bearing, and print it."""
+    """Solve for the operating point of one rigid bearing, or for a map, and print it."""
     if (eccentricity is None) == (load is None):
         raise SettingsError("give either --eccentricity or --load")
-    around, along = _cells(cells)
-    conserving = options["cavitation"] == "mass-conserving"
-    if conserving and coefficients:
+    is_map = isinstance(speed, tuple) or isinstance(load, tuple)
+    if table_file and not is_map:
+        raise SettingsError("--table: a table has a row for each of several --speed or --load")
+    if options["cavitation"] == "mass-conserving" and (coefficients or is_map):
         raise SettingsError(
             "--coefficients: with --cavitation mass-conserving they would depend on the frequency; "
             "use --cavitation reynolds"
         )
-    element = element or ("bilinear" if conserving else "lagrange")
-    names = {*setting_names(Deviations)} & {*options}
-    deviations = {name: options.pop(name) for name in names}
-    settings = BearingSettings(
-        bore_shape=bore_shape(options["width"], options["clearance"], deviations),
-        cells_around=around,
-        cells_along=along,
-        element=element,
-        grooves=tuple(map(_groove, grooves)),
-        **options,
-    )
-    if settings.heated and settings.temperature > NO_TEMPERATURE:
-        raise SettingsError(
-            "--temperature and --supply-temperature exclude each other: give the effective "
-            "temperature of the film, or the supply temperature from which it is computed"
-        )
+    inputs = [table for table in [options["table"]] if table != NONE]
+    speeds = _several(speed)
+    settings = _bearing_settings(options | {"speed": speeds[0]}, cells, element, grooves)
+    if is_map:
+        from fenics_ehd.cli.bearing_map import answer_map
+
+        answer_map(
+            settings, speeds, _several(load), eccentricity,
+            table=table_file, plot=plot, inputs=inputs, as_json=as_json,
+        )  # fmt: skip
+        return
     from fenics_ehd.scenes.bearing import solve_bearing
 
     if plot:
         from fenics_ehd.plotting.maps import plot_bearing
         from fenics_ehd.plotting.picture import ENDINGS, require_format
 
-        table = deviations["table"]
-        require_format("--plot", plot, ENDINGS, [] if table == NONE else [table])
+        require_format("--plot", plot, ENDINGS, inputs)
     with keeping_failed_film("."):
         result = solve_bearing(
-            settings, eccentricity=eccentricity, load=load, with_coefficients=coefficients
+            settings,
+            eccentricity=eccentricity,
+            load=next(iter(_several(load)), None),
+            with_coefficients=coefficients,
         )
     if plot:
         plot_bearing(result, plot)
     answer(summary(result), report(result), as_json)
+
+
+def _several(value: float | tuple[float, ...] | None) -> tuple[float, ...]:
+    """Values of an option that has one value, several, or none."""
+    if value is None:
+        return ()
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _bearing_settings(
+    options: Mapping[str, Any],
+    cells: str,
+    element: str | None,
+    grooves: Sequence[tuple[float, float, float]],
+) -> BearingSettings:
+    """Settings of a bearing from the options of the command.
+
+    Raises
+    ------
+    SettingsError
+        A value cannot be used; the message names its option.
+    """
+    around, along = _cells(cells)
+    conserving = options["cavitation"] == "mass-conserving"
+    names = {*setting_names(Deviations)} & {*options}
+    shape = bore_shape(
+        options["width"], options["clearance"], {name: options[name] for name in names}
+    )
+    settings = BearingSettings(
+        bore_shape=shape,
+        cells_around=around,
+        cells_along=along,
+        element=element or ("bilinear" if conserving else "lagrange"),
+        grooves=tuple(map(_groove, grooves)),
+        **{name: value for name, value in options.items() if name not in names},
+    )
+    if settings.heated and settings.temperature > NO_TEMPERATURE:
+        raise SettingsError(
+            "--temperature and --supply-temperature exclude each other: give the effective "
+            "temperature of the film, or the supply temperature from which it is computed"
+        )
+    return settings

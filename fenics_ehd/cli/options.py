@@ -182,6 +182,23 @@ class Measured(click.ParamType):
             self.fail(f"{value!r} {error}", param, ctx)
 
 
+class MeasuredRange(Measured):
+    """Type of an option: as `Measured`; or several values, which are returned as a tuple.
+
+    Several values are written as for ``sweep --set``: numbers and ranges ``a:b:n`` with commas
+    between them, each with or without a unit.
+    """
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Convert an option's text to a number or a tuple of numbers; click calls this method."""
+        if not isinstance(value, str) or not re.search("[:,]", value):
+            return super().convert(value, param, ctx)
+        from fenics_ehd.study.cases import parse_quantities
+
+        option_name = "value" if param is None else param.opts[0]
+        return parse_quantities(option_name, value, self.unit)
+
+
 #: Default values that mean "not set", and are not shown in a help text.
 NOT_GIVEN = (NONE, NO_TEMPERATURE, (0.0, 0.0))
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class FailedSpeedsError(EhdError):
-    """Some speeds of a rotor map have no equilibrium; the results at the others are stored."""
+    """A rotor map has no equilibrium at some speeds; results at all other speeds are stored."""
 
 
 #: Syntax of ``--unbalance``, for messages.
@@ -171,7 +171,7 @@ def rotor(
 
 
 def _solved(folder: RotorFolder) -> RotorMap:
-    """Compute the map of a folder, and show the progress."""
+    """Compute the rotor map of a folder, and show the progress on standard error."""
     from tqdm import tqdm
 
     from fenics_ehd.base.processes import interrupt_between_steps
@@ -193,7 +193,10 @@ def _solved(folder: RotorFolder) -> RotorMap:
 
 
 def shown_speeds(chart: RotorMap, asked: Sequence[float]) -> list[int]:
-    """Indices of the speeds whose mode shapes are shown, nearest to those that are asked for."""
+    """Indices of the speeds of a map that are nearest to requested speeds, for mode shapes.
+
+    Without requested speeds, the result is the first stability limit or a speed in the middle.
+    """
     if not asked:
         middle = chart.points[len(chart.points) // 2].speed
         asked = [chart.limits[0].speed if chart.limits else middle]
@@ -220,7 +223,7 @@ def _summary(chart: RotorMap, folder: RotorFolder, begin: tuple[float, float]) -
 
 
 def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
-    """Lines of the printed result of a map."""
+    """Lines of the printed results of a rotor map."""
     first = chart.speeds[0]
     last = chart.speeds[-1]
     lines = [

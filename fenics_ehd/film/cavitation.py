@@ -57,13 +57,12 @@ def _defaults(size: int, symmetric: bool) -> dict[str, str]:
 class ActiveSetSystem:
     """Linear system of a complementarity problem ``y = W^-1 (A p - b)`` for any active set.
 
-    With I the full and C the cavitated nodes, the pressure of the full nodes
-    and the defect y of the others solve
+    The pressures ``p_I`` of the full nodes I and the defects ``y_C`` of the cavitated nodes C solve
 
         A_I p_I - W_C y_C = b,
 
-    in which A_I and W_C are columns of A and W. Without weights W the defect decouples, and only
-    the block ``A_II`` remains.
+    in which A_I and W_C are columns of A and W. Without weights W the system for the pressures has
+    the block ``A_II`` only, and the defects follow from it.
 
     Parameters
     ----------
@@ -113,7 +112,7 @@ class ActiveSetSystem:
     def prepare(
         self, entries: np.ndarray, weights: np.ndarray | None, full_film: np.ndarray
     ) -> None:
-        """Factorise the system for an active set, unless it is factorised for it already.
+        """Factorise the system for an active set, unless its factors exist already.
 
         Parameters
         ----------
@@ -194,25 +193,32 @@ MAX_ITERATIONS = 200
 
 
 class VariationalInequality(Protocol):
-    """Problem ``F(x) >= 0`` complementary to x above its bound, as functions for `SnesVi`.
+    """Complementarity problem that `SnesVi` solves, given by functions of its unknowns x.
 
-    Unknowns x and values F(x) have the shape (n,) and are scaled to order one.
+    Every unknown is either above its lower bound, with ``F(x) = 0``, or at its bound, with
+    ``F(x) >= 0``. Unknowns x and values F(x) have the shape (n,) and are scaled to order one.
     """
 
     def function(self, x: np.ndarray) -> np.ndarray:
-        """Function ``F(x)``, shape (n,)."""
+        """Values of the function F of the complementarity problem at unknowns x, shape (n,)."""
 
     def linearise(self, x: np.ndarray) -> None:
-        """Compute the derivative of F at x."""
+        """Compute the derivative of the function F of the problem at unknowns x."""
 
     def factorise(self, nodes: np.ndarray) -> None:
-        """Factorise the block of the derivative on the unknowns that are not at their bounds."""
+        """Factorise the block of the derivative for the unknowns above their bounds.
+
+        `nodes` are the indices of these unknowns.
+        """
 
     def update(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve the system of that block for a right-hand side."""
+        """Solve the linear system of the block that `factorise` factorised, for `rhs`."""
 
     def converged(self, iteration: int) -> bool:
-        """Whether the last value of `function` meets the tolerance, after some iterations."""
+        """Whether the last value of `function` meets the tolerance.
+
+        `iteration` is the number of iterations so far.
+        """
 
 
 class SnesVi:
@@ -277,7 +283,7 @@ class SnesVi:
         Returns
         -------
         x, function : numpy.ndarray
-            Solution and ``F`` there, shape (n,) each.
+            Solution x, and values of the function F at x, shape (n,) each.
         iterations : int
             Number of iterations.
 
@@ -313,8 +319,8 @@ class _Callbacks:
 
     An exception that passes through PETSc makes its solvers unusable. The exception is therefore
     stored, and a function value of NaN ends the solve. The stored traceback outlives the solve and
-    would keep PETSc's objects, which must be destroyed before the interpreter ends: functions
-    delete their references to them before they can raise.
+    would keep PETSc's objects, which must be destroyed before the interpreter ends. Each function
+    therefore deletes its references to PETSc's objects before an exception can occur.
     """
 
     def __init__(self, system: VariationalInequality):
@@ -418,11 +424,11 @@ class Complementarity:
     entries
         Function of p: entries of the derivative of r, in the order of the solver's pattern.
     diagonal
-        Diagonal of W, or ones, shape (n,).
+        Diagonal of the weights W, shape (n,); ones if the problem has no weights.
     smallest
         Value of `source` below which the source counts as zero.
     weights
-        Entries of W in the order of the solver's pattern, or None.
+        Entries of W in the order of the solver's pattern; None if the problem has no weights.
     """
 
     residual: Callable[[np.ndarray], np.ndarray]
@@ -443,7 +449,7 @@ class Complementarity:
 
     @cached_property
     def scale(self) -> float:
-        """Norm of the source over the diagonal of W, to which tolerances are relative."""
+        """Norm of the source, divided by the diagonal of the weights, for relative tolerances."""
         return max(float(np.linalg.norm(self.source / self.diagonal)), self.smallest)
 
     @cached_property
@@ -507,15 +513,15 @@ class CavitationSolver:
     # SNES-VI calls the following methods during a solve, see `VariationalInequality`.
 
     def function(self, x: np.ndarray) -> np.ndarray:
-        """Defect over its scale, for scaled pressures x."""
+        """Defect of the current problem over its scale, for scaled pressures x, shape (n,)."""
         return self.defect(self._problem, x * self._problem.unit) / self._problem.scale
 
     def linearise(self, x: np.ndarray) -> None:
-        """Compute the entries of the derivative at scaled pressures x."""
+        """Compute the entries of the problem's derivative at scaled pressures x."""
         self._entries = self._problem.entries(x * self._problem.unit)
 
     def factorise(self, nodes: np.ndarray) -> None:
-        """Factorise the system for an active set with the given full nodes."""
+        """Factorise the linear system for an active set; `nodes` are its full nodes (indices)."""
         self._nodes = nodes
         self.system.prepare(self._entries, self._problem.weights, nodes)
 

@@ -266,7 +266,7 @@ def gap_graded_grid(
     cells, family
         Number of cells around and along; element family, see `FilmGrid`.
     thickness
-        Function from angles [rad] to the gap there, above 0, in any unit.
+        Function from angles [rad] to the gap at these angles, above 0, in any unit.
     edges
         Angles that must be cell boundaries, the edges of grooves [rad]; without edges, a
         boundary lies where the gap is smallest.

@@ -131,7 +131,7 @@ def require_cycle(periodic: bool, key: str) -> None:
     if not periodic:
         raise SettingsError(
             f"{key}: heat is balanced over a cycle, but a run with time.periodic = false has no "
-            "cycle: set time.periodic = true, or drop the table heat, so that the oil has the "
+            "cycle: set time.periodic = true, or remove the table heat, so that the oil has the "
             "temperature of its lubricant"
         )
 
@@ -139,9 +139,9 @@ def require_cycle(periodic: bool, key: str) -> None:
 class TemperatureSearch(Stateful):
     """Search for the effective temperature of a film, by power and flow at trial temperatures.
 
-    Between two temperatures ``P / Q`` is assumed to be a power of the viscosity, whose dependence
-    on temperature is known. The exponent changes little even if the viscosity changes a
-    thousandfold.
+    Between two temperatures the ratio of power to flow is assumed to be a power of the viscosity,
+    whose dependence on temperature is known. The exponent changes little even if the viscosity
+    changes a thousandfold.
 
     Parameters
     ----------
@@ -280,9 +280,10 @@ class TemperatureSearch(Stateful):
         )
 
     def _learn(self, viscosity: float, rise: float) -> None:
-        """Set the exponent from logarithms of viscosity and temperature rise at two temperatures.
+        """Set the exponent of the viscosity in the power law of the temperature rise.
 
-        The temperature rise is proportional to power over flow.
+        It is computed from the natural logarithms of viscosity and temperature rise at two
+        temperatures; the temperature rise is proportional to power over flow.
         """
         if self.last is not None and abs(viscosity - self.last[0]) > self._least_change:
             slope = (rise - self.last[1]) / (viscosity - self.last[0])
@@ -291,7 +292,7 @@ class TemperatureSearch(Stateful):
 
 
 def _thinner(oil: TemperatureLaw, temperature: float, hottest: float) -> float:
-    """Temperature at which the viscosity of an oil is lower by the factor `THINNER` [C].
+    """Temperature at which an oil is thinner than at `temperature` by the factor `THINNER` [C].
 
     It is at most `hottest`.
     """

@@ -10,12 +10,13 @@ temperature. Dynamic viscosity is the product of kinematic viscosity and density
 
 **Grades.** A grade has two nominal kinematic viscosities. A standard specifies one of them: ISO
 3448 the value of an ISO VG grade at 40 C, SAE J300 a range at 100 C, of which the middle is used
-(fuchs.com, "Viscosity charts"). "SAE 10", a winter grade, is given the range from 4.1 mm2/s to the
-lower limit of 15W. The other viscosity follows from an assumed viscosity index by ASTM D2270, whose
-formulas are at dgaequipment.com and whose table of L and H is in ``chemicals.viscosity``
-(CalebBell/chemicals). The assumed index, which a product's data sheet would give, is 95 for ISO and
-single grades, as in the chart at noco.ca/viscosity-chart, and the value in `GRADES` for multigrade
-oils. Density and specific heat are the defaults of `Oil`.
+(fuchs.com, "Viscosity charts"; SAE 60 and 0W-8 to 0W-16: the edition of 2015 at raso.name). "SAE
+10", a winter grade, is given the range from 4.1 mm2/s to the lower limit of 15W. The other
+viscosity follows from an assumed viscosity index by ASTM D2270, whose formulas are at
+dgaequipment.com and whose table of L and H is in ``chemicals.viscosity`` (CalebBell/chemicals). The
+assumed index, which a product's data sheet would give, is 95 for ISO and single grades, as in the
+chart at noco.ca/viscosity-chart, and the value in `GRADES` for multigrade oils. Density and
+specific heat are the defaults of `Oil`.
 
 **Shear thinning.** The shear rate is that of the sliding surfaces, ``gamma = |U| / h``. It is the
 mean of the velocity gradient over the thickness, for every slope of the pressure. The pressure adds
@@ -349,6 +350,10 @@ GRADES = {
     "SAE 30": Grade(97.78, 10.9),
     "SAE 40": Grade(147.8, 14.4),
     "SAE 50": Grade(226.4, 19.1),
+    "SAE 60": Grade(320.9, 24.0),
+    "SAE 0W-8": Grade(24.28, 5.05, 140),
+    "SAE 0W-12": Grade(30.46, 6.05, 150),
+    "SAE 0W-16": Grade(36.97, 7.15, 160),
     "SAE 0W-20": Grade(43.92, 8.1, 160),
     "SAE 0W-30": Grade(63.21, 10.9, 165),
     "SAE 0W-40": Grade(83.49, 14.4, 180),

@@ -391,7 +391,10 @@ class RoughSurfaces(Roughness):
 
     @property
     def weight(self) -> float:
-        """Difference of the squared roughnesses of journal and bore over that of both, w [-]."""
+        """Weight ``w = (sigma_1^2 - sigma_2^2) / sigma^2`` of the shear flow [-].
+
+        sigma_1 is the roughness of the journal, sigma_2 that of the bore, sigma the combined one.
+        """
         return (self.journal_roughness**2 - self.bore_roughness**2) / self.roughness**2
 
     @property

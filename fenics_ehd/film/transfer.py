@@ -497,10 +497,10 @@ WHOLE = 1e-9
 class Mortar:
     """L2 projection of film pressures onto the mesh of the bore, ``P_s = H_sf P_f`` (14).
 
-    ``H = D^-1 M`` with ``D = int N_s N_s dA`` and ``M = int N_s N_f dA``. M is integrated exactly
-    over the intersections of the cells of both meshes. Functions that both meshes can represent are
-    reproduced, and the integral of every pressure is preserved. H itself is dense and is not
-    formed.
+    ``H = D^-1 M`` with ``D = int N_s N_s dA`` and ``M = int N_s N_f dA``, with the shape functions
+    N_s of the bore and N_f of the film. M is integrated exactly over the intersections of the cells
+    of both meshes. Functions that both meshes can represent are reproduced, and the integral of
+    every pressure is preserved. H itself is dense and is not formed.
 
     Parameters
     ----------
@@ -536,7 +536,10 @@ class Mortar:
 
 
 def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
-    """Matrix ``int N_s N_f dphi dz``, shape (m, k), integrated over intersections of cells."""
+    """Matrix ``int N_s N_f dphi dz``, shape (m, k), integrated over intersections of cells.
+
+    N_s are the shape functions of the m nodes of the bore, N_f those of the k nodes of the film.
+    """
     tiles = overlay(structure, film)
     degree = ELEMENTS[structure.family].degree + ELEMENTS[film.family].degree
     barycentric, weights = triangle_rule(degree)

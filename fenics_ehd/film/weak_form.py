@@ -179,7 +179,7 @@ class Numbers:
 
     @property
     def layout(self) -> tuple[int | None, ...]:
-        """Length of every attribute, in their order; None for one that is a single number."""
+        """Length of each attribute, in the attributes' order; None for a single number."""
         values = [getattr(self, number.name) for number in fields(self)]
         return tuple(len(value) if isinstance(value, tuple) else None for value in values)
 

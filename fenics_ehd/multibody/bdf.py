@@ -249,19 +249,31 @@ class IntegratorState(Generic[Carried]):
         rate: np.ndarray,
         control: IntegratorOptions,
     ) -> IntegratorState[Carried]:
-        """Make the state before the first step, from x and its rate at a time [s]."""
+        """Make the state of an integration before its first step, from x and its rate at a time."""
         step = min(control.first, control.largest)
         return cls(np.array([time]), x[None], rate[None], problem.observe(x)[None], step)
 
     @property
     def time(self) -> float:
-        """Time of the newest point [s]."""
+        """Time of the newest point of the integration [s]."""
         return float(self.times[0])
 
     def after(
         self, new: Step[Solution], step: float, solver: Carried, keep: int
     ) -> IntegratorState[Carried]:
-        """Return the state after a `new` step: with its point, and at most `keep` points."""
+        """Return the state after an accepted step, which adds a point.
+
+        Parameters
+        ----------
+        new
+            The accepted step.
+        step
+            Length of the next step [s].
+        solver
+            State of the step solver.
+        keep
+            Largest number of points to keep, with the new one.
+        """
 
         def rows(first: np.ndarray, others: np.ndarray) -> np.ndarray:
             return np.concatenate([first[None], others])[:keep]
@@ -278,7 +290,8 @@ class IntegratorState(Generic[Carried]):
     def usable_order(self, order: int) -> int:
         """Largest order up to `order` for which enough past points are known, at least 1.
 
-        The extrapolation needs one more point than the order; that of the first step uses the rate.
+        The extrapolation needs one more point than the order. The first step has only one point,
+        and extrapolates along the initial rate.
         """
         return max(1, min(order, len(self.times) - 1))
 
@@ -296,7 +309,10 @@ class IntegratorState(Generic[Carried]):
     def misses(
         self, loads: Sequence[TabulatedLoad], time: float, x: np.ndarray, nearest: float
     ) -> bool:
-        """Whether a step to this time and solution misses a row of a table, see `rows_missed`."""
+        """Whether a step that ends at `time` with the solution x misses a row of a table.
+
+        See `rows_missed`, which has the arguments.
+        """
         return bool(loads) and rows_missed(loads, *self._ahead(time, x), nearest)[1]
 
     def _ahead(self, time: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -312,9 +328,10 @@ class IntegratorState(Generic[Carried]):
         order: int,
         nearest: float,
     ) -> float:
-        """Time up to which a step may go without missing a row of a table [s].
+        """Latest time at which a step may end without missing a row of a table [s].
 
-        It is `time`, or the time of the last row before it up to which no row is missed.
+        It is `time`, if a step to this time misses no row. If it misses one, it is the time of the
+        last row at which a step may end.
         """
         if not loads:
             return time
@@ -331,7 +348,10 @@ class IntegratorState(Generic[Carried]):
     def implicit_step(
         self, problem: Observed, time: float, order: int, blend: float, tolerance: float
     ) -> ImplicitStep:
-        """Make the formula of a step to a time [s]: the one of an order `blended` with the next."""
+        """Make the formula of a step that ends at a time [s].
+
+        The formula of order k is blended with that of order k + 1, see `tabulated.blended`.
+        """
         predicted, observed = self.predict(problem, time, order + 1)
         weights, lower = blended(time, self.times, order, blend)
         past = weights[1:]
@@ -358,10 +378,10 @@ def advance(
     solve: StepSolver[Carried, Solution],
     tables: Sequence[TabulatedLoad] = (),
 ) -> tuple[Step[Solution], IntegratorState[Carried]]:
-    """Take one accepted step, and return it with the state after it.
+    """Take steps until one is accepted, and return this step with the state after it.
 
-    The local error is estimated from the distance between the solution and the
-    extrapolation of the last k + 1 points. No step misses a row of a table.
+    The local error is estimated from the distance between the solution and the extrapolation of
+    the last k + 1 points. No step misses a row of a table.
 
     Parameters
     ----------
@@ -381,7 +401,7 @@ def advance(
     Raises
     ------
     StepSizeError
-        If the step falls below the smallest allowed one.
+        If the step becomes shorter than the smallest allowed step.
     """
     step = state.step
     iterations = 0

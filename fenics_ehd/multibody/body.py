@@ -198,8 +198,8 @@ class FrameInertia:
 def in_order_of_coordinates(integrals: InertiaIntegrals) -> InertiaIntegrals:
     """Inertia integrals with fields in the order of the coordinates ``(x, y, theta, q)``.
 
-    In `integrals`, the field of a point's position comes first, before the translations. It is
-    multiplied by functions of theta, and becomes the third one.
+    In `integrals`, the field of a point's position comes first, before the translations along x and
+    y. In the result it comes third, at the index of theta.
     """
     order = np.arange(len(integrals.mass))
     order[:3] = 1, 2, 0
@@ -232,7 +232,7 @@ def with_total(
     """Inertia integrals with another total mass, inertia and centre of mass.
 
     An argument that is None keeps the value of the integrals. The elastic part of the integrals
-    does not change: the difference of both is the inertia of a rigid body fixed to the frame.
+    does not change: the inertia of a rigid body that is fixed to the frame is added to them.
     """
     present = rigid_integrals(
         integrals.total_mass, integrals.polar_inertia, integrals.centre_of_mass

@@ -96,7 +96,7 @@ class FilmBlock:
         inputs, spread, gap
             Further columns of `inputs`, rows of `spread`, and columns of `gap`.
         outputs
-            Further rows of `outputs`, and their indices `rows`; None for none.
+            Further rows of `outputs`, and their indices `rows`; None if there are none.
         """
         block = replace(
             self,

@@ -86,12 +86,15 @@ class JointContact:
         self.sliding = np.hstack([joint.sliding_velocity, speeds])
 
     def at_gap(self, thickness: np.ndarray) -> AsperityContact:
-        """Contact at the Gauss points for nominal gaps there [m], shape (g,) each."""
+        """Asperity contact at the g Gauss points for the nominal gaps there [m], (g,) each."""
         contact = self.surfaces.contact(thickness.ravel())
         return AsperityContact(*(np.where(self.area > 0.0, values, 0.0) for values in contact))
 
     def friction_factor(self, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
-        """Friction over contact pressure ``mu s(U)`` and its derivative by U, shape (g,) each."""
+        """Shear stress of boundary friction over contact pressure, and its derivative, (g,) each.
+
+        The stress depends on the sliding velocity U, with respect to which it is differentiated.
+        """
         return self.surfaces.boundary_friction_factor(gap.sliding_velocity.ravel())
 
     def friction_torque(self, contact: AsperityContact, gap: Gap) -> float:
@@ -105,13 +108,14 @@ class JointContact:
         return float(np.sum(friction * gap.sliding_velocity.ravel()))
 
     def near(self, thickness: np.ndarray) -> np.ndarray:
-        """Mask of the Gauss points at which derivatives contain contact, shape (g,)."""
+        """Mask of the Gauss points with a gap so small that derivatives contain contact, (g,)."""
         return (self.surfaces.separation(thickness.ravel()) < REACH) & (self.area > 0.0)
 
     def gap_rows(self, turning: TurningRows | None) -> np.ndarray:
-        """Gap change for unit changes of the coordinates `rows`, shape (g, k).
+        """Gap change at g points for unit changes of the k coordinates of the contact, (g, k).
 
-        `turning` are the derivatives of the gap by a surface that rotates relative to the film.
+        `turning` has the derivatives of the gap with respect to the coordinates of a surface that
+        turns through the film.
         """
         if turning is None:
             return self.normal
@@ -122,7 +126,7 @@ class JointContact:
     def forces(
         self, contact: AsperityContact, gap: Gap, turning: TurningRows | None = None
     ) -> np.ndarray:
-        """Generalised contact and friction forces on the coordinates `rows`, shape (k,)."""
+        """Generalised forces of contact and boundary friction on the k coordinates, shape (k,)."""
         normal_force = self.area * contact.pressure
         forces = normal_force @ self.gap_rows(turning)
         if self.friction:
@@ -130,9 +134,9 @@ class JointContact:
         return forces
 
     def turning_stiffness(self, contact: AsperityContact, turning: TurningRows) -> np.ndarray:
-        """Derivative of `forces` by the coordinates `rows` at constant contact pressure, (k, k).
+        """Derivative of `forces` with respect to the k coordinates at constant contact pressure.
 
-        It arises from a turning surface, whose derivatives of the gap change as it turns.
+        It arises because the derivatives of the gap change when a surface turns; shape (k, k).
         """
         stiffness = np.zeros((len(self.rows), len(self.rows)))
         first = self._first_turning
@@ -144,7 +148,10 @@ class JointContact:
     def forces_of_unit_pressures(
         self, gap: Gap, points: np.ndarray, turning: TurningRows | None = None
     ) -> np.ndarray:
-        """Forces on `rows` due to unit contact pressures at Gauss points, shape (k, points)."""
+        """Generalised forces on the k coordinates for unit contact pressures at some Gauss points.
+
+        The result has the shape (k, points).
+        """
         forces = self.gap_rows(turning)[points]
         if self.friction:
             forces = forces - self.friction_factor(gap)[0][points, None] * self.sliding[points]
@@ -153,7 +160,7 @@ class JointContact:
     def friction_damping(
         self, contact: AsperityContact, gap: Gap, points: np.ndarray
     ) -> np.ndarray:
-        """Negative derivative of `forces` with respect to the rates of `rows`, shape (k, k)."""
+        """Negative derivative of `forces` with respect to rates of the k coordinates, (k, k)."""
         factor = (self.area * contact.pressure * self.friction_factor(gap)[1])[points]
         return self.sliding[points].T @ (factor[:, None] * self.sliding[points])
 
@@ -281,7 +288,10 @@ class Contacts:
         return np.flatnonzero(near & (self.areas > 0.0))
 
     def gap_change_from_pressures(self, points: np.ndarray) -> np.ndarray:
-        """Gap change of all g points for unit contact pressures at a of them, (g, a) [m/Pa]."""
+        """Gap change at all g Gauss points for unit contact pressures at some of them [m/Pa].
+
+        `points` has the indices of the loaded points, shape (a,); the result has the shape (g, a).
+        """
         new = np.setdiff1d(points, self._known_points, assume_unique=True)
         if len(new):
             change = self._responses.unit_force_response(new) * self.areas[new]
@@ -294,7 +304,7 @@ class Contacts:
     def forces(self, thickness: Sequence[np.ndarray]) -> np.ndarray:
         """Normal forces of contact at the Gauss points of all films [N], from their gaps [m].
 
-        Forces are 0 at points of films whose bores contact does not deform.
+        Forces count only at points of bores that contact deforms; at others they are 0.
         """
         if not self.coupled:
             return self.areas
@@ -302,7 +312,7 @@ class Contacts:
 
 
 class ContactColumns:
-    """Derivatives of contact at one iterate.
+    """Derivatives of asperity contact at one iterate of Newton's method.
 
     Parameters
     ----------
@@ -341,7 +351,7 @@ class ContactColumns:
         self._unknowns = np.arange(first, self.size)
 
     def add_to_core(self, core: np.ndarray, speed: np.ndarray) -> None:
-        """Add the derivatives of contact with respect to x to the core matrix.
+        """Add the derivatives of contact with respect to the unknowns x to the core matrix.
 
         Parameters
         ----------
@@ -385,7 +395,7 @@ class ContactColumns:
         return self._points[inside] - of_film.start, self._unknowns[inside]
 
     def extend(self, i: int, block: FilmBlock, model: FilmModel[Any]) -> FilmBlock:
-        """Return the derivatives of film i with inputs and outputs for contact pressures.
+        """Return the derivatives of film i, extended by inputs and outputs for contact pressures.
 
         Contact pressures deform the bore of the film, and depend on its pressures.
         """

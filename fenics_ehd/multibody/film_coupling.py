@@ -168,8 +168,9 @@ class FilmCoupling:
     ) -> sparse.csc_matrix:
         """Derivative of the film's equations with respect to the rate of the gap, (nodes, g).
 
-        It is computed from the derivatives with respect to the gap for two derivatives ``d h' / d
-        h`` of the rate: `along_gap` for `shift`, and those for a larger one.
+        `along_gap` has the derivatives with respect to the gap h for the derivative `shift` of the
+        rate ``h'`` by h. For a larger shift they differ by the result times the difference of the
+        shifts.
         """
         rate = self.model.film.parameters.rate
         return (self.model.along_gap(point, shift + rate)[0] - along_gap) / rate

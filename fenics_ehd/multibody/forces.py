@@ -62,7 +62,7 @@ class Force(ABC):
 
     @property
     def left_out_of_equilibrium(self) -> str:
-        """Description of the force if equilibria are computed without it; empty if with it."""
+        """Description of the force if equilibria are computed without the force; else empty."""
         return ""
 
     @abstractmethod
@@ -100,7 +100,7 @@ class PointForce(Force):
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Marker of the point and, for a size over an angle, that of its body."""
+        """Marker of the point; if the size depends on an angle, also that of the turning body."""
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
 
     @property
@@ -125,7 +125,7 @@ class PointForce(Force):
 
 @attrs.frozen
 class Torque(Force):
-    """Torque on a body, whose angle and speed at the start are those of the body's pose.
+    """Torque on a body; at the start, the body has the angle and the speed of its pose.
 
     Attributes
     ----------
@@ -227,8 +227,8 @@ class Unbalance(Force):
     """Unbalance on the axis of a body, whose centrifugal force rotates with the body.
 
     With the magnitude m e, the phase phi, and the angle theta of the body, the force is
-    ``m e theta'^2 (cos(theta + phi), sin(theta + phi))``. The body's own mass includes m. The part
-    with ``theta''`` is neglected, which is zero at constant speed.
+    ``m e theta'^2 (cos(theta + phi), sin(theta + phi))``. The mass of the body includes m. The part
+    of the force with ``theta''`` is neglected; it is zero at constant speed.
     """
 
     point: str = text(REQUIRED, "point on the axis of the body, shaft.disk")

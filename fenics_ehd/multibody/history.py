@@ -8,13 +8,15 @@ with its unit.
 
 `History.with_start` adds a row at the start of a periodic cycle: the state at the end of the cycle,
 less a period and whole turns.
+
+Imports inside functions: figures need matplotlib, which is loaded when one is drawn.
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -26,8 +28,9 @@ import h5py
 import numpy as np
 
 from fenics_ehd import __version__
-from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.arguments import require_class, require_word
 from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, csv_line, with_unit
+from fenics_ehd.base.described import Described, names_or_none
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import (
     SCENE_NAME,
@@ -40,13 +43,12 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.base.layout import Group, Value, attribute, read_declared
 from fenics_ehd.base.renamed import (
-    joint_of_bare_name,
     renamed_arguments,
     renamed_attributes,
-    warn_renamed,
 )
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
 from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.names_without_joint import Columns, Summary
 from fenics_ehd.multibody.recorded_quantities import (
     FAMILIES,
     BodyResult,
@@ -56,6 +58,7 @@ from fenics_ehd.multibody.recorded_quantities import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
 
@@ -98,6 +101,15 @@ FIELD_UNITS = {
     "clearance": "m",
     "cells": DIMENSIONLESS,
 }
+
+#: Extremes that describe a joint: name in the error budget, entry of the summary, factor and unit.
+SHOWN_EXTREMES = (
+    ("max_pressure", "max_pressure_Pa", 1e-6, "MPa"),
+    ("min_film_thickness", "min_film_thickness_m", 1e6, "um"),
+)
+
+#: Fields of which `History.plot_map` draws maps.
+MAPS = ("pressure", "film", "contact")
 
 #: Start of the paths of quantities with one number per step, except for nodal fields.
 COLUMNS = ("time", "run/", "bodies/", "joints/")
@@ -180,61 +192,6 @@ def column_name(path: str) -> str:
     return (name or group).replace("/", ".", 1)
 
 
-class Columns(dict[str, np.ndarray]):
-    """Columns of ``history.csv`` by name.
-
-    A name without its joint is accepted if only one joint has the column.
-
-    Attributes
-    ----------
-    joints
-        Names of the lubricated joints.
-    """
-
-    joints: Collection[str] = ()
-
-    def __missing__(self, name: str) -> np.ndarray:
-        columns = {
-            joint: [key.removeprefix(f"{joint}.") for key in self if key.startswith(f"{joint}.")]
-            for joint in self.joints
-        }
-        joint = joint_of_bare_name(name, columns)
-        if joint is None:
-            raise KeyError(name)
-        return self[f"{joint}.{name}"]
-
-    def get(self, name: str, default: Any = None) -> Any:
-        """Column of a name, which may omit the joint; `default` if no column has this name."""
-        try:
-            return self[name]
-        except KeyError:
-            return default
-
-
-class Summary(dict[str, Any]):
-    """Entries of ``summary.json`` by name.
-
-    The entry of a joint is accepted without the joint if only one joint has it.
-    """
-
-    def __missing__(self, name: str) -> Any:
-        joints = super().get("joints", {})
-        if name == "joint" and len(joints) == 1:
-            warn_renamed("joint", "the key under joints", depth=1)
-            return next(iter(joints))
-        joint = joint_of_bare_name(name, joints, before="joints.")
-        if joint is None:
-            raise KeyError(name)
-        return joints[joint][name]
-
-    def get(self, name: str, default: Any = None) -> Any:
-        """Entry of a name, of the run or of its only joint with it; `default` if none has it."""
-        try:
-            return self[name]
-        except KeyError:
-            return default
-
-
 def fixed(path: str) -> bool:
     """Whether a path is that of a film's mesh, which is the same at all steps."""
     return of_film(path) and path.rpartition("/")[2] in MESH
@@ -247,8 +204,8 @@ def is_column(path: str) -> bool:
 
 @renamed_attributes(told="entries")  # words: literal
 @renamed_arguments(told="entries")  # words: literal
-@dataclass(frozen=True, eq=False)
-class History:
+@dataclass(frozen=True, eq=False, repr=False)
+class History(Described):
     """Quantities of a run over its steps, with its summary and scene.
 
     Attributes
@@ -266,6 +223,8 @@ class History:
     solved
         Recorder of a run from `simulate`, for `replay`, `error_budget`, `multiplier` and
         `sensitivity`; None for a run that was read from a folder.
+    folder
+        Folder from which the history was read; None for a history of `simulate`.
     """
 
     values: Mapping[str, Quantity]
@@ -275,6 +234,7 @@ class History:
     scene: Mapping[str, Any] = field(default_factory=dict)
     stored_cycle: Cycle | None = None
     solved: Any = None
+    folder: Path | None = None
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -443,6 +403,56 @@ class History:
             {name: ("time", np.asarray(v), {"units": v.units}) for name, v in columns.items()}
         )
 
+    def plot(self, quantity: str) -> Figure:
+        """Draw a quantity over the last cycle, such as ``"big_end.min_film_thickness"``.
+
+        See `fenics_ehd.plot`, which draws several runs.
+        """
+        from fenics_ehd import plot
+
+        return plot(self, quantity)
+
+    def plot_orbit(self, joint: str) -> Figure:
+        """Draw the orbit of the journal of a lubricated joint over the last cycle."""
+        return self.plot(f"{joint}.orbit")
+
+    def plot_map(self, joint: str, field: str = "pressure") -> Figure:
+        """Draw a map over the bore of a lubricated joint for the last cycle.
+
+        Parameters
+        ----------
+        joint
+            Name of the joint.
+        field
+            ``"pressure"`` for the largest pressure, ``"film"`` for the least film thickness, or
+            ``"contact"`` for the mean contact pressure.
+        """
+        require_word("field", field, MAPS)
+        return self.plot(f"{joint}.{field}_map")
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield scene, status, steps, bodies, and the extremes of every lubricated joint."""
+        yield "History", f"of {self.entries.get('scene') or self.folder or 'a mechanism'}"
+        yield "status", self.status
+        yield "steps", f"{len(self)}, {np.min(self.time):.4g} to {np.max(self.time):.4g} s"
+        yield "bodies", names_or_none(self.bodies)
+        yield "columns", f"{len(self.names)}: see names, result[NAME] and result.plot(NAME)"
+        for name in self._owners("joints", self.values):
+            yield name, self._extremes(name)
+
+    def _extremes(self, joint: str) -> str:
+        """Peak pressure and minimum film thickness of a joint in the summary, with their errors."""
+        figures = self.figures.get(joint, {})
+        budget = figures.get("error_budget", {})
+        texts = []
+        for label, name, factor, unit in SHOWN_EXTREMES:
+            value = figures.get(f"{name}")
+            if isinstance(value, int | float):
+                error = budget.get(label, {}).get("total")
+                bound = f" ± {100 * error:.2g} %" if isinstance(error, float) else ""
+                texts.append(f"{label} {factor * value:.4g} {unit}{bound}")
+        return ", ".join(texts) or "lubricated"
+
     def each(self, change: Callable[[np.ndarray], np.ndarray]) -> Self:
         """Return a history with `change` applied to every array over the steps."""
         return self.changed({path: change(v) for path, v in self.values.items() if not fixed(path)})
@@ -547,7 +557,7 @@ class History:
         path, packing
             Path of the file, and options of h5py that compress fields; None: no compression.
         state
-            State from which the run can be resumed, a tree for `put_tree`; None for none.
+            State from which the run can be resumed, a tree for `put_tree`; None: not stored.
 
         Raises
         ------
@@ -670,7 +680,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
         each = Value("text", (state.shape[1],))
         names, units = (attribute(state, name, each) for name in ("names", "units"))
         cycle = Cycle(**read_declared(file[CYCLE], Cycle.layout)) if CYCLE in file else None
-        return History(arrays, names, units, summary, scene, cycle)
+        return History(arrays, names, units, summary, scene, cycle, folder=folder)
 
 
 #: Name of the function in version 0.2.

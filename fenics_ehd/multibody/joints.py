@@ -86,7 +86,7 @@ def require_two_bodies(key: str, markers: Sequence[str]) -> None:
     Raises
     ------
     SettingsError
-        If two of the markers are so; the message has the key and both points.
+        If two markers are different points of one body; the message has the key and both points.
     """
     first: dict[str, str] = {}
     for marker in markers:

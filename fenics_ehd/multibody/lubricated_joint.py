@@ -239,8 +239,9 @@ SurfaceOf = Callable[[Side], Surface]
 class JointFilm:
     """Linear maps between a joint's film and its n coordinates ``xi = (e, psi, q)``.
 
-    The elastic coordinates q are those of surfaces at rest in the bore's frame. The effect of a
-    turning surface is not linear in its coordinates, see `Surface.turning_rows`.
+    They are the eccentricity e, the tilt psi, and the elastic coordinates q of surfaces at rest in
+    the bore's frame. The effect of a turning surface is not linear in its coordinates, see
+    `Surface.turning_rows`.
 
     Parameters
     ----------

@@ -21,6 +21,7 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.arguments import copied, require_callable, require_class, require_pair
+from fenics_ehd.base.described import Described, names_or_none
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.kinematics import require_read
@@ -63,8 +64,8 @@ def _require_drive(name: str, value: Any) -> None:
         require_callable(name, value)
 
 
-@dataclass(frozen=True, eq=False)
-class Mechanism:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mechanism(Described):
     """Mechanism: bodies with their joints, drives and forces.
 
     Attributes
@@ -99,6 +100,14 @@ class Mechanism:
         for name, check in checks.items():
             object.__setattr__(self, name, copied(name, getattr(self, name), check))
         require_pair("gravity", self.gravity)
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield bodies, joints, drives and forces, with the classes of bodies and joints."""
+        yield "Mechanism", f"gravity {tuple(self.gravity)} m/s^2"
+        for kind in ("bodies", "joints", "drives", "forces"):
+            members = getattr(self, kind).items()
+            classes = (f"{name} ({type(member).__name__})" for name, member in members)
+            yield kind, names_or_none(getattr(self, kind) if kind == "drives" else classes)
 
     def variations(self) -> Iterator[tuple[str, Variation]]:
         """Yield the key and the variation of every force, drive and supply that is not constant."""
@@ -334,7 +343,7 @@ class System:
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
         """Yield every body that has coordinates, with their indices in z.
 
-        Third is a list of the entries of `values`, arrays in the order of z, for this body.
+        The third item is a list of the parts of `values`, arrays in the order of z, for this body.
         """
         for name, body in self._bodies.items():
             dofs = self.bodies[name]

@@ -84,7 +84,7 @@ MechanismStep = Step[CoupledState]
 
 @dataclass(frozen=True, eq=False)
 class SolverState:
-    """State of the solver between steps, from which it extrapolates the start of the next one.
+    """State of the solver between steps, to extrapolate the first iterate of the next step.
 
     Attributes
     ----------
@@ -134,12 +134,14 @@ MOST_NODES = 700
 #: starts. The contribution of the others to an update is computed by repeated substitution, at most
 #: `MAX_REFINEMENTS` times, until it changes by less than `REFINED` of the update. If a substitution
 #: reduces the change to more than `SLOW` of the one before, the number of retained patterns is
-#: doubled; if to less than `FAST`, it is halved in the next step.
+#: doubled; if to less than `FAST`, it is halved in the next step. Substitutions that follow are
+#: taken to change an update by at most `MARGIN` times the sum of a geometric series.
 FEWEST_PATTERNS = 30
 REFINED = 0.02
 MAX_REFINEMENTS = 8
 SLOW = 0.4
 FAST = 0.02
+MARGIN = 2.0
 
 
 class Update(NamedTuple):
@@ -150,7 +152,7 @@ class Update(NamedTuple):
     films
         Solution of every film's linear system: updates of pressures at full nodes.
     rest
-        Update of coordinates and multipliers ``(z, l, m)``.
+        Update of the coordinates and multipliers ``(z, l, m)``, shape (n + 2 m,).
     gap_reduction
         Largest relative reduction of a gap.
     size
@@ -218,7 +220,7 @@ class StepFactors:
         self.forget()
 
     def forget(self) -> None:
-        """Discard all factors."""
+        """Discard all factors of the derivatives."""
         self._base: BorderedSystem | None = None
         self._factored: BorderedSystem | ChangedSystem | None = None
         self._derivative: Derivative | None = None
@@ -226,13 +228,14 @@ class StepFactors:
 
     @property
     def known(self) -> bool:
-        """Whether factors exist."""
+        """Whether factors of the derivatives exist."""
         return self._factored is not None
 
     def change(self, full: Sequence[np.ndarray]) -> bool:
         """Change the full nodes of every film, with the same derivatives and bordered factors.
 
-        False if this is impossible or a new factorisation is cheaper.
+        Nothing is changed, and False is returned, if this is impossible or a new factorisation is
+        cheaper.
         """
         derivative = self._derivative
         changes = []
@@ -254,7 +257,8 @@ class StepFactors:
     def factorise(self, point: Point, full: Sequence[np.ndarray], *, near: bool = False) -> None:
         """Compute and factorise the derivatives at a point, for the full nodes of every film.
 
-        If `near`, at a point near the solution, only the films' own matrices are computed again.
+        If `near` is true, the point is near the solution, and only the matrices A and W of the
+        films are computed again.
         """
         derivative = self._derivative = self._equations.linearise(
             point, self._derivative if near else None
@@ -272,7 +276,7 @@ class StepFactors:
         films: Sequence[np.ndarray],
         rest: np.ndarray,
     ) -> Update:
-        """Compute the update like `solve`, with more retained patterns if substitution is slow."""
+        """Compute the Newton update like `solve`; retain more patterns if substitution is slow."""
         update = self.solve(point, films, rest)
         while self._reduction > SLOW and self.patterns < self._equations.most_patterns:
             self.retain_patterns(2 * self.patterns)
@@ -280,10 +284,18 @@ class StepFactors:
             update = self.solve(point, films, rest)
         return update
 
-    def solve(self, point: Point, films: Sequence[np.ndarray], rest: np.ndarray) -> Update:
-        """Compute the update for right-hand sides of all films, and of coordinates and multipliers.
+    def solve(
+        self,
+        point: Point,
+        films: Sequence[np.ndarray],
+        rest: np.ndarray,
+        *,
+        limit: float = np.nan,
+    ) -> Update:
+        """Compute the Newton update for right-hand sides of films, coordinates and multipliers.
 
-        The contribution of residual patterns that are not retained is found by substitution.
+        Repeated substitution adds the contribution of residual patterns that are not retained. With
+        a `limit`, it ends as soon as it is known whether the size of the update exceeds the limit.
         """
         factored = self._factored
         assert factored is not None
@@ -308,6 +320,9 @@ class StepFactors:
             former = changed
             if changed <= REFINED * size or self._reduction > SLOW:
                 break
+            remaining = changed * self._reduction / (1.0 - self._reduction)
+            if abs(size - limit) > MARGIN * remaining:
+                break
         return Update(pressures, x[: len(rest)], gap_reduction, size)
 
     def _gap_change(
@@ -324,9 +339,9 @@ class StepFactors:
     def _measure(
         self, point: Point, changes: list[np.ndarray], x: np.ndarray
     ) -> tuple[float, float]:
-        """Largest relative reduction of a gap, and `Update.size`.
+        """Largest relative reduction of a gap by an update, and size of the update (`Update.size`).
 
-        SNES subtracts changes: a positive change reduces the gap.
+        SNES subtracts updates from the unknowns: a positive change reduces the gap.
         """
         n = self._equations.system.n
         gap_reduction = 0.0
@@ -466,12 +481,12 @@ class CoupledSteps:
         former: SolverState | None,
         gap_changes: GapChanges = (),
     ) -> Attempt:
-        """Solve one step.
+        """Solve the equations of one time step of the mechanism.
 
         Parameters
         ----------
         problem
-            Norm of errors.
+            Norm of the errors that control the time step.
         step
             Time integration formula of the step.
         former
@@ -503,19 +518,21 @@ class CoupledSteps:
         return Attempt(iterations, solved, work=self._work_since(before))
 
     def _work_since(self, before: Mapping[str, int]) -> dict[str, int]:
-        """Counts of the step under way, from those of its factors before it."""
+        """Counts of the work in the current step; `before` are the counts of factors before it."""
         done = {name: count - before[name] for name, count in self._factors.work.items()}
         return {"evaluations": self._evaluations, **done}
 
     def response_to_forces(
         self, x: np.ndarray, rate: np.ndarray, shift: float, forces: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of z and of multipliers due to k small generalised forces at the last solution.
+        """Changes of coordinates and multipliers due to small generalised forces.
+
+        They are those at the last solution, for k sets of forces.
 
         Parameters
         ----------
         x, rate
-            State x and its rate at the solution.
+            State x of the time integration, and its rate, at the last solution.
         shift
             Rate of a change over the change, in ``x' = shift x + ...`` [1/s].
         forces
@@ -544,7 +561,7 @@ class CoupledSteps:
         return changes[:n], changes[n : n + self.system.m]
 
     def _solve(self, start: np.ndarray) -> int:
-        """Solve by full updates, or damped ones if they fail; return the number of iterations."""
+        """Solve with full updates, or with damped updates if they fail; return the iterations."""
         self._begin(damping=1.0)
         try:
             self._solution, _, iterations = self._snes.solve(start)
@@ -588,7 +605,7 @@ class CoupledSteps:
     # --- SNES-VI calls the following methods during a solve.
 
     def function(self, x: np.ndarray) -> np.ndarray:
-        """Residual of all equations, see `VariationalInequality`."""
+        """Residual of all equations of the step at unknowns x, see `VariationalInequality`."""
         self._evaluations += 1
         # PETSc overwrites its array, but the point keeps the values: they are copied.
         self._point: Point = self.equations.evaluate(x.copy())
@@ -657,6 +674,7 @@ class CoupledSteps:
             return False
         if not all(film.settled(point, self._tolerance) for film, point, _ in self._films):
             return False
-        return self._factors.solve(self._point, self._right_sides(), self._point.rest).size <= (
-            self._tolerance
+        update = self._factors.solve(
+            self._point, self._right_sides(), self._point.rest, limit=self._tolerance
         )
+        return update.size <= self._tolerance

@@ -456,13 +456,13 @@ def friction_power(joint: JointStep) -> float:
 
 @quantity("journal_friction_power", "W", with_friction, mean=True)
 def journal_friction_power(joint: JointStep) -> float:
-    """Power that the journal supplies: friction torque times its angular speed."""
+    """Power that the journal supplies: friction torque times angular speed of the journal."""
     return joint.braking * joint.speeds[0]
 
 
 @quantity("bore_friction_power", "W", with_friction, mean=True)
 def bore_friction_power(joint: JointStep) -> float:
-    """Power that the bore supplies: minus its friction torque times its angular speed."""
+    """Power that the bore supplies: minus friction torque times angular speed of the bore."""
     return -joint.dragging * joint.speeds[1]
 
 

@@ -49,7 +49,7 @@ class Quantities(Mapping[str, Quantity]):
         return {with_unit(name, v.units): np.asarray(v) for name, v in self.items()}
 
     def _pair(self, name: str) -> Quantity:
-        """Vector quantity with the components x and y of a name, shape (steps, 2)."""
+        """Vector of two columns, such as ``force_x`` and ``force_y`` for ``force``, (steps, 2)."""
         x = self[f"{name}_x"]
         y = self[f"{name}_y"]
         return Quantity(np.column_stack([x, y]), x.units)
@@ -68,9 +68,9 @@ class FilmResult:
     angle, height
         Positions of the nodes on the bore, in its frame, shape (nodes,) [rad], [m].
     cells
-        Node numbers of every cell, shape (c, v). The corners come first: at the smaller angle and
-        height, at the larger angle, at the larger height, at both. Middles of edges and the centre
-        follow if `family` has them.
+        Numbers of the v nodes of every cell, shape (c, v). First are the two corners at the smaller
+        height, then the two at the larger height, each pair with the smaller angle first. Middles
+        of edges and the centre follow if `family` has them.
     radius, clearance
         Radius and radial clearance of the bore [m].
     pressure, gap

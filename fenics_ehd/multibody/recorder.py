@@ -131,9 +131,9 @@ def coordinate_units(system: System) -> dict[str, str]:
 
 
 def columns_of(rows: Sequence[Row], names: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Columns of rows by path with unit, each of shape (steps,): all, or those in `names`.
+    """Columns of recorded rows by path with unit, each of shape (steps,).
 
-    The result is empty without rows.
+    They are all columns, or those whose paths are in `names`. Without rows the result is empty.
     """
     present = rows[0] if rows else {}
     chosen = [name for name in names or filter(is_column, present) if name in present]
@@ -189,8 +189,8 @@ class Recorder(Stateful):
     rows
         Rows of the steps that are kept.
     counts, rejected_because
-        Number of every kind in `COUNTS`; number of rejected attempts by reason. Both count all
-        steps, also those whose rows are not kept.
+        Counts of the run by the names `COUNTS`, and number of rejected attempts by reason. Both
+        include steps whose rows are not kept.
     estimates
         Estimates of the basis error by `BoundSurface.key`.
     rubbing, slid
@@ -253,7 +253,7 @@ class Recorder(Stateful):
 
     @property
     def time(self) -> float:
-        """Time of the last step, or of the start without steps [s]."""
+        """Time of the last recorded step [s]; before the first step, time of the start."""
         return self.rows[-1]["time_s"] if self.rows else self._start.time
 
     @property
@@ -269,7 +269,7 @@ class Recorder(Stateful):
         return Cycle.of_columns(columns, self.recurrence) if columns else None
 
     def known_sizes(self) -> Sizes:
-        """Sizes of stored arrays that are known: the number of unknowns of a step, by name."""
+        """Known sizes of the arrays of a stored state by name: the number of unknowns of a step."""
         owners = ("/integrator", "/cycles/began")
         return dict.fromkeys(
             (f"{owner} unknowns" for owner in owners), len(self.run.equations.lower)
@@ -350,7 +350,7 @@ class Recorder(Stateful):
         return {column_name(name): value for name, value in row.items() if is_column(name)}
 
     def _angle(self, step: MechanismStep) -> float:
-        """Reference angle at a step [degrees], continuous over a cycle; 0 if nothing turns.
+        """Reference angle at a step [degrees], continuous over a cycle; 0 if no body turns.
 
         From the second cycle of a search on, periods of the loads before the cycle are subtracted:
         the last cycle of an engine is from 0 to 720 degrees, not from 1440 to 2160.

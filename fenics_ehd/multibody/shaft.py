@@ -110,7 +110,7 @@ class Shaft:
 
     @property
     def shear_flexibility(self) -> float:
-        """Length squared ``E I / (kappa G A)``, which is 0 without shear deformation [m^2]."""
+        """Bending over shear stiffness ``E I / (kappa G A)`` [m^2]; 0 without shear deformation."""
         if self.theory == "bernoulli":
             return 0.0
         shear_over_youngs_modulus = 0.5 / (1 + self.poissons_ratio)
@@ -166,9 +166,8 @@ class BeamPlane:
     def point(self, position: float) -> np.ndarray:
         """Rows that give deflection and rotation at a position on the axis, shape (2, d).
 
-        The position is relative to the length, from 0 to 1.
-
-        The rows are also the generalised forces of a unit force and of a unit moment there.
+        The position is relative to the length, from 0 to 1. The rows are also the generalised
+        forces of a unit force and of a unit moment at this position.
         """
         n = self.shaft.elements
         element = min(int(position * n), n - 1)
@@ -220,7 +219,8 @@ def shear_ratio(shaft: Shaft) -> float:
 def _element(h: float, phi: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stiffness over E I, and integrals of N N and P P over a beam element, shape (4, 4) each.
 
-    N are the shape functions of the deflection, P those of the rotation, see `_shape_functions`.
+    N are the shape functions of the deflection, P the shape functions of the rotation, see
+    `_shape_functions`.
 
     Parameters
     ----------
@@ -334,10 +334,9 @@ class ModalRotor:
     def motion(self, position: float) -> np.ndarray:
         """Rows that give ``(u, v, psi_x, psi_y)`` at a position on the axis, shape (4, 2 m).
 
-        The position is relative to the length, from 0 to 1.
-
-        Small rotations about x and y are ``psi_x = -dv/dz`` and ``psi_y = du/dz``. The rows are
-        also the generalised forces of unit forces and moments there.
+        The position is relative to the length, from 0 to 1. Small rotations about x and y are
+        ``psi_x = -dv/dz`` and ``psi_y = du/dz``. The rows are also the generalised forces of unit
+        forces and moments at this position.
         """
         deflection, slope = (
             np.kron(np.eye(2), row) for row in self.beam.point(position) @ self.shapes
@@ -446,7 +445,7 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def _shapes(self) -> dict[str, np.ndarray]:
-        """Derivative of the values of every point by the coordinates, shape (5, n), by name."""
+        """Derivative of every point's values with respect to the n coordinates, (5, n), by name."""
         shapes = {"": np.zeros((5, self.size))}
         for name, share in self.points.items():
             motion = self.rotor.motion(share)

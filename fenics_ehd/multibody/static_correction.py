@@ -51,6 +51,10 @@ class _Body:
     shapes, amplitudes
         Displacements for unit amplitudes, and static amplitudes for unit loads, see `Compliance`,
         of all surfaces of the body together.
+    stiffness
+        Stiffness of every amplitude, shape (r,).
+    mortar
+        Whether a mortar transfers pressures to one of the surfaces.
     """
 
     films: list[int]
@@ -59,17 +63,21 @@ class _Body:
     loads: np.ndarray
     shapes: np.ndarray
     amplitudes: np.ndarray
+    stiffness: np.ndarray
+    mortar: bool
 
     @cached_property
-    def response(self) -> tuple[np.ndarray, ...]:
-        """Matrices that give static displacements when loads are multiplied by one after the other.
+    def factors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices of shapes (r, l) and (u, r) whose product maps loads to static displacements.
 
-        They are `amplitudes` and `shapes`, or the product of both if the product has fewer entries.
+        They are `amplitudes` and `shapes`. Without a mortar, loads are forces on the nodes, and the
+        response is symmetric. The factors are then one array in memory and its transpose, because
+        reading them takes most of the time of a product.
         """
-        product = self.shapes.shape[0] * self.amplitudes.shape[1]
-        if self.shapes.size + self.amplitudes.size < product:
+        if self.mortar:
             return self.amplitudes, self.shapes
-        return (self.shapes @ self.amplitudes,)
+        root = self.shapes / np.sqrt(self.stiffness)
+        return root.T, root
 
 
 class PatternResponses:
@@ -142,6 +150,8 @@ class PatternResponses:
                 _indices(loads, members),
                 np.vstack([compliances[k].shapes for k in members]),
                 np.hstack([compliances[k].amplitudes for k in members]),
+                first.stiffness,
+                any(not compliances[k].from_forces.nnz for k in members),
             )
             self.size += rank
             self._damping_at[_indices(self.points, body_films)] = first.damping_time
@@ -177,25 +187,27 @@ class PatternResponses:
             displacement[body.displacements] = body.shapes @ amplitudes[body.patterns]
         return displacement
 
-    def _static_response(self, loads: Any) -> np.ndarray:
-        """Static gap change at the Gauss points of all films [m].
+    def _static_response(self, loads: Any, first: int = 0) -> np.ndarray:
+        """Static gap change at the Gauss points for loads of all surfaces, shape (l,) or (l, a).
 
-        `loads` has the l loads of all surfaces, shape (l,), or several sets of them, shape (l, k).
+        Each body responds by its patterns from the number `first` on.
         """
         displacement = np.zeros((self._to_gap.shape[1], *loads.shape[1:]))
         for body in self.bodies.values():
-            values = loads[body.loads]
-            for matrix in body.response:
-                values = matrix @ values
-            displacement[body.displacements] = values
+            amplitudes, shapes = body.factors
+            values = amplitudes[first:] @ loads[body.loads]
+            displacement[body.displacements] = shapes[:, first:] @ values
         return self._to_gap @ displacement
 
-    def gap_change_from_pressure(self, pressures: Sequence[np.ndarray]) -> np.ndarray:
-        """Gap change at the Gauss points of all films in this step, shape (g,) [m].
+    def gap_change_from_pressure(
+        self, pressures: Sequence[np.ndarray], first: int = 0
+    ) -> np.ndarray:
+        """Gap change at the Gauss points in this step, from nodal pressures of all films [Pa].
 
-        It is due to the nodal pressures of every film, `pressures` [Pa].
+        It is the contribution of every body's patterns from the number `first` on.
         """
-        return self.share * self._static_response(self._from_pressure @ np.concatenate(pressures))
+        loads = self._from_pressure @ np.concatenate(pressures)
+        return self.share * self._static_response(loads, first)
 
     def gap_change_from_forces(self, forces: np.ndarray) -> np.ndarray:
         """Gap change at the Gauss points of all films in this step, shape (g,) [m].
@@ -230,8 +242,8 @@ class PatternResponses:
         response = np.zeros((len(points), self._pressures[i].stop - self._pressures[i].start))
         for body in self.bodies_of(i):
             values = self._to_gap[points][:, body.displacements]
-            for matrix in reversed(body.response):
-                values = values @ matrix
+            amplitudes, shapes = body.factors
+            values = (values @ shapes) @ amplitudes
             from_pressure = self._from_pressure[body.loads][:, self._pressures[i]]
             response += (from_pressure.T @ values.T).T
         return self.share[points, None] * response

@@ -401,23 +401,17 @@ class StepEquations:
         inputs = [block.spread @ x for block in blocks]
         changes = [block.gap @ values for block, values in zip(blocks, inputs, strict=True)]
         responses = self.responses
-        if not responses.size:
+        if self._retained >= self.most_patterns:
             return changes, None
+        # The retained patterns are unknowns in x.
+        missing = responses.gap_change_from_pressure(pressures, self._retained)
         residuals = [np.zeros(film.pattern.size) for film in self.films]
-        complete = True
-        by_pressure = responses.gap_change_from_pressure(pressures)
         for i, (coupling, block) in enumerate(zip(self.couplings, blocks, strict=True)):
-            bodies = responses.bodies_of(i)
-            if not bodies:
-                continue
-            retained = coupling.retained_patterns
-            by_retained = block.gap[:, retained] @ inputs[i][retained]
-            missing = by_pressure[responses.points[i]] - by_retained
-            changes[i] = changes[i] + missing
-            if retained.stop - retained.start < sum(len(body.amplitudes) for body in bodies):
-                residuals[i] = coupling.model.rows(block.along_gap @ missing)
-                complete = False
-        return changes, None if complete else residuals
+            if responses.bodies_of(i):
+                change = missing[responses.points[i]]
+                changes[i] = changes[i] + change
+                residuals[i] = coupling.model.rows(block.along_gap @ change)
+        return changes, residuals
 
     def state(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """State x of the time integration at an iterate, and its rate.

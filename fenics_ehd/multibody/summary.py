@@ -93,7 +93,7 @@ def extremes_of(columns: Columns, period: float | None = None) -> dict[str, Extr
 def cycle_figures(
     cycle: Cycle, columns: Columns, joint: str, rates: Iterable[str]
 ) -> dict[str, float]:
-    """Entries ``cycle_...`` of the summary of a joint: extremes, mean force, means of rates.
+    """Entries ``cycle_...`` of the summary of a joint: extremes, and means of columns.
 
     Parameters
     ----------

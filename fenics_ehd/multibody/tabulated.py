@@ -4,10 +4,10 @@ With the derivative ``D_k`` of the polynomial through the new point and the last
 
     x' = (1 - b) D_k x + b D_(k+1) x.
 
-For k = 2 and b = 1/2 this is the numerical differentiation formula of Klopfenstein, also known
-as BDF2-OPT. Like BDF2 it is A-stable at constant steps and damps high-frequency modes, which
-respond statically, with half the error (Shampine and Reichelt, SIAM J. Sci. Comput. 1997; Vatsa,
-Carpenter and Lockard 2010). For k = 3 it is A(82)-stable, while BDF3 is A(86)-stable.
+For k = 2 and b = 1/2 this is the numerical differentiation formula of Klopfenstein, also known as
+BDF2-OPT, with half the error of BDF2. Like BDF2 it is A-stable at constant steps and damps
+high-frequency modes, so that they respond statically (Shampine and Reichelt, SIAM J. Sci. Comput.
+1997; Vatsa, Carpenter and Lockard 2010). For k = 3 it is A(82)-stable, while BDF3 is A(86)-stable.
 
 A load is evaluated only at the ends of steps. A row of a table between two ends has no influence on
 the solution, unless the values at the ends predict it. The estimated error of the solution does not
@@ -145,7 +145,10 @@ class Curve:
 
     @property
     def settled(self) -> float:
-        """Time [s] or angle [rad] from which a non-periodic curve is constant; 0 if always."""
+        """Time [s] or angle [rad] from which a non-periodic curve is constant.
+
+        It is 0 if the curve is constant everywhere.
+        """
         moving = np.flatnonzero(self.curve.c[:-1].any(axis=0))
         return float(self.curve.x[moving[-1] + 1]) if len(moving) else 0.0
 

@@ -112,9 +112,9 @@ NODE_SPACING = 0.5
 
 
 def too_coarse(binding: FilmBinding, thickness: float) -> str:
-    """Reason for rejecting a film of a smallest thickness [m] by the spacing of its nodes.
+    """Reason for rejecting a film whose nodes are too far apart for its smallest thickness [m].
 
-    It is empty if the spacing is fine enough, or a surface is elastic.
+    The reason is empty if the spacing is fine enough, or if a surface is elastic.
     """
     if binding.film.elastic:
         return ""

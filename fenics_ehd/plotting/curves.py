@@ -163,16 +163,16 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
             known = np.flatnonzero(np.isfinite(y))  # some steps have no error estimate
             extreme = known[panel.extreme(y[known])]
             axes.plot(x[extreme], y[extreme], "o", color=look["color"], markersize=5, zorder=4)
-            figures.append(
-                f"{with_unit(y[extreme], panel.label)} at {position_label(x[extreme], over)}"
-            )
-        if (errors := _reported_errors(joint, panel.budget)) is not None:
-            of_extreme, largest = errors
-            # Errors of pressures are relative to the peak, those of films to the film at that
-            # time.
-            half = largest * (y.max() if panel.extreme is np.argmax else y)
-            axes.fill_between(x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0)
-            figures[-1] += f" ± {100 * of_extreme:.2g} %"
+            value = with_unit(y[extreme], panel.label)
+            if (errors := _reported_errors(joint, panel.budget)) is not None:
+                of_extreme, largest = errors
+                value += f" ± {100 * of_extreme:.2g} %"
+                # Errors of pressures are relative to the peak, those of films to the film then.
+                half = largest * (y.max() if panel.extreme is np.argmax else y)
+                axes.fill_between(
+                    x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0
+                )
+            figures.append(f"{value} at {position_label(x[extreme], over)}")
         if panel.mean:
             average = factor_of(panel.label) * float(
                 mean(joint.columns[column], joint.columns[TIME])

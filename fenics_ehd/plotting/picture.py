@@ -7,7 +7,9 @@ differ in grey print. Curves differ in their dashes as well.
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from collections.abc import Collection, Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -27,7 +29,9 @@ from fenics_ehd.base.files import (
 )
 from fenics_ehd.base.units import unit, unit_of
 
-matplotlib.use("Agg")
+# Pictures need no window. A notebook, or a program that uses pyplot already, keeps its backend.
+if "MPLBACKEND" not in os.environ and "matplotlib.pyplot" not in sys.modules:
+    matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase

@@ -6,13 +6,21 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
+import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
+from matplotlib.figure import Figure
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.multibody.history import History
 from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, orbit
 from fenics_ehd.plotting.maps import Bores, Map
 from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, plt, save_in_formats
 from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
+
+#: Type of the runs of a figure: one, several in a sequence, or several by name.
+Run = str | Path | History
+Runs = Run | Sequence[Run] | Mapping[str, Run]
 
 #: Pictures by the name of their quantity, in the order of `fenics_ehd.base.files.PICTURES`.
 QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
@@ -165,11 +173,13 @@ class Pictures:
     Parameters
     ----------
     runs
-        Folders of the runs, by their names in legends.
+        Folders or histories of the runs, by their names in legends.
     joints
         Names of the lubricated joints to draw; empty for all.
     difference
         Whether differences are drawn: second run minus first run.
+    option
+        Form of an argument in messages: ``--{}`` for options of the command.
 
     Raises
     ------
@@ -181,22 +191,26 @@ class Pictures:
 
     def __init__(
         self,
-        runs: Mapping[str, str | Path],
+        runs: Mapping[str, str | Path | History],
         joints: Sequence[str] = (),
         *,
         difference: bool = False,
+        option: str = "--{}",
     ):
+        self._option = option
         if difference and len(runs) != 2:
-            raise SettingsError(f"--difference needs 2 runs, not {len(runs)}: give two directories")
+            raise SettingsError(
+                f"{option.format('difference')} needs 2 runs, not {len(runs)}: give two directories"
+            )
         self._runs = [ShownRun(name, folder) for name, folder in runs.items()]
         self._difference = difference
         self._joints = joints
-        rows = _rows(self._runs, joints)
+        rows = self._rows(joints)
         if difference and all(len(same) < 2 for same in rows.values()):
             first, second = (", ".join(run.joints) or "none" for run in self._runs)
             raise SettingsError(
-                f"--difference: the runs have no common lubricated joint: {first} in the first, "
-                f"{second} in the second"
+                f"{option.format('difference')}: the runs have no common lubricated joint: {first} "
+                f"in the first, {second} in the second"
             )
 
     @property
@@ -218,20 +232,21 @@ class Pictures:
             A quantity or joint is unknown; the message has the known ones.
         """
         known = self._joints_of_runs
+        option = self._option.format("quantity")
         for name in names:
             joint = name.rpartition(".")[0]
             if joint and joint not in known:
                 raise SettingsError(
-                    f"--quantity {name}: {self._runs[0].directory} has no lubricated joint "
+                    f"{option} {name}: {self._runs[0].origin} has no lubricated joint "
                     f"{joint}: choose from {', '.join(known) or 'none'}"
                 )
             quantity, joints = self._selected(name)
             if quantity not in QUANTITIES or not self._having(name):
-                of = " and ".join(str(run.directory) for run in self._runs)
+                of = " and ".join(run.origin for run in self._runs)
                 whose = f" for {', '.join(joints)}" if joints else ""
                 what = "no difference of it" if self._difference else "no such quantity"
                 raise SettingsError(
-                    f"--quantity {name}: {what}{whose} in {of}; there is {', '.join(self.names)}"
+                    f"{option} {name}: {what}{whose} in {of}; there is {', '.join(self.names)}"
                 )
 
     def full_name(self, name: str) -> str:
@@ -254,23 +269,29 @@ class Pictures:
         joint, _, quantity = name.rpartition(".")
         return quantity, [joint] if joint else self._joints
 
+    def figure(self, name: str) -> Figure | None:
+        """Figure of a quantity; None if the runs have no data for it."""
+        rows = self._having(name)
+        quantity = QUANTITIES[self._selected(name)[0]]
+        if not rows:
+            return None
+        with plt.rc_context(SETTINGS):
+            if not self._difference:
+                return quantity.draw(rows)
+            assert isinstance(quantity, Curves | Paths)
+            return quantity.difference(
+                {_title_of_difference(t, *joints): joints for t, joints in rows.items()}
+            )
+
     def draw(self, name: str, directory: str | Path) -> list[Path]:
         """Draw a quantity, write the picture in each format, and return the paths of the files.
 
         Files of several runs have other names than files of one run, and do not replace them.
         """
-        rows = self._having(name)
-        quantity = QUANTITIES[self._selected(name)[0]]
-        if not rows:
+        figure = self.figure(name)
+        if figure is None:
             return []
         with plt.rc_context(SETTINGS):
-            if self._difference:
-                assert isinstance(quantity, Curves | Paths)
-                figure = quantity.difference(
-                    {_title_of_difference(t, *joints): joints for t, joints in rows.items()}
-                )
-            else:
-                figure = quantity.draw(rows)
             return save_in_formats(figure, directory, self._file(name))
 
     def _file(self, name: str) -> str:
@@ -278,11 +299,28 @@ class Pictures:
         several = ["difference" if self._difference else "comparison"] * (len(self._runs) > 1)
         return "-".join([quantity, *joints, *several])
 
+    def _rows(self, joints: Sequence[str]) -> Rows:
+        """Joints of the runs by name; if every run has one joint, these form a single entry."""
+        runs = self._runs
+        known = self._joints_of_runs
+        for name in joints:
+            if name not in known:
+                raise SettingsError(
+                    f"{self._option.format('joint')} {name}: {runs[0].origin} has no such "
+                    f"lubricated joint: choose from {', '.join(known) or 'none'}"
+                )
+        if not joints and all(len(run.joints) == 1 for run in runs):
+            return {" / ".join(known): [joint for run in runs for joint in run.joints.values()]}
+        return {
+            name: [run.joints[name] for run in runs if name in run.joints]
+            for name in joints or known
+        }
+
     def _having(self, name: str) -> Rows:
         """Joints for which a quantity can be drawn, by title; for some quantities, whole runs."""
         selected, joints = self._selected(name)
         quantity = QUANTITIES[selected]
-        rows = _rows(self._runs, joints)
+        rows = self._rows(joints)
         of_run = _is_of_run(selected)
         # The energies of two runs start at different instants.
         if self._difference and (of_run or not isinstance(quantity, Curves | Paths)):
@@ -308,17 +346,66 @@ def _title_of_difference(title: str, first: ShownJoint, second: ShownJoint) -> s
     return ": ".join(filter(None, (title, f"{second.run.name} less {first.run.name}")))
 
 
-def _rows(runs: Sequence[ShownRun], joints: Sequence[str]) -> Rows:
-    """Joints of the runs by name; if every run has one joint, these joints form a single entry."""
-    known = list(dict.fromkeys(name for run in runs for name in run.joints))
-    for name in joints:
-        if name not in known:
-            raise SettingsError(
-                f"--joint {name}: {runs[0].directory} has no such lubricated joint: choose from "
-                f"{', '.join(known) or 'none'}"
-            )
-    if not joints and all(len(run.joints) == 1 for run in runs):
-        return {" / ".join(known): [joint for run in runs for joint in run.joints.values()]}
-    return {
-        name: [run.joints[name] for run in runs if name in run.joints] for name in joints or known
-    }
+def plot(
+    runs: Runs,
+    quantity: str,
+    *,
+    difference: bool = False,
+) -> Figure:
+    """Draw a quantity over the last cycle of one or more runs, as ``fenics-ehd plot`` does.
+
+    Parameters
+    ----------
+    runs
+        History or folder of a run, several of them in a sequence, or several by their names in the
+        legend.
+    quantity
+        Name of the quantity, with the joint if only one joint is wanted:
+        ``"big_end.min_film_thickness"``. `Pictures.names` lists the quantities that runs have.
+    difference
+        Whether the difference of two runs is drawn: second run minus first run.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure, which a notebook shows; ``figure.savefig("film.png")`` writes it.
+
+    Raises
+    ------
+    InputError
+        A folder has no history of a run.
+    SettingsError
+        The quantity or its joint is unknown; the message lists the known ones.
+    """
+    require_class("quantity", quantity, str)
+    pictures = Pictures(_named(runs), difference=difference, option="{}")
+    pictures.require([quantity])
+    figure = pictures.figure(quantity)
+    assert figure is not None
+    for _ in range(2):  # titles move as soon as the ticks have their positions
+        figure.draw_without_rendering()
+    # Else a notebook would show it twice: as a result, and as a figure that is still open.
+    plt.close(figure)
+    return figure
+
+
+def _named(runs: Runs) -> dict[str, str | Path | History]:
+    """Runs by their names in a legend: those of their folders or scenes, else their numbers."""
+    if isinstance(runs, Mapping):
+        return dict(runs)
+    require_class("runs", runs, str, Path, History, Sequence)
+    several = [runs] if isinstance(runs, str | Path | History) else list(runs)
+    if not several:
+        raise SettingsError("runs is empty: give at least one history or folder of a run")
+    names = [_name_of(run) for run in several]
+    if not all(names) or len(set(names)) < len(names):
+        names = [f"{name or 'run'} ({number})" for number, name in enumerate(names, 1)]
+    return dict(zip(names, several, strict=True))
+
+
+def _name_of(run: str | Path | History) -> str:
+    """Name of a run's folder, or of its scene; empty if it has neither."""
+    require_class("runs", run, str, Path, History)
+    if isinstance(run, History):
+        return run.folder.name if run.folder else str(run.entries.get("scene", ""))
+    return Path(run).name or str(run)

@@ -60,7 +60,7 @@ UNBALANCE = "unbalance"
 
 
 def plot_map(chart: RotorMap, directory: str | Path, shown: Sequence[int]) -> list[Path]:
-    """Draw all pictures of a map into its folder; returns their paths.
+    """Draw all pictures of a rotor map into a folder; return the paths of the pictures.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def plot_map(chart: RotorMap, directory: str | Path, shown: Sequence[int]) -> li
 
 
 def _along(chart: RotorMap, body: str) -> np.ndarray:
-    """Indices of the stations along a shaft; empty for another body."""
+    """Indices of the stations along the axis of a shaft; empty for a body that is not a shaft."""
     indices = [k for k, name in enumerate(chart.stations.bodies) if name == body]
     heights = chart.stations.heights[indices]
     return (
@@ -92,7 +92,7 @@ def _along(chart: RotorMap, body: str) -> np.ndarray:
 
 
 def _speed_axis(axes: Axes, chart: RotorMap) -> None:
-    """Label the axis of speeds, and mark the limits of stability."""
+    """Label the horizontal axis, which has the speeds, and mark the limits of stability."""
     axes.set_xlabel("speed [1/min]")
     for limit in chart.limits:
         axes.axvline(RPM * abs(limit.speed), color=RED, linewidth=1.2, linestyle=LIMIT_DASHES)
@@ -109,9 +109,9 @@ def _limit_text(limit: StabilityLimit) -> str:
 def _listed(
     chart: RotorMap, highest: float, most_damping: float = OVERDAMPED
 ) -> list[tuple[int, np.ndarray]]:
-    """Tracks that vibrate below a frequency [rad/s], each with the indices of its speeds.
+    """Tracks of a map that vibrate below a frequency [rad/s], each with the indices of its speeds.
 
-    Speeds at which a mode has more than a damping ratio are left out.
+    Speeds at which the damping ratio of the mode exceeds a limit are not included.
     """
     tracks = []
     for track in range(len(chart.tracks)):
@@ -276,8 +276,9 @@ def _draw_shape(axes: Axes, chart: RotorMap, n: int, track: int) -> None:
             axes.plot(np.full(quarter, z), *orbit[:, :quarter], color=RED, linewidth=1.0)
     direction = whirl_direction(shape, chart.points[n].speed)
     whirl = "forward" if direction > 0 else "backward"
+    ratio = round(damping_ratio(root), 3) + 0.0
     axes.set_title(
-        f"mode {track + 1}: {HERTZ * root.imag:.4g} Hz, ζ = {round(damping_ratio(root), 3) + 0.0:.3f}\n"
+        f"mode {track + 1}: {HERTZ * root.imag:.4g} Hz, ζ = {ratio:.3f}\n"
         f"{whirl} whirl, κ = {direction:.2f}",
         fontsize=8.5,
     )

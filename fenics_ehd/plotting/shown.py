@@ -78,11 +78,13 @@ class ShownRun:
     ----------
     name
         Name of the run in legends.
-    directory
-        Folder of the run.
+    source
+        Folder of the run, or its history.
 
     Attributes
     ----------
+    directory
+        Folder of the run; None for a history of `simulate`.
     cycle
         History of the cycle. If the cycle starts between two steps, its first row is interpolated
         at the start.
@@ -102,11 +104,12 @@ class ShownRun:
         The folder has no history.
     """
 
-    def __init__(self, name: str, directory: str | Path):
+    def __init__(self, name: str, source: str | Path | History):
         self.name = name
-        self.directory = Path(directory)
-        result = load_history(directory)
+        result = source if isinstance(source, History) else load_history(source)
+        self.directory = result.folder
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
+        self._solved = result.solved
         time = result.run.time
         cycle = result.cycle
         start = cycle.start
@@ -158,11 +161,36 @@ class ShownRun:
         """Columns for the horizontal axis: time, and crank angle if a body turns."""
         return {TIME: self.time} | ({ANGLE: self.angle} if np.ptp(self.angle) else {})
 
+    @property
+    def origin(self) -> str:
+        """Folder of the run, or its name if it has no folder, for messages."""
+        return str(self.directory or self.name or "the history")
+
+    @cached_property
+    def motion(self) -> RecordedMotion:
+        """Motion of the mechanism over the cycle.
+
+        Raises
+        ------
+        InputError
+            The folder has no scene, or the history has neither a folder nor a mechanism.
+        """
+        if self.directory is not None:
+            return recorded(self.directory, self.cycle)
+        if self._solved is None:
+            raise InputError(
+                f"{self.origin}: the history has no mechanism: give the folder of the run, or the "
+                "history that simulate returned"
+            )
+        return RecordedMotion(self._solved.system.mechanism, self.cycle)
+
     def _errors(self, joint: str) -> dict[str, np.ndarray]:
         """Estimated relative errors of a joint over time, by component of the error budget.
 
         The result is empty if the run has no error budget.
         """
+        if self.directory is None:
+            return {}
         path = self.directory / ERROR_BUDGET
         if not path.is_file():
             return {}
@@ -212,7 +240,7 @@ class ShownJoint:
         run = self.run
         if "contact_force" not in run.cycle.joints[self.name]:
             return None
-        films = recorded(run.directory, run.cycle).system.films
+        films = run.motion.system.films
         binding = next(binding for binding in films if binding.name == self.name)
         surfaces = binding.film.film.parameters.surfaces
         assert surfaces is not None

@@ -16,6 +16,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.described import Described, names_or_none
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import Kind, write_whole
 from fenics_ehd.base.layout import Group, Value, read_declared
@@ -162,8 +163,8 @@ class BoreRows(NamedTuple):
 
 
 @renamed_attributes(places="positions")
-@dataclass(frozen=True, eq=False)
-class ReducedBody:
+@dataclass(frozen=True, eq=False, repr=False)
+class ReducedBody(Described):
     """A part described by ``n`` modal coordinates.
 
     Attributes
@@ -250,6 +251,21 @@ class ReducedBody:
 
     def __post_init__(self) -> None:
         make_row_major(self)
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield method, coordinates, frequencies, mass, bores and points."""
+        yield "ReducedBody", f"method {self.method}, frame {self.frame}"
+        kinds = (f"{self.kinds.count(kind)} {kind}" for kind in dict.fromkeys(self.kinds))
+        yield "coordinates", f"{self.modes}: {', '.join(kinds)}" if self.modes else "0"
+        if self.residual is not None:
+            yield "patterns", f"{self.residual.rank} residual patterns"
+        if self.modes:
+            lowest, highest = np.min(self.frequencies), np.max(self.frequencies)
+            yield "frequencies", f"{lowest:.4g} to {highest:.4g} Hz"
+        yield "mass", f"{self.inertia.total_mass:.5g} kg"
+        for name, bore in self.bores.items():
+            yield f"bore {name}", f"{len(bore.coordinates)} nodes"
+        yield "points", names_or_none(self.points)
 
     @property
     def modes(self) -> int:

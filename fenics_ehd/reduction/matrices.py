@@ -569,9 +569,15 @@ class MassOperator:
         destroy_with(self, self.matrix, self._nodal, *context.vectors)
 
     def free_matrix(self) -> None:
-        """Free the memory of M if its products need only m; M must not be used afterwards."""
+        """Free the memory of M if its products need only m.
+
+        Only the function that made M may do so. An empty matrix takes the place of M, with which
+        PETSc refuses to work.
+        """
         if self._nodal is not None:
+            comm = self._mass.comm
             self._mass.destroy()
+            self._mass.create(comm)
 
     def multiply(self, columns: np.ndarray) -> np.ndarray:
         """Product ``M @ columns``, rows of this rank, shape (owned dofs, k)."""

@@ -1,4 +1,4 @@
-"""The mechanism of a scene, built in one pass.
+"""The mechanism of a scene: files, meshes, joints, reductions and bodies, in this order.
 
 1. Files and tables are read (`fenics_ehd.scenes.inputs`), and the period of the loads is checked.
 2. Elastic parts are meshed, unless their reduced bodies are kept (`fenics_ehd.scenes.kept_bodies`).
@@ -47,20 +47,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """The mechanism of a scene, and how it is simulated.
+    """The mechanism of a scene, with the arguments of its simulation.
 
     Attributes
     ----------
     mechanism
         Bodies, joints, drives and forces.
     bodies
-        Reduced bodies by body name, from reductions, from the cache and from files.
+        Reduced bodies by body name, from reductions, from the cache or from files.
     reduced
-        Parts that were meshed here, with their meshes and bases of displacement fields.
+        Parts that were meshed for this scene, by body name, with meshes and bases.
     seconds
         Time spent on meshes, reductions and the cache [s].
     end, period
-        End of the run, or period of its cycle [s]; the other one is None.
+        End time of a run that is not periodic, else None; period of a periodic run, else None [s].
     steps
         Options of the time integration.
     options
@@ -88,7 +88,7 @@ def build(
     announce: Announce | None = None,
     cache: bool = True,
 ) -> Machine:
-    """Make the mechanism of a scene, whose parts are meshed and reduced; collective.
+    """Make the mechanism of a scene; its elastic parts are meshed and reduced; collective.
 
     A part whose reduced body is in the user's cache is neither meshed nor reduced, unless the scene
     has ``output.paraview``, which needs the mesh.
@@ -98,21 +98,21 @@ def build(
     scene
         Scene as read.
     comm
-        Ranks that share the reductions, by default this process alone; each rank gets the
-        mechanism.
+        Ranks that share the reductions, by default this process alone; the result is the same on
+        every rank.
     bodies
-        Reduced bodies by body name that are used in place of models and files, for instance those
-        of a run that is resumed.
+        Reduced bodies by body name that are used in place of models and files, for instance the
+        bodies of a run that is resumed.
     announce
-        Function that is called with the names of the bodies to mesh and reduce, and of those read
-        from the cache, after all checks that need no mesh.
+        Function that is called after all checks that need no mesh, with two lists: names of the
+        bodies to mesh and reduce, and names of the bodies read from the cache.
     cache
-        Whether the cache is used; with the environment variable ``FENICS_EHD_CACHE=off`` it is not.
+        Whether the cache is used. The environment variable ``FENICS_EHD_CACHE=off`` excludes it.
 
     Raises
     ------
     SettingsError
-        A value cannot be used, which is found before any reduction; the message names it.
+        A value cannot be used; it is refused before any reduction, and the message names it.
     MeshError, BodyFileError, InterfaceMismatchError, SolverError
         A mesh, file, bore or reduction cannot be used or failed.
     """
@@ -160,7 +160,11 @@ def build(
 
 
 def _lacking_edges(name: str, part: ElasticPart) -> Iterator[str]:
-    """A line if the pressures for which a body was reduced lack edges of its films."""
+    """Notices, one line each, on edges of films for which a body was not reduced.
+
+    The pressures of a reduction have edges along z at the edges of supplies, see
+    `Scene.film_edges`. A body from a file may lack some of them.
+    """
     from fenics_ehd.reduction.pressure_family import missing_edges
 
     assert isinstance(part.source, ReducedBody)
@@ -175,17 +179,18 @@ def _lacking_edges(name: str, part: ElasticPart) -> Iterator[str]:
 
 
 def unassembled(scene: Scene, film_meshes: Mapping[str, MeshMaker]) -> Mechanism:
-    """Mechanism of a scene without elastic parts, with bodies at the scene's positions.
+    """Mechanism of a scene without elastic parts, with its bodies at the positions in the scene.
 
-    It is not assembled, because the equilibrium solver assembles it.
+    These positions need not satisfy the joints, because the equilibrium solver assembles the
+    mechanism.
 
     Parameters
     ----------
     scene
         The scene.
     film_meshes
-        Functions that make the meshes of films, by the name of the joint. Films without one get
-        the cells that the scene specifies.
+        Functions that make the meshes of films, by the name of the joint. Other films have the
+        cells in the scene.
 
     Raises
     ------
@@ -197,7 +202,7 @@ def unassembled(scene: Scene, film_meshes: Mapping[str, MeshMaker]) -> Mechanism
 
 
 def _require_period(scene: Scene, inputs: Inputs) -> None:
-    """Refuse a period at whose end a load, drive or supply has another value than at its start."""
+    """Refuse a period after which a load, drive or supply does not have its value at the start."""
     if scene.time.periodic:
         loaded = Mechanism(_stiff(scene), {}, inputs.drives, inputs.forces)
         check_period(loaded, scene.span, scene.time.periodicity, inputs.supply_curves)
@@ -213,14 +218,17 @@ def _stiff(scene: Scene) -> dict[str, Body]:
 
 
 def _with_mesh_error(scene: Scene) -> bool:
-    """Whether the bodies of a scene get the errors of their meshes."""
+    """Whether a run of a scene needs estimates of the mesh errors of its parts."""
     return scene.output.error_budget and scene.output.part_mesh_error
 
 
 def _parts(
     scene: Scene, inputs: Inputs, comm: MPI.Comm, announce: Announce | None, *, cache: bool
 ) -> dict[str, ElasticPart]:
-    """Elastic parts by name, meshed or with a reduced body; the parameters are those of `build`."""
+    """Elastic parts of a scene by name, each with its mesh or with a reduced body.
+
+    The parameters are those of `build`.
+    """
     if not flexible(scene):
         return {}
     from fenics_ehd.scenes.part import ElasticPart, elastic_part, kept_entry
@@ -283,7 +291,7 @@ def _rigid(
     parts: Mapping[str, ElasticPart],
     joints: Mapping[str, Joint | LubricatedJoint],
 ) -> Mechanism:
-    """Mechanism with a rigid body in place of each elastic part, with bodies not assembled."""
+    """Mechanism with a rigid body in place of each elastic part, at the positions in the scene."""
     stiff = _stiff(scene)
     bodies: dict[str, Body] = {}
     for name, settings in scene.bodies.items():
@@ -301,7 +309,7 @@ def _assembled(
     parts: Mapping[str, ElasticPart],
     joints: Mapping[str, Joint | LubricatedJoint],
 ) -> dict[str, Body]:
-    """Bodies at the start of the run, a rigid body in place of each elastic part."""
+    """Bodies in a state that satisfies all joints, with rigid bodies in place of elastic parts."""
     turning = {
         name: Speed(scene.bodies[name].speed, radians(scene.bodies[name].angle))
         for name in scene.drives
@@ -314,7 +322,7 @@ def _assembled(
 def _flexible_body(
     settings: schema.FlexibleSettings, reduced: ReducedBody, start: Body
 ) -> FlexibleBody:
-    """Flexible body of a reduced part, with the state of its rigid replacement at the start."""
+    """Flexible body of a reduced part, with the position and rates of the rigid body `start`."""
     assert isinstance(start, RigidBody)
     return FlexibleBody(
         reduced,
@@ -327,12 +335,12 @@ def _flexible_body(
 
 
 def _pose(body: Pose) -> dict[str, Any]:
-    """Keyword arguments for the origin and angle of a body at the start, and for their rates."""
+    """Position, angle and their rates of a body at the start, as keyword arguments of a body."""
     return {field.name: getattr(body, field.name) for field in attrs.fields(Pose)}
 
 
 def _duration(scene: Scene) -> dict[str, Any]:
-    """Keyword arguments of `simulate` for the end or the period of the run."""
+    """Keyword arguments of `simulate` for the end time, or for the period and its search."""
     time = scene.time
     if not time.periodic:
         return {"end": scene.span}

@@ -8,7 +8,7 @@ from fenics_ehd.scenes.scene import Scene, changed
 
 
 def scenes_on_meshes(scene: Scene, meshes: int) -> list[Scene]:
-    """The scene, and the same scene with more film cells around its rigid bores.
+    """A scene, followed by copies of it with more film cells around its rigid bores.
 
     Films in elastic bores keep their meshes.
 
@@ -17,7 +17,7 @@ def scenes_on_meshes(scene: Scene, meshes: int) -> list[Scene]:
     scene
         The scene.
     meshes
-        Number of scenes, which have 0, 2, 4 and 6 cells more around, see
+        Number of scenes; they have 0, 2, 4 and 6 more cells around, see
         `fenics_ehd.analysis.film_meshes`.
     """
     rigid = [name for name, joint in scene.films.items() if not scene.elastic_surfaces(joint)]

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import radians
+from pathlib import Path
 
 import attrs
 import numpy as np
@@ -35,7 +36,13 @@ from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import table_file
 from fenics_ehd.scenes.scene import Scene, flexible
 from fenics_ehd.scenes.shape_tables import read_shape_table
-from fenics_ehd.scenes.tables import read_angle_table, read_load, read_time_table, require_closed
+from fenics_ehd.scenes.tables import (
+    PRESSURES,
+    read_angle_table,
+    read_load,
+    read_time_table,
+    require_closed,
+)
 
 #: Settings of a lubricated joint that hold the shapes of its surfaces.
 SURFACES = ("bore_shape", "journal_shape")
@@ -128,8 +135,7 @@ def forces(scene: Scene) -> dict[str, Force]:
             acting[f"{name}.y"] = PointForce(entry.point, (0.0, 1.0), y)
         elif isinstance(entry, schema.AngleTableSettings):
             file = table_file(entry.file, f"{key}.file")
-            table = read_angle_table(file, f"{key}.file", {"force": {"N": 1.0}})
-            size_of = table.scaled(entry.scale)
+            size_of = _force_over_angle(file, key, entry).scaled(entry.scale)
             acting[name] = PointForce(entry.point, entry.direction, size_of, entry.angle_of)
     for name, drive in scene.drives.items():
         if isinstance(drive, Torque):
@@ -137,6 +143,18 @@ def forces(scene: Scene) -> dict[str, Force]:
             curve = _curve(read, drive.table, f"drives.{name}.table", "torque", "Nm")
             acting[f"drive of {name}"] = attrs.evolve(drive, body=name, curve=curve)
     return acting
+
+
+def _force_over_angle(file: Path, key: str, entry: schema.AngleTableSettings) -> Curve:
+    """Force over an angle [N], from a table of forces, or of pressures on a piston."""
+    if not entry.piston_diameter:
+        hint = f"; a table of pressures needs {key}.piston_diameter"
+        return read_angle_table(file, f"{key}.file", {"force": {"N": 1.0, "kN": 1e3}}, hint=hint)
+    hint = f"; a table of forces needs no {key}.piston_diameter"
+    pressure = read_angle_table(
+        file, f"{key}.file", {"pressure": PRESSURES}, less=entry.crankcase_pressure, hint=hint
+    )
+    return pressure.scaled(np.pi * entry.piston_diameter**2 / 4)
 
 
 def _constant(size: float) -> Table:

@@ -11,10 +11,10 @@ The basis is written first: an entry without a body does not exist. Both files a
 that cannot be read is made again. A file ``NAME.lock`` exists while the body is reduced, so that
 other processes wait for it instead of reducing the same part.
 
-The folder is ``fenics_ehd`` in the user's cache, or that of `CACHE_VARIABLE`. It belongs to the
-user alone: a folder that others own or can write to is not used, since bodies in it may be
-anybody's. No fault of the folder ends a run: the part is then reduced anew. Of several ranks, the
-first one reads the folder, and decides for all.
+The folder is ``fenics_ehd`` in the user's cache, or the folder that `CACHE_VARIABLE` names. A
+folder that another user owns or can write to is not used, because that user could have replaced the
+bodies. If the folder cannot be used, the run continues, and the part is reduced again. On several
+ranks, the first rank reads the folder, and the others follow its decision.
 
 Imports inside functions: the folder can be listed without PETSc.
 """
@@ -107,7 +107,10 @@ def checksum(values: Mapping[str, str], digits: int = 16) -> str:
 
 
 def content_of(name: str) -> str | None:
-    """Name and checksum of a file, or of the history in a folder; None if there is no file."""
+    """Name of a file with a checksum of its content, or of the history in a folder, as text.
+
+    The result is None if there is no such file.
+    """
     path = Path(name, FIELDS_NAME) if Path(name).is_dir() else Path(name)
     if not path.is_file():
         return None
@@ -123,10 +126,10 @@ def _file_checksum(path: Path, _changed: int, _size: int) -> str:
 
 
 def environment() -> dict[str, str]:
-    """Everything except files and settings on which the bits of a body depend, as text by name.
+    """Conditions of a reduction that change bits of its body, in addition to files and settings.
 
-    These are the sources of the package, versions of libraries, the kernels and threads of the
-    BLAS, and options of PETSc that the user has set.
+    The texts, by name, describe the sources of the package, versions of libraries, kernels and
+    threads of the BLAS, and options of PETSc that the user has set.
     """
     from fenics_ehd.base.petsc_options import options_of_user
 
@@ -156,7 +159,7 @@ def _versions() -> dict[str, str]:
 
 @functools.cache
 def _sources() -> str:
-    """Checksum of the sources on which bodies depend."""
+    """Checksum of the package's sources on which reduced bodies depend, see `SOURCES`."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for name in SOURCES:
@@ -175,14 +178,14 @@ def _sources() -> str:
 
 
 def is_on() -> bool:
-    """False if `CACHE_VARIABLE` switches the cache off."""
+    """True unless the environment variable `CACHE_VARIABLE` switches the cache off."""
     return os.environ.get(CACHE_VARIABLE) != CACHE_OFF
 
 
 def folder() -> Path | None:
-    """Folder of the cache, which is made if it is missing; None if it is not used.
+    """Folder of the cache, created if it does not exist; None if no cache is used.
 
-    A folder that cannot be used is reported on standard error, once in a process.
+    If a folder cannot be used, a line on standard error reports it, once in a process.
     """
     if not is_on():
         return None
@@ -209,7 +212,10 @@ def folder() -> Path | None:
 
 
 def _fault(state: os.stat_result, *, directory: bool = True) -> str:
-    """Reason why a folder or file of the cache cannot be trusted; empty if it can."""
+    """Reason why a folder or file of the cache must not be used, from its `stat`; else empty.
+
+    Files and folders of other users, and those to which others can write, are not used.
+    """
     if not (stat.S_ISDIR if directory else stat.S_ISREG)(state.st_mode):
         return "not a folder" if directory else "not a file"
     if state.st_uid != os.geteuid():
@@ -221,23 +227,23 @@ def _fault(state: os.stat_result, *, directory: bool = True) -> str:
 
 @functools.cache
 def report(line: str) -> None:
-    """Print a line on standard error, once in a process."""
+    """Print a line on standard error; equal lines are printed once in a process."""
     with suppress(OSError):  # the standard error output is closed
         print(escaped(f"fenics-ehd: {line}"), file=sys.stderr)
 
 
 @dataclass(frozen=True)
 class Stored:
-    """An entry in the folder.
+    """Files of one entry in the folder of the cache.
 
     Attributes
     ----------
     name
-        Checksum of everything that made the body.
+        Name of the entry: checksum of everything on which the body depends.
     files
-        Files of the entry.
+        Paths of its files.
     size
-        Size of its files [bytes].
+        Sum of the sizes of its files [bytes].
     used
         Time of its last use [s since 1970].
     """
@@ -254,7 +260,7 @@ class Stored:
 
 
 def stored(path: Path) -> list[Stored]:
-    """Entries in a folder, the least recently used first; foreign files are left out."""
+    """Entries in the folder of a cache, the least recently used first; other files are ignored."""
     files: dict[str, list[tuple[Path, os.stat_result]]] = {}
     for file in sorted(path.iterdir()):
         name, _, suffix = file.name.partition(".")
@@ -278,7 +284,7 @@ def stored(path: Path) -> list[Stored]:
 
 
 def described(entry: Stored) -> dict[str, Any]:
-    """Description of an entry for a list: its use, size, and what made its body."""
+    """Description of an entry for a list: last use, size, and reduction of its body."""
     body = next(filter(None, (_read(file, load_body, use=False) for file in entry.files)), None)
     provenance = {} if body is None else body.provenance
     return {
@@ -293,7 +299,7 @@ def described(entry: Stored) -> dict[str, Any]:
 
 
 def trim(path: Path, most: int) -> None:
-    """Remove the least recently used entries of a folder until `most` bytes are left."""
+    """Remove the least recently used entries of a folder until all have at most `most` bytes."""
     entries = stored(path)
     size = sum(entry.size for entry in entries)
     for entry in entries:
@@ -313,14 +319,15 @@ class Entry:
     Attributes
     ----------
     name
-        Checksum of everything that makes the body; empty if the body is not kept.
+        Name of the entry: checksum of everything on which the body depends; empty if the body is
+        not kept.
     made
-        Provenance that the body has.
+        Entries that the provenance of the body must have, by name.
     comm
         Ranks that share the part.
     with_mesh_error
-        Name of the entry with the same body that also has its mesh error, for a body without one;
-        else empty.
+        Name of another entry, which has the same body with its mesh error; used if the body is
+        read without a mesh error, else empty.
     """
 
     name: str = ""
@@ -329,16 +336,18 @@ class Entry:
     with_mesh_error: str = ""
 
     def body(self) -> ReducedBody | None:
-        """Read the body; None if there is no usable one."""
+        """Read the body of the entry; None if the cache has no valid body."""
         return self.comm.bcast(self._on_first(self._read_body))
 
     def fields(self, structure: Structure) -> tuple[ReducedBody, np.ndarray] | None:
-        """Read the body and its basis, rows of this rank; None if there is no usable one.
+        """Read the body of the entry, and the rows of its basis for the nodes of this rank.
+
+        The result is None if the cache has no valid body or basis.
 
         Parameters
         ----------
         structure
-            The part, meshed with the settings of the body.
+            Structure of the part, meshed with the settings of the body.
         """
         body = self.body()
         if body is None:
@@ -354,9 +363,10 @@ class Entry:
         return body, share[1].reshape(-1, body.modes)
 
     def keep(self, body: ReducedBody, structure: Structure, columns: np.ndarray) -> None:
-        """Store a body and the rows of its basis on this rank, and keep within the limit of size.
+        """Store a body in the cache, with the rows `columns` of its basis on each rank.
 
-        If they cannot be stored, the first rank reports the reason.
+        Old entries are removed if the cache becomes too large. If the body cannot be stored, the
+        first rank reports the reason.
         """
         from fenics_ehd.reduction.part_files import save_basis
 
@@ -381,7 +391,10 @@ class Entry:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Wait until no other process reduces the body, and let others wait."""
+        """Hold the lock of the entry, so that one process at a time reduces the body.
+
+        If another process holds the lock, wait for it.
+        """
         path = self._on_first(lambda folder: folder)
         descriptor = None if path is None else _lock(path / f"{self.name}{LOCK}")
         self.comm.barrier()
@@ -398,14 +411,20 @@ class Entry:
         return tuple(filter(None, (self.name, self.with_mesh_error)))
 
     def _on_first(self, act: Callable[[Path], T | None]) -> T | None:
-        """Call a function with the folder on the first rank; None elsewhere and without one."""
+        """Call a function with the folder of the cache, on the first rank.
+
+        The result is that of the function; None on other ranks, and if no cache is used.
+        """
         if self.comm.rank or not self.name:
             return None
         path = folder()
         return None if path is None else act(path)
 
     def _read_body(self, path: Path) -> ReducedBody | None:
-        """Body of the entry, or of that with the mesh error, which is then left out."""
+        """Read the body of this entry, or that of the entry with a mesh error, without the error.
+
+        The result is None if neither can be used.
+        """
         for name in self._names:
             body = _read(path / f"{name}{BODY}", load_body)
             if body is not None and self.made.items() <= body.provenance.items():
@@ -414,16 +433,17 @@ class Entry:
 
 
 def without_mesh_error(body: ReducedBody) -> ReducedBody:
-    """A body without the error of its mesh, as if that had not been estimated."""
+    """Copy of a body as if the error of its mesh had not been estimated."""
     accuracy = {k: v for k, v in body.accuracy.items() if k != "flexibility_mesh_error"}
     made = {k: v for k, v in body.provenance.items() if not k.startswith(MESH_ERROR)}
     return replace(body, mesh_flexibility=unknown(), accuracy=accuracy, provenance=made)
 
 
 def _read(path: Path, load: Callable[[Path], T], *, use: bool = True) -> T | None:
-    """Content of a file of the cache; None if it is missing, of somebody else, or damaged.
+    """Content of a file of the cache, read by the function `load`.
 
-    The date of the file becomes that of its last `use`.
+    The result is None if the file is missing, damaged, or of another user. With `use`, the date of
+    the file becomes the present time.
     """
     try:
         if _fault(path.lstat(), directory=False):
@@ -440,9 +460,9 @@ def _read(path: Path, load: Callable[[Path], T], *, use: bool = True) -> T | Non
 def _read_basis(
     path: Path, names: tuple[str, ...], body: ReducedBody, counts: list[int]
 ) -> list[Any] | None:
-    """Nodes and basis of a body, one pair of blocks of rows for each rank.
+    """Read the nodes and the basis of a body, divided into one pair of blocks for each rank.
 
-    `counts` are the numbers of nodes of the ranks.
+    `counts` are the numbers of nodes of the ranks. The result is None without a valid file.
     """
     from fenics_ehd.reduction.part_files import BasisFile
 
@@ -462,9 +482,10 @@ def _read_basis(
 
 
 def _lock(path: Path) -> int | None:
-    """Lock a file, waiting for another process that holds it: its descriptor, or None.
+    """Lock a file, if necessary after waiting for another process; return the file's descriptor.
 
-    The process that had the lock removes the file: the lock of a removed file is none.
+    The result is None if the file cannot be locked. A process that releases its lock removes the
+    file. A lock of a file that was removed in the meantime is therefore tried again.
     """
     began = time.monotonic()
     silent = True

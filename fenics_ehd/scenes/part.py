@@ -97,7 +97,7 @@ METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]],
 
 @dataclass(frozen=True, eq=False)
 class ReducedPart:
-    """A reduced part, together with its mesh and the basis of its displacement fields.
+    """A reduced part, with its assembled structure and the basis of its displacement fields.
 
     Attributes
     ----------
@@ -106,9 +106,9 @@ class ReducedPart:
     structure
         Assembled structure of the part, distributed over the ranks that reduced it.
     columns
-        Basis of displacement fields of the complete part, shape (owned dofs, n), distributed alike.
+        Displacement fields of the n modes in the complete part, shape (dofs of this rank, n).
     seconds
-        Time spent for the body now, on its reduction or on reading it from the cache [s].
+        Time of the reduction in this process, or of reading the body from the cache [s].
     """
 
     body: ReducedBody
@@ -118,7 +118,7 @@ class ReducedPart:
 
 
 def model_file(part: schema.FlexibleSettings, section: str) -> Path:
-    """Path of a part's Gmsh model; messages name the `section` with the part's settings.
+    """Path of a part's Gmsh model; `section` is the key of the part's settings, for messages.
 
     Raises
     ------
@@ -151,9 +151,10 @@ def require_snapshots(part: schema.FlexibleSettings, section: str) -> None:
 
 
 def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -> ReducedBody:
-    """Reduce a part by the method of its settings; the body keeps the basis of the complete part.
+    """Reduce a part by the method in its settings.
 
-    The setting `solver` is used for a structure; a `Reductor` has a solver already.
+    The columns of the body are displacement fields of the complete part. A `Reductor` has a solver;
+    for a `Structure` the setting `solver` is used.
     """
     if isinstance(part, Structure):
         part = Reductor(part, solver=reduction.solver)
@@ -166,9 +167,10 @@ def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -
 def _trained(
     part: Reductor, reduction: ReductionSettings, common: Mapping[str, Any]
 ) -> ReducedBody:
-    """Reduce a part by M3 with the main pressure patterns of a former run.
+    """Reduce a part by M3 with the main patterns of the pressures in a former run.
 
-    The accuracy of the body has the number of patterns that were added to the requested ones.
+    The number of patterns may exceed the requested number. The entry ``static_added`` in the
+    accuracy of the body has the difference.
     """
     asked = reduction.residual_modes
     patterns = proper_orthogonal(_snapshots(part.structure, reduction), asked)
@@ -185,7 +187,7 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
     Raises
     ------
     SettingsError
-        The part has several bores, or the former run another film; the message has both.
+        The part has several bores, or the nodes of the former run's film are not those of the bore.
     """
     if len(structure.bores) > 1:
         raise SettingsError(
@@ -218,7 +220,7 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
 def structure_provenance(
     part: schema.FlexibleSettings, model: Path, film_element: str
 ) -> dict[str, str]:
-    """Everything that an assembled part depends on, as text by name."""
+    """Texts, by name, of everything on which an assembled part depends: model, cells, material."""
     return {
         "model": f"{model.name} {hashlib.sha256(model.read_bytes()).hexdigest()[:12]}",
         "element": part.element,
@@ -234,7 +236,7 @@ def structure_provenance(
 
 
 def reduction_provenance(reduction: ReductionSettings) -> dict[str, str]:
-    """Reduction method and the settings that it reads, as text by name."""
+    """Texts, by name, of the reduction method and of the settings that this method reads."""
     names = ("method", *method_keys(reduction.method))
     return {name: str(getattr(reduction, name)) for name in names}
 
@@ -254,7 +256,7 @@ def body_counts(body: ReducedBody) -> dict[str, int]:
 
 
 def clock() -> np.ndarray:
-    """Wall time and processor time, shape (2,) [s]."""
+    """Present wall time and processor time of this process, shape (2,) [s]."""
     return np.array([perf_counter(), process_time()])
 
 
@@ -264,7 +266,7 @@ def part_texts(
     film_element: str,
     film_edges: Mapping[str, Sequence[float]],
 ) -> dict[str, str]:
-    """Everything that an assembled part and its responses depend on, as text by name."""
+    """Texts, by name, of everything on which a part and its static responses depend."""
     return structure_provenance(settings, model, film_element) | {
         "solver": settings.reduction.solver,
         "film_edges": edges_text(film_edges),
@@ -272,7 +274,7 @@ def part_texts(
 
 
 def reduction_texts(reduction: ReductionSettings) -> dict[str, str]:
-    """Everything in the settings of a reduction that a body depends on, as text by name."""
+    """Texts, by name, of the settings of a reduction on which a reduced body depends."""
     texts = reduction_provenance(reduction)
     if "snapshots" in texts:
         # The body depends on the pressures of the former run, not on the path of its folder.
@@ -298,21 +300,21 @@ def kept_entry(
     after: Sequence[str] = (),
     cache: bool = True,
 ) -> Entry:
-    """Address in the cache of a part's reduced body; collective.
+    """Entry of a part's reduced body in the cache, which may not exist yet; collective.
 
     Parameters
     ----------
     settings, key
-        Settings of the body in the scene, and their key.
+        Settings of the body in the scene, and their key, for messages.
     film_element, film_edges
         See `ElasticPart`.
     comm
         Ranks that share the part.
     mesh_error
-        Whether the body has the error of its mesh.
+        Whether the body has an estimate of its mesh error.
     after
-        Names of the bodies that the same reductor reduces before this one. Their intermediate
-        results are used, so that the last bits of the body depend on them.
+        Names of the bodies that the same reductor reduces before this body. Their intermediate
+        results are used again, so that the last bits of this body depend on them.
     cache
         Whether the cache is used.
     """
@@ -349,16 +351,16 @@ FORMER_PROVENANCE = {"held_by": "clamped", "residual_truncation": "flexibility_t
 def require_provenance(
     body: ReducedBody, asked: Mapping[str, str], written: set[str], section: str
 ) -> None:
-    """Refuse a body that was made with other settings than those of a scene file.
+    """Refuse a body from a file if its settings differ from those in a scene file.
 
-    A body that was not made from a scene is accepted.
+    A body that was not made from the model of a scene is accepted.
 
     Parameters
     ----------
     body
         Body read from a file.
     asked
-        Provenance that a body made with the scene's settings would have.
+        Provenance that a body has if it is made with the settings of the scene.
     written
         Names of the settings that the scene file contains; other settings are not compared.
     section
@@ -367,7 +369,7 @@ def require_provenance(
     Raises
     ------
     SettingsError
-        A value in the scene file differs from the body's; the message has both.
+        A value in the scene file differs from that of the body; the message has both.
     """
     made = dict(body.provenance)
     if "model" not in made:
@@ -386,7 +388,7 @@ def require_provenance(
 
 
 def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
-    """Add the default numbers of cells of a part's model to its settings; on one rank."""
+    """Settings of a part with the default numbers of cells of its model added; on one rank."""
     from fenics_ehd.fem.gmsh_session import model_parameters  # Gmsh
 
     path = model_file(settings, key)
@@ -405,15 +407,15 @@ class ElasticPart:
     settings
         Settings of the body in the scene.
     source
-        Assembled structure, or reduced body from a file.
+        Assembled structure of the part, or its reduced body if this exists already.
     film_element
-        Element of the pressures in the part's bores, see `Scene.film_element`.
+        Element family of the pressures in the part's bores, see `Scene.film_element`.
     film_edges
         Edges of the films in the part's bores, see `Scene.film_edges`.
     entry
-        Address of the reduced body in the cache; by default the body is not kept.
+        Entry of the reduced body in the cache; by default the body is not kept.
     spent
-        Wall time and processor time that mesh and matrices took [s].
+        Wall time and processor time that mesh and matrices took, shape (2,) [s].
     """
 
     settings: schema.FlexibleSettings
@@ -424,13 +426,13 @@ class ElasticPart:
     spent: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def reductor(self) -> Reductor:
-        """A reductor of the assembled structure, for the pressures of its films."""
+        """Make a reductor of the assembled structure, for pressures with the edges of its films."""
         assert isinstance(self.source, Structure)
         solver = self.settings.reduction.solver
         return Reductor(self.source, solver=solver, film_edges=self.film_edges)
 
     def bore(self, name: str, key: str) -> BoreSurface:
-        """Bore of the part by its name; `key` is the setting that has this name, for messages.
+        """Bore of the part by its name; `key` is the key of the setting with the name.
 
         Raises
         ------
@@ -444,13 +446,13 @@ class ElasticPart:
 
     @property
     def held(self) -> bool:
-        """True if the part is clamped: it deforms, but has no rigid motion."""
+        """True if the part is clamped, so that it deforms but has no rigid motion."""
         if isinstance(self.source, ReducedBody):
             return self.source.frame == "clamped"
         return self.settings.clamped != NONE
 
     def points(self) -> Mapping[str, tuple[float, float]]:
-        """Positions of the part's points by name, from the first bore's centre [m]; collective."""
+        """Positions of the part's points relative to the first bore's centre [m]; collective."""
         if isinstance(self.source, ReducedBody):
             points = {name: field[:2, 0] for name, field in self.source.points.items()}
         else:
@@ -459,15 +461,15 @@ class ElasticPart:
         return {name: (float(x), float(y)) for name, (x, y) in (centres | points).items()}
 
     def reduce(self, reductor: Reductor | None = None, *, mesh_error: bool = False) -> ReducedPart:
-        """Reduce the assembled structure of the part, or read the body that is kept; collective.
+        """Reduce the assembled structure of the part, or read its body from the cache; collective.
 
-        A new body is kept.
+        A new body is stored in the cache.
 
         Parameters
         ----------
         reductor
-            Reductor of the structure that several reductions share; no body is then read. By
-            default a new one.
+            Reductor of the structure, if several reductions share it; the body is then reduced
+            without reading the cache. By default a reductor is made.
         mesh_error
             Whether the error of the mesh is also estimated, from a second mesh of the model.
         """
@@ -483,7 +485,10 @@ class ElasticPart:
             return self._reduced(self.reductor(), start, mesh_error=mesh_error)
 
     def _reduced(self, reductor: Reductor, start: np.ndarray, *, mesh_error: bool) -> ReducedPart:
-        """Reduce the part, and keep the body; `start` is the `clock` at the beginning."""
+        """Reduce the part, and store the body in the cache.
+
+        `start` has the times of `clock` at the beginning.
+        """
         settings = self.settings
         structure = reductor.structure
         body = reduce_structure(reductor, settings.reduction)
@@ -530,7 +535,10 @@ class ElasticPart:
         return replace(body, mesh_flexibility=moved, accuracy=accuracy, provenance=provenance)
 
     def _other_mesh(self, part: Structure, counted: schema.FlexibleSettings) -> Structure:
-        """The part on a finer mesh; on a coarser one if this mesh is large or the model refuses."""
+        """Structure of the part on a second mesh, which is finer than the mesh of `part`.
+
+        The second mesh is coarser if the first is large, or if the model refuses a finer mesh.
+        """
 
         def made(factor: float) -> Structure:
             settings = attrs.evolve(counted, geometry=counted.geometry_of(factor))
@@ -551,15 +559,15 @@ def missed(
     Parameters
     ----------
     part, own
-        Structure of the part, and its responses to smooth loads.
+        Structure of the part on the first mesh, and its responses to smooth loads.
     other, there
-        Structure and responses on the second mesh.
+        Structure of the part on the second mesh, and its responses to the same loads.
 
     Returns
     -------
     tuple
-        Errors of the flexibility, see `compliance_errors`, and displacement errors as in
-        `ReducedBody.mesh_flexibility`.
+        Relative errors of the flexibility, see `compliance_errors`, and errors of displacements,
+        see `ReducedBody.mesh_flexibility`.
 
     Raises
     ------
@@ -580,7 +588,10 @@ def missed(
 
 
 def _sampled(part: Structure, outward: np.ndarray, wanted: Sequence[np.ndarray]) -> np.ndarray:
-    """Interpolate displacements at the nodes of all bores to wanted angles and heights."""
+    """Interpolate outward displacements at the nodes of all bores to other positions.
+
+    `wanted` has the angles and heights of the positions in each bore, shape (k, 2).
+    """
     blocks = []
     for bore, positions in zip(part.bores.values(), wanted, strict=True):
         surface = bore_surface(bore.coordinates, bore.cells, bore.family)
@@ -605,7 +616,7 @@ def elastic_part(
 ) -> ElasticPart:
     """Mesh and assemble a part, or read its reduced body from a file; collective.
 
-    The part gets the `entry` of its body in the cache, which `ElasticPart.reduce` reads.
+    `entry` is the entry of the part's body in the cache, which `ElasticPart.reduce` reads.
 
     Raises
     ------
@@ -658,10 +669,10 @@ def remade_part(
     programs: Sequence[str],
     announce: Announce = lambda reduced, read: None,
 ) -> ReducedPart:
-    """Mesh and reduce a body of a recorded run again, in the coordinates of the record; one rank.
+    """Mesh and reduce a body of a stored run again, with the coordinates of the run; on one rank.
 
-    A part whose body is in the cache is meshed only. The settings and the model must be those with
-    which the body was made; otherwise it is refused before it is meshed.
+    If the body is in the cache, the part is only meshed. If the settings or the model are not those
+    with which the body was made, the part is refused before it is meshed.
 
     Parameters
     ----------
@@ -672,7 +683,8 @@ def remade_part(
     body
         Reduced body of the run.
     programs
-        Models that may be executed; others are refused, since the folder may be another person's.
+        Paths of models that may be executed. Other models that are programs are refused, because
+        the folder of the run may be from another person.
     announce
         See `fenics_ehd.scenes.build.build`.
 
@@ -681,7 +693,7 @@ def remade_part(
     SettingsError, MeshError
         The model does not exist, has changed, or is a program that is not in `programs`.
     VerificationError
-        The new basis does not reproduce the body, see `basis_of`.
+        The new basis does not reproduce the displacements of the body, see `basis_of`.
     """
     settings = scene.bodies[name]
     key = f"bodies.{name}"
@@ -717,7 +729,7 @@ def remade_part(
 
 
 def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
-    """Replace the flexible body of a scene by the reduced body in a file.
+    """Scene with the reduced body in a file in place of its flexible body.
 
     Parameters
     ----------
@@ -726,7 +738,8 @@ def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
     file
         File written by ``fenics-ehd reduce``.
     written
-        Tables of the scene file; the body must have been made with the values in them.
+        Tables of the scene file, without default values; the body must have been made with these
+        values.
 
     Raises
     ------
@@ -764,7 +777,7 @@ def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
 
 
 def with_method(scene: Scene, method: str) -> Scene:
-    """Replace the reduction method of every part that the scene meshes.
+    """Scene with another reduction method for every part that has a model.
 
     Raises
     ------

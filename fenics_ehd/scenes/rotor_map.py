@@ -1,9 +1,9 @@
-"""Rotor map of a scene: which bodies take the speed of the map, and which forces take no part.
+"""Rotor map of a scene: bodies that have the speed of the map, and forces that act.
 
-All bodies that rotate in the scene take the speed of the map, or one that is chosen by name. Their
-drives, by speed, table or torque, are replaced by a constant speed. Forces that rotate take no part
-in an equilibrium: unbalances are the excitation of the response, others are left out with a notice.
-Heat is balanced at each speed if the scene has a heat balance.
+All bodies that rotate in the scene have the speed of the map, or only a body that is chosen by
+name. Their drives, by speed, table or torque, are replaced by a constant speed. Rotating forces do
+not act in an equilibrium: unbalances are the excitation of the response, and other rotating forces
+are reported in a notice. Heat is balanced at each speed if the scene has a heat balance.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ class RotorPlan:
     speeds
         Speeds in ascending order of their absolute values [rad/s].
     rotating
-        Names of the bodies that take the speed of the map.
+        Names of the bodies that have the speed of the map.
     unbalances
         Unbalances whose response is computed.
     meshes
-        Number of film meshes over which the matrices are averaged.
+        Number of film meshes over which the matrices of small motions are averaged.
     notices
-        Notices of forces that are left out.
+        Notices of rotating forces that are not included.
     """
 
     scene: Scene
@@ -64,18 +64,19 @@ def rotor_map(
     unbalance: Unbalances | None = None,
     meshes: int = FILM_MESHES,
 ) -> RotorMap:
-    """Compute modes, critical speeds, stability limit and unbalance response over the speed.
+    """Compute modes, critical speeds, stability limits and unbalance response over the speed.
 
     Parameters
     ----------
     scene
-        Scene as read; its drives give no speed, but which bodies rotate.
+        Scene as read. Its drives determine the rotating bodies, but not their speeds.
     speeds
         Speeds of one sign, none of them 0 [rad/s].
     of
         Name of the body whose speed is varied; by default all bodies that rotate.
     unbalance
-        Unbalances [kg m] by their points, or `Unbalance` forces; by default those of the scene.
+        Magnitudes of unbalances [kg m] by their points, or `Unbalance` forces; by default the
+        unbalances of the scene.
     meshes
         Number of film meshes, 1 to 4, over which stiffness and damping are averaged.
 
@@ -134,7 +135,7 @@ def solve_map(
     plan
         Checked arguments.
     stored, progress
-        Points of an interrupted map, and function called with each speed, see `rotor_map_of`.
+        Known points by speed, and function that is called after each speed, see `rotor_map_of`.
     """
     first, *finer = scenes_on_meshes(plan.scene, plan.meshes)
     machine = build(first)
@@ -148,7 +149,7 @@ def solve_map(
 
 
 def _at_speed(mechanism: Mechanism, plan: RotorPlan, speed: float) -> Mechanism:
-    """Mechanism whose rotating bodies have a constant speed [rad/s], without forces that rotate."""
+    """Copy of a mechanism with the speed of a map [rad/s], and without rotating forces."""
     angles = {name: radians(plan.scene.bodies[name].angle) for name in plan.rotating}
     drives = {name: Speed(speed, angle) for name, angle in angles.items()}
     forces = {
@@ -160,12 +161,13 @@ def _at_speed(mechanism: Mechanism, plan: RotorPlan, speed: float) -> Mechanism:
 
 
 def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
-    """Speeds in ascending order of their absolute values [rad/s].
+    """Speeds of a map, sorted by their absolute values [rad/s].
 
     Raises
     ------
     SettingsError
-        There is none, or one is not finite, 0, repeated, or of another sign than the first.
+        There is no speed; or a speed is not finite, 0, repeated, or has another sign than the
+        first speed.
     """
     values = tuple(float(speed) for speed in speeds)
     if not values:
@@ -186,12 +188,12 @@ def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
 
 
 def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
-    """Names of the bodies that take the speed of the map.
+    """Names of the bodies that have the speed of the map; `of` is the name of a chosen body.
 
     Raises
     ------
     SettingsError
-        No body rotates, or several rotate at different speeds and none is chosen.
+        No body rotates; or several bodies rotate at different speeds, and none is chosen.
     """
     points = {GROUND: (), **{name: points_of(body) for name, body in scene.bodies.items()}}
     if of:
@@ -227,7 +229,7 @@ def _unbalances(
     Raises
     ------
     SettingsError
-        A point does not exist, or its body does not take the speed of the map.
+        A point does not exist, or its body does not have the speed of the map.
     """
     if unbalance is None:
         unbalances = [force for force in scene.forces.values() if isinstance(force, Unbalance)]

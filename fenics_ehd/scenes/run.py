@@ -2,7 +2,7 @@
 
 A scene that requires an accuracy is run again with other settings until a run meets the accuracy.
 
-Imports inside functions: rigid scenes do without static responses.
+Imports inside functions: rigid scenes do not need the modules of static responses.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def run(
 
 
 def _require_same(scene: Scene, directory: Path) -> None:
-    """Refuse to resume a run of another scene, unless a search for an accuracy changed it.
+    """Refuse to resume a run of another scene, except for settings that a search changes.
 
     Raises
     ------
@@ -166,13 +166,12 @@ def run_scene(
     former
         Checkpoint in this folder from which the run is resumed; None for a new run.
     alone
-        Whether progress is shown, and the error budget estimated if the scene requires one. Runs of
-        a study do neither, because they are compared with one another.
+        Whether progress is shown, and an error budget is estimated if the scene requires it. Both
+        are false for runs of a study, because these runs are compared with one another.
     multiplier
         Whether the largest Floquet multiplier of a periodic solution is computed.
     search
-        Search for settings that meet an accuracy, to which the run is added; None without one.
-        Search for settings that meet an accuracy, to which the run is added.
+        Search for settings that meet an accuracy, to which the run is added; None without a search.
 
     Returns
     -------
@@ -225,7 +224,10 @@ def _judged(
     search: Search | None,
     parts: Mapping[str, PartInMemory],
 ) -> tuple[Budgets, dict[str, Any]]:
-    """Estimate the errors of a run: its budgets, and summary entries on errors and the search."""
+    """Estimate the errors of a run; return budgets by joint, and entries of the summary.
+
+    The entries are about the errors, the status of the run, and the search for an accuracy.
+    """
     budgets, entries = estimate_errors(recorded, directory, parts)
     limit = scene.output.error_limit
     if search is not None:
@@ -271,7 +273,7 @@ def _reductions(built: Machine) -> dict[str, Any]:
 
 
 def stored_scene(directory: Path, *, forces: bool = True) -> tuple[Scene, Machine]:
-    """Read scene and machine of a run from its folder; without `forces`, no loads act on it.
+    """Read scene and mechanism of a run from its folder; without `forces`, no loads act on it.
 
     Nothing is meshed or reduced, so that a model, which is a program, is not executed.
 
@@ -298,7 +300,10 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
 
 
 def _fingerprints(scene: Scene, built: Machine) -> dict[str, str]:
-    """Checksums of scene, tables and bodies by file name, which must be equal to resume a run."""
+    """Checksums of scene, tables and bodies, by file name.
+
+    A run is resumed only if they equal those at its start.
+    """
     hashes = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
     for path in dict.fromkeys(csv_files(scene.tables)):
         # Names in HDF5 have no slash, and files in several folders may have the same name.
@@ -330,7 +335,7 @@ def run_accurately(
     scene, built
         Scene and machine of the first run, see `fenics_ehd.scenes.accuracy.start_search`.
     directory, interval, former, multiplier
-        Passed to `run_scene`; the folder keeps the last run only.
+        Passed to `run_scene`. At the end, the folder has the last run only.
     search
         Search for settings that meet an accuracy; None for a single run.
     announce

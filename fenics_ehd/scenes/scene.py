@@ -22,11 +22,12 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.described import Described, names_or_none
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import entries, section
 from fenics_ehd.base.files import MANIFEST, SCENE_NAME
 from fenics_ehd.base.needs import NONE, no_effect
-from fenics_ehd.base.printed import key_hint
+from fenics_ehd.base.printed import key_hint, shown
 from fenics_ehd.base.settings import (
     UnknownKeyError,
     build,
@@ -81,8 +82,8 @@ class ElasticSurface(NamedTuple):
     point: str
 
 
-@attrs.frozen(eq=False, kw_only=True)
-class Scene:
+@attrs.frozen(eq=False, kw_only=True, repr=False)
+class Scene(Described):
     """Checked settings of a scene.
 
     Attributes
@@ -115,6 +116,18 @@ class Scene:
     tables: Mapping[str, Any] = attrs.Factory(dict)
     renamed: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield bodies, joints, drives, forces, lubricants and time span of the scene."""
+        yield "Scene", self.name or "without a file"
+        for kind in ("bodies", "joints", "drives", "forces", "lubricants"):
+            settings = getattr(self, kind)
+            tables = self.tables.get(kind, {})
+            kinds = ((name, tables.get(name, {}).get("kind", "")) for name in settings)
+            yield kind, names_or_none(f"{name} ({word})" if word else name for name, word in kinds)
+        time = self.tables.get("time", {})
+        yield "time", names_or_none(f"{name} = {shown(value)}" for name, value in time.items())
+        yield "warnings", str(len(self.warnings))
 
     @property
     def films(self) -> dict[str, schema.LubricatedSettings]:

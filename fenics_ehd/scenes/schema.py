@@ -98,6 +98,9 @@ def film_cells(help_text: str) -> Any:
     )
 
 
+#: Revolutions in a cycle of an engine, by words for it.
+STROKES: Mapping[str, float] = {"two-stroke": 1.0, "four-stroke": 2.0}
+
 SUPPLIES: Mapping[str, type] = {
     "hole": HoleSupply,
     "axial-groove": AxialGrooveSupply,
@@ -322,11 +325,30 @@ class TimeTableSettings:
 
 @attrs.frozen(kw_only=True)
 class AngleTableSettings:
-    """A force along a fixed direction, given by a table over a body's angle and periodic in it."""
+    """A force along a fixed direction, given by a table over a body's angle and periodic in it.
+
+    A table of gas pressures p gives the force ``(p - p_c) pi d^2 / 4`` on a piston of the diameter
+    d, below which the crankcase has the pressure p_c.
+    """
 
     point: str = text(REQUIRED, "point on which the force acts")
-    file: str = text(REQUIRED, "CSV file angle_deg,force_N over 360 or 720 degrees, or "
-                     "a shipped table: gas-force")  # fmt: skip
+    file: str = text(
+        REQUIRED,
+        "CSV file angle_deg,force_N, or angle_deg,pressure_bar with piston_diameter, over 360 or "
+        "720 degrees, or a shipped table: gas-force",
+    )
+    piston_diameter: float = metres(
+        0.0, "diameter of the piston on which the pressures of the table act; 0: a table of forces"
+    )
+    crankcase_pressure: float = only_with(
+        number(
+            0.0,
+            "pressure below the piston [Pa]; 0 if those of the table are above it",
+            least=0,
+            below=1e7,
+        ),
+        "piston_diameter",
+    )
     angle_of: str = text(REQUIRED, "body whose angle the table uses, from x, + from x to y")
     direction: tuple[float, float] = pair(
         "direction of a positive force, in the frame at rest", (-1.0, 0.0), zero=False
@@ -349,7 +371,11 @@ class TimeSettings:
         number(0.0, "end of the run [s]; 0: given by revolutions", least=0), "periodic"
     )
     revolutions: float = number(
-        0.0, "number of revolutions in the run or period; 0: given by end or period", least=0
+        0.0,
+        "number of revolutions in the run or period, or two-stroke or four-stroke; 0: given by "
+        "end or period",
+        least=0,
+        words=STROKES,
     )
     of: str = text("crank", "body whose revolutions are counted, with its speed at the start")
     periodic: bool = flag(False, "whether cycles are run until the films repeat")

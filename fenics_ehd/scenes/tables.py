@@ -12,11 +12,12 @@ comments.
     720,120
 
 Angles ascend from any first angle and span one period, 360 or 720 degrees. The last value must be
-the first value. The curve between the rows is a periodic cubic spline with limited slopes (F. N.
-Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17, 1980). It never leaves the range of two
-neighbouring rows, whereas the spline without limits falls below zero next to an ignition of a few
-rows. If the rows of a smooth curve are close, the limits change slopes at extremes only. The slope
-is continuous, as Newton's method needs.
+the first value. A table without its last row is closed if the spacing of its rows shows that only
+this row is missing: angles from 0 to 719 in steps of 1. The curve between the rows is a periodic
+cubic spline with limited slopes (F. N. Fritsch and R. E. Carlson, SIAM J. Numer. Anal. 17, 1980).
+It never leaves the range of two neighbouring rows, whereas the spline without limits falls below
+zero next to an ignition of a few rows. If the rows of a smooth curve are close, the limits change
+slopes at extremes only. The slope is continuous, as Newton's method needs.
 
 **Over time:**
 
@@ -64,6 +65,9 @@ HEADER = re.compile(r"\s*([A-Za-z]+)\s*(?:_\s*|\[\s*|\(\s*)([A-Za-z_]+)\s*[\])]?
 
 #: Type for units of columns: factor to SI units by column and unit; messages name the first unit.
 Units = Mapping[str, Mapping[str, float]]
+
+#: Factors to Pa of the units that a column of gas pressures may have.
+PRESSURES = {"bar": 1e5, "Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
 
 #: Largest difference of the first and last row of a periodic table, over the largest row; rounding.
 CLOSING_TOLERANCE = 1e-3
@@ -124,6 +128,7 @@ def read_columns(
     fewest: int = FEWEST_ROWS,
     *,
     ascending: bool = True,
+    hint: str = "",
 ) -> tuple[list[str], np.ndarray]:
     """Read a CSV file; return a name of each row for messages, and the numbers in SI units.
 
@@ -141,6 +146,8 @@ def read_columns(
         Least number of rows.
     ascending
         Whether the numbers of the first column must ascend.
+    hint
+        Text at the end of the message about columns with other names.
 
     Raises
     ------
@@ -152,7 +159,7 @@ def read_columns(
     if not lines:
         raise SettingsError(f"{where}: the file is empty: it must begin with the header {wanted}")
     (header_name, header), *body = lines
-    columns = _columns(header_name, header, units, wanted)
+    columns = _columns(header_name, header, units, wanted + hint)
     values = np.empty((len(body), len(columns)))
     for row, (line_name, entries) in enumerate(body):
         if len(entries) != len(header):
@@ -255,7 +262,20 @@ def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
     return np.where(turns, 0.0, np.clip(slopes, -largest, largest))
 
 
-def read_angle_table(path: Path, key: str, column: Units) -> Curve:
+def _with_last_row(rows: np.ndarray) -> np.ndarray:
+    """Append the first row at the end of the period if the spacing shows that it is missing."""
+    angles = rows[:, 0]
+    for period in PERIODS:
+        missing = period - (angles[-1] - angles[0])
+        spacings = np.diff(angles)[[0, -1]]
+        if missing > ANGLE_TOLERANCE and np.abs(spacings - missing).max() <= ANGLE_TOLERANCE:
+            return np.vstack([rows, [angles[0] + period, *rows[0, 1:]]])
+    return rows
+
+
+def read_angle_table(
+    path: Path, key: str, column: Units, *, less: float = 0.0, hint: str = ""
+) -> Curve:
     """Read a periodic curve over an angle from a CSV file.
 
     Parameters
@@ -266,6 +286,10 @@ def read_angle_table(path: Path, key: str, column: Units) -> Curve:
         Setting with the path of the file, for messages.
     column
         Name and units of the values, see `read_columns`.
+    less
+        Constant to subtract from the values, in SI units.
+    hint
+        Text at the end of the message about columns with other names.
 
     Raises
     ------
@@ -273,7 +297,8 @@ def read_angle_table(path: Path, key: str, column: Units) -> Curve:
         The file cannot be used; the message names setting, file, line and value.
     """
     where = f"{key} {path}"
-    row_names, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column})
+    row_names, rows = read_columns(path, where, {"angle": {"deg": 1.0}, **column}, hint=hint)
+    rows = _with_last_row(rows)
     angles, values = rows.T
     span = float(angles[-1] - angles[0])
     period = min(PERIODS, key=lambda p: abs(p - span))
@@ -284,7 +309,7 @@ def read_angle_table(path: Path, key: str, column: Units) -> Curve:
         )
     require_closed(row_names[-1], rows[:, 1:], "make the last value equal to the first")
     # The exact period is used: a rounded one would shift the curve over many revolutions.
-    return angle_table(np.radians(np.append(angles[:-1], angles[0] + period)), values)
+    return angle_table(np.radians(np.append(angles[:-1], angles[0] + period)), values - less)
 
 
 def read_time_table(path: Path, key: str, column: Units) -> Curve:

@@ -1,8 +1,8 @@
 """Folder of a rotor map: stored points, tables of modes, films, shapes and unbalance, summary.
 
 ``rotor.json`` has all data on which the points depend. Every point of the map is stored as soon as
-it is computed, in ``points/0001.npz`` and so on. A map of the same scene, with equal or other
-speeds, reads them and computes only the missing ones, after an interruption as well. Tables and
+it is computed, in ``points/0001.npz`` and so on. Another map of the same scene, with equal or other
+speeds, or after an interruption, reads these points and computes only missing points. Tables and
 summary are written at the end.
 """
 
@@ -51,12 +51,12 @@ RPM = 30.0 / np.pi
 
 
 class StoredPoints(dict[float, MapPoint]):
-    """Points of a map by speed [rad/s], each of which is also stored in a file.
+    """Points of a map by speed [rad/s]; each point is also stored in a file.
 
     Parameters
     ----------
     directory
-        Folder of the files. Files that cannot be read are computed anew.
+        Folder of the files. A point whose file cannot be read is computed again.
     """
 
     def __init__(self, directory: Path):
@@ -82,7 +82,7 @@ def _file_name(number: int) -> str:
 
 
 def _content(point: MapPoint) -> bytes:
-    """Content of the file of a point."""
+    """Content of the file that stores a point of a map, as bytes."""
     linear = point.linear
     arrays: dict[str, Any] = {
         "speed": point.speed,
@@ -228,7 +228,7 @@ class RotorFolder(ExitStack):
 
 
 def _write(path: Path, rows: Iterator[dict[str, Any]]) -> None:
-    """Write a table whose columns are those of its rows, in the order of the first one."""
+    """Write a table; its columns are the keys of its first row, in the same order."""
     table = list(rows)
     columns = dict.fromkeys(column for row in table for column in row)
     write_table(path, list(columns), table)

@@ -1,0 +1,121 @@
+"""``fenics-ehd bearing`` over ranges of speeds and loads: table, picture, printed rows, JSON.
+
+Imports inside functions: ``--help`` must work without NumPy and films, and quickly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.files import beginning_with, keeping_failed_film, require_output
+from fenics_ehd.cli.options import aligned, answer, warn_of
+
+if TYPE_CHECKING:
+    from fenics_ehd.analysis.bearing_settings import BearingSettings
+    from fenics_ehd.scenes.bearing_map import BearingMap
+
+#: Kind of the table of a map: its first column is the speed, by the name that ROSS reads.
+TABLE_KIND = beginning_with("a table of bearing coefficients", b"frequency,")
+
+#: Columns of the printed rows: name in the table, heading, factor, format.
+SHOWN = (
+    ("frequency", "rad/s", 1.0, ".5g"),
+    ("load_N", "load N", 1.0, ".5g"),
+    ("eccentricity_ratio", "e / c", 1.0, ".3f"),
+    *((f"k{entry}", f"k{entry} MN/m", 1e-6, ".4g") for entry in ("xx", "xy", "yx", "yy")),
+    *((f"c{entry}", f"c{entry} kN s/m", 1e-3, ".4g") for entry in ("xx", "xy", "yx", "yy")),
+    ("critical_mass_kg", "mass kg", 1.0, ".4g"),
+    ("whirl_frequency_ratio", "whirl", 1.0, ".3f"),
+)
+
+
+def answer_map(
+    settings: BearingSettings,
+    speeds: Sequence[float],
+    loads: Sequence[float],
+    eccentricity: float | None,
+    *,
+    table: str | None,
+    plot: str | None,
+    inputs: Sequence[str],
+    as_json: bool,
+) -> None:
+    """Compute a map, write its table and picture, and print its rows.
+
+    Parameters
+    ----------
+    settings, speeds, loads, eccentricity
+        As of `fenics_ehd.scenes.bearing_map.bearing_map`.
+    table, plot
+        Paths of the table and of the picture; None: not written.
+    inputs
+        Paths of the files that were read.
+    as_json
+        Whether results are printed as JSON.
+
+    Raises
+    ------
+    FailedCasesError
+        Some points have no result; the others are written and printed.
+    """
+    from fenics_ehd.scenes.bearing_map import bearing_map
+    from fenics_ehd.study.cases import write_table
+    from fenics_ehd.study.pool import FailedCasesError
+
+    if plot:
+        from fenics_ehd.plotting.bearing_map import plot_bearing_map
+        from fenics_ehd.plotting.picture import ENDINGS, require_format
+
+        if len(speeds) > 1 and len(loads) > 1:
+            raise SettingsError(
+                "--plot: a picture has one axis, but --speed and --load are both ranges: give one "
+                "of them, or --table alone"
+            )
+        require_format("--plot", plot, ENDINGS, inputs)
+    if table:
+        require_output(table, TABLE_KIND, inputs, "--table")
+    with keeping_failed_film("."):
+        points = bearing_map(settings, speeds=speeds, loads=loads, eccentricity=eccentricity)
+    rows = points.rows()
+    if rows and table:
+        write_table(Path(table), tuple(rows[0]), rows)
+    if rows and plot:
+        plot_bearing_map(rows, "load_N" if len(loads) > 1 else "frequency", plot)
+    warn_of(f"{point.name}: {point.reason}" for point in points.failed)
+    answer(_summary(points), "\n".join(_lines(rows, table, plot)), as_json)
+    if points.failed:
+        number = len(points.failed)
+        total = number + len(rows)
+        raise FailedCasesError(
+            f"{number} of {total} points have no result: {points.failed[0].name}"
+        )
+
+
+def _summary(points: BearingMap) -> dict[str, Any]:
+    """Rows and failed points of a map by their names in the JSON output."""
+    failed = [
+        {"speed_rad_per_s": point.speed, "load_N": point.load, "reason": point.reason}
+        for point in points.failed
+    ]
+    return {"rows": points.rows(), "failed": failed}
+
+
+def _lines(
+    rows: Sequence[dict[str, float | None]], table: str | None, plot: str | None
+) -> list[str]:
+    """Printed rows of a map, and the paths of its files."""
+    if not rows:
+        return ["no point has a result"]
+    cells = [[heading for _, heading, _, _ in SHOWN]]
+    for row in rows:
+        cells.append([_cell(row[name], factor, form) for name, _, factor, form in SHOWN])
+    written = [f"{what} in {path}" for what, path in (("table", table), ("picture", plot)) if path]
+    return [*aligned(cells, words=()), *written]
+
+
+def _cell(value: float | None, factor: float, form: str) -> str:
+    """Text of a value times a factor; a dash if it does not exist."""
+    return "-" if value is None else format(factor * value, form)

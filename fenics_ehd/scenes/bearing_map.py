@@ -1,0 +1,146 @@
+"""Map of one rigid bearing: operating points with dynamic coefficients over speeds and loads.
+
+Every point is computed on its own, see `fenics_ehd.scenes.bearing`. A point without an equilibrium,
+or without coefficients, is listed with its reason; the other points are kept.
+
+The table of a map has the columns that ROSS (github.com/petrobras/ross) reads for a bearing:
+``frequency``, the speed of the shaft [rad/s], stiffness ``kxx``, ``kxy``, ``kyx``, ``kyy`` [N/m]
+and damping ``cxx``, ``cxy``, ``cyx``, ``cyy`` [N s/m]. The axis x is along the load, and y is a
+quarter turn from x in the direction of rotation. Further columns have names with units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import attrs
+import numpy as np
+
+from fenics_ehd.analysis.bearing import BearingResult
+from fenics_ehd.analysis.bearing_settings import BearingSettings
+from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.scenes.bearing import solve_bearing
+
+
+@dataclass(frozen=True)
+class FailedPoint:
+    """A point of a map without a result.
+
+    Attributes
+    ----------
+    speed, load
+        Speed of the shaft [rad/s], and load [N]; None at a given eccentricity.
+    reason
+        Message of the error.
+    """
+
+    speed: float
+    load: float | None
+    reason: str
+
+    @property
+    def name(self) -> str:
+        """Speed and load of the point as text."""
+        load = "" if self.load is None else f", load {self.load:g} N"
+        return f"speed {self.speed:g} rad/s{load}"
+
+
+@dataclass(frozen=True, eq=False)
+class BearingMap:
+    """Results of a bearing over speeds and loads.
+
+    Attributes
+    ----------
+    results
+        Results with coefficients, in the order of speeds and, for each speed, of loads.
+    failed
+        Points without a result.
+    """
+
+    results: tuple[BearingResult, ...]
+    failed: tuple[FailedPoint, ...]
+
+    def rows(self) -> list[dict[str, float | None]]:
+        """Rows of the table by column; a value that does not exist is None."""
+        return [_row(result) for result in self.results]
+
+
+def bearing_map(
+    settings: BearingSettings,
+    *,
+    speeds: Sequence[float],
+    loads: Sequence[float] = (),
+    eccentricity: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> BearingMap:
+    """Compute a bearing with its dynamic coefficients at all combinations of speeds and loads.
+
+    Parameters
+    ----------
+    settings
+        Settings of the bearing; its speed is replaced.
+    speeds
+        Speeds of the shaft [rad/s].
+    loads, eccentricity
+        Loads [N], or an eccentricity ratio in 0..1: one of them.
+    progress
+        Function that is called after every point with the number of points so far and of all.
+
+    Raises
+    ------
+    SettingsError
+        Neither loads nor an eccentricity are given, or both; or a speed cannot be used with the
+        other settings.
+    """
+    if (eccentricity is None) == (len(loads) == 0):
+        raise SettingsError("exactly one of loads and eccentricity must be given")
+    at_speeds = [attrs.evolve(settings, speed=speed) for speed in speeds]
+    points = list(product(at_speeds, loads if len(loads) else (None,)))
+    results = []
+    failed = []
+    for number, (changed, load) in enumerate(points, 1):
+        try:
+            results.append(
+                solve_bearing(changed, load=load, eccentricity=eccentricity, with_coefficients=True)
+            )
+        except EhdError as error:
+            failed.append(FailedPoint(changed.speed, load, str(error)))
+        if progress is not None:
+            progress(number, len(points))
+    return BearingMap(tuple(results), tuple(failed))
+
+
+def _row(result: BearingResult) -> dict[str, float | None]:
+    """Row of the table of a map, by column."""
+    linear = result.coefficients
+    assert linear is not None
+    attitude = result.attitude
+    return {
+        "frequency": result.settings.speed,
+        **dict(_entries("k", linear.stiffness)),
+        **dict(_entries("c", linear.damping)),
+        "load_N": result.load,
+        "eccentricity_ratio": result.eccentricity_ratio,
+        "attitude_angle_deg": None if attitude is None else float(np.degrees(attitude)),
+        "min_film_thickness_m": result.min_film_thickness,
+        "whirl_frequency_ratio": linear.whirl_ratio,
+        "critical_mass_kg": linear.critical_mass,
+        "stability_threshold": linear.threshold,
+        "stiffness_scatter_N_per_m": _largest(linear.stiffness_scatter),
+        "damping_scatter_Ns_per_m": _largest(linear.damping_scatter),
+        "temperature_C": None if result.heat is None else result.heat.effective_temperature,
+    }
+
+
+def _entries(letter: str, matrix: np.ndarray) -> Iterator[tuple[str, float]]:
+    """Entries of a matrix by the names of ROSS, such as ``kxy``."""
+    for i, row in zip("xy", matrix, strict=True):
+        for j, value in zip("xy", row, strict=True):
+            yield f"{letter}{i}{j}", float(value)
+
+
+def _largest(scatter: np.ndarray | None) -> float | None:
+    """Largest scatter of the entries of a matrix; None for a single mesh."""
+    return None if scatter is None else float(scatter.max())

@@ -1,0 +1,120 @@
+"""A bearing over speeds and loads: table, picture, points that fail, ``fenics-ehd bearing``."""
+
+import csv
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+from command_line import exit_of
+
+import fenics_ehd as ehd
+from fenics_ehd.scenes.bearing_map import bearing_map
+
+SETTINGS = ehd.BearingSettings(cells_around=24, cells_along=4)
+CELLS = ("--cells", "24x4")
+ROSS = ["frequency", *(f"{letter}{entry}" for letter in "kc" for entry in ("xx", "xy", "yx", "yy"))]
+
+
+@pytest.fixture
+def call(capsys):
+    return partial(exit_of, capsys, "bearing")
+
+
+def test_points_are_those_of_single_bearings():
+    calls = []
+    points = bearing_map(
+        SETTINGS, speeds=[300.0, 500.0], loads=[1e3, 2e3], progress=lambda *n: calls.append(n)
+    )
+    assert calls == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    rows = points.rows()
+    assert [(row["frequency"], row["load_N"]) for row in rows] == [
+        (speed, pytest.approx(load)) for speed in (300.0, 500.0) for load in (1e3, 2e3)
+    ]
+    single = ehd.solve_bearing(SETTINGS, load=2e3, with_coefficients=True)
+    linear = single.coefficients
+    assert [*rows[3]][:9] == ROSS
+    assert [rows[3][name] for name in ROSS[1:5]] == linear.stiffness.ravel().tolist()
+    assert [rows[3][name] for name in ROSS[5:]] == linear.damping.ravel().tolist()
+    assert rows[3]["critical_mass_kg"] == linear.critical_mass
+    assert rows[3]["whirl_frequency_ratio"] == linear.whirl_ratio
+    assert rows[3]["stiffness_scatter_N_per_m"] == linear.stiffness_scatter.max()
+
+
+def test_coefficients_at_one_eccentricity_follow_similarity():
+    """At one eccentricity stiffness is proportional to the speed, and damping constant."""
+    slow, fast = bearing_map(SETTINGS, speeds=[200.0, 800.0], eccentricity=0.5).rows()
+    assert fast["load_N"] == pytest.approx(4 * slow["load_N"], rel=1e-6)
+    for entry in ("xx", "xy", "yx", "yy"):
+        assert fast[f"k{entry}"] == pytest.approx(4 * slow[f"k{entry}"], rel=1e-4)
+        assert fast[f"c{entry}"] == pytest.approx(slow[f"c{entry}"], rel=1e-4)
+    assert fast["whirl_frequency_ratio"] == pytest.approx(slow["whirl_frequency_ratio"], rel=1e-4)
+    with pytest.raises(ehd.errors.SettingsError, match="exactly one of loads and eccentricity"):
+        bearing_map(SETTINGS, speeds=[1.0], loads=[1.0], eccentricity=0.5)
+
+
+def test_a_map_has_a_table_a_picture_and_printed_rows(call, tmp_path):
+    table, picture = tmp_path / "map.csv", tmp_path / "map.svg"
+    status, out, err = call(
+        "--load", "1 kN", "--speed", "1000rpm:5000rpm:3", *CELLS, "--table", table,
+        "--plot", picture,
+    )  # fmt: skip
+    assert (status, err) == (0, "")
+    with open(table) as file:
+        rows = [*csv.DictReader(file)]
+    assert [*rows[0]][:9] == ROSS
+    speeds = [float(row["frequency"]) for row in rows]
+    np.testing.assert_allclose(speeds, np.pi / 30 * np.array([1e3, 3e3, 5e3]), rtol=1e-11)
+    assert all(float(row["cxx"]) > 0 for row in rows)
+    assert "kxx MN/m" in out
+    assert "whirl" in out
+    drawn = picture.read_text()
+    for label in (
+        "stiffness [MN/m]",
+        "damping [kN s/m]",
+        "whirl ratio",
+        "rigid rotor, per bearing",
+    ):
+        assert label in drawn
+
+
+def test_a_point_that_fails_is_named_and_the_others_stay(call, tmp_path):
+    table = tmp_path / "map.csv"
+    options = ("--load", 1e3, "--speed", "0,400", *CELLS, "--table", table)
+    status, out, err = call(*options, "--json")
+    assert status == 1
+    assert "speed 0 rad/s, load 1000 N: load = 1000 N: the film has no pressure" in err
+    assert "1 of 2 points have no result" in err
+    values = json.loads(out)
+    assert [row["frequency"] for row in values["rows"]] == [400.0]
+    assert values["failed"][0]["speed_rad_per_s"] == 0.0
+    assert len(table.read_text().splitlines()) == 2
+    status, out, _ = call("--load", 1e3, "--speed", "0,0.0rpm", *CELLS)
+    assert status == 2  # given twice
+    status, out, _ = call("--load", "1e9,2e9", *CELLS)
+    assert status == 1
+    assert "no point has a result" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--load", "1,2", "--speed", "1:3:2", "--plot", "x.png"], "a picture has one axis"),
+        (["--load", 1, "--table", "x.csv"], "a table has a row for each"),
+        (["--load", 1, "--speed", "1000rpm:x:4"], "--speed = 'x'"),
+        (["--load", "1 m:2 m:3"], "of another kind"),
+        (["--load", "1,2", "--cavitation", "mass-conserving"], "depend on the frequency"),
+    ],
+)
+def test_maps_that_are_refused(call, options, message):
+    status, _, err = call(*options, *CELLS)
+    assert status == 2
+    assert message in err
+
+
+def test_a_foreign_file_is_not_replaced_by_a_table(call, tmp_path):
+    table = tmp_path / "map.csv"
+    table.write_text("speed,k\n1,2\n")
+    status, _, err = call("--load", "1e3,2e3", *CELLS, "--table", table)
+    assert status == 2
+    assert "is not a table of bearing coefficients" in err
