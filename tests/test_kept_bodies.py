@@ -240,6 +240,7 @@ def test_other_settings_of_a_scene_leave_the_address(cache, tmp_path):
         ("blas_kernels", ["OpenBLAS 0.3.21 Haswell threads=1"]),
         ("_sources", "of another day"),
         ("_versions", {"gmsh": "4.99"}),
+        ("_instruction_sets", "flags : sse2"),
     ],
 )
 def test_another_kernel_source_or_version_is_another_address(

@@ -19,11 +19,13 @@ force f. On the motions that the joints allow, spanned by the columns of Z, it i
 Mass M, damping D and stiffness K contain all films. They are exact derivatives of the discrete
 equations with fixed active sets.
 
-The force of a film on the journal changes by ``-(k_f q + d_f q')``. Its coefficients follow from
-the same response, because the constraint that ties the eccentricity to the bodies carries it.
+The force of a film on the journal changes by ``-(k_f q + d_f q')``. Its coefficients k_f and d_f
+follow from the same response: the film force is the multiplier of the constraint between the
+eccentricity and the bodies.
 
 If a joint has a heat balance, its film has the effective temperature at which the leaving oil
-carries away the dissipated power (`fenics_ehd.film.heat`). In small motions temperatures stay.
+carries away the dissipated power (`fenics_ehd.film.heat`). In small motions, temperatures are
+constant.
 
 A rigid rotor of mass M with ``M x'' + b x' + k x = 0``, the stiffness and damping of its bearing,
 is at the threshold of whirl if a solution ``exp(i nu t)`` exists:

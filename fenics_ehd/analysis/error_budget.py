@@ -194,9 +194,9 @@ def _linear(wanted: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.nda
 
 
 def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Smooth curves through values at given times, shape (k, joints), as a function of times.
+    """Function that evaluates smooth curves through values at given times, shape (k, joints).
 
-    The function returns nan at times outside the given ones.
+    The function takes times; it returns nan outside of the range of the given times.
     """
     if len(times) < 2:
         return lambda wanted: np.full((len(wanted), values.shape[1]), np.nan)

@@ -36,14 +36,15 @@ EXACT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PartInMemory:
-    """A part that is still in memory, with its reduced body.
+    """A part whose assembled structure is still in memory after a run, with its reduced body.
 
     Attributes
     ----------
     reduced
         The reduced body of the part.
     respond
-        Computes static responses of the part to nodal pressures on its bores, shape (k, r) [Pa].
+        Function that computes static responses of the part to nodal pressures on its bores. The
+        pressures have the shape (nodes, patterns) [Pa].
     """
 
     reduced: ReducedBody

@@ -424,7 +424,7 @@ class Replay(Run):
             last_size = self.state.time - before
 
     def _in_parts(self, row: int, time: float) -> Iterator[MechanismStep]:
-        """Take the step to a row of the trajectory in several parts; yield those that converge."""
+        """Take a step to a row of the trajectory in several parts, and yield each solved part."""
         began = self.state.time
         reached = 0.0
         part = 0.5
@@ -583,9 +583,9 @@ class _Guess:
         self.forget()
 
     def begin(self, state: RunState) -> None:
-        """Begin at the start of the trajectory, with the distance of `state` from that start.
+        """Store the difference of `state` from the start of the trajectory for the first guess.
 
-        Angles of the state may be larger by whole turns.
+        Angles of `state` may be larger by whole turns.
         """
         start = self._trajectory.start.x[0][: self._trajectory.x.shape[1]]
         self._x_difference = state.x[0][: len(start)] - start

@@ -103,7 +103,8 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
 def as_float(value: Any, unit: str | None = None) -> Any:
     """Convert a number, or a text with a number and its unit, to a float.
 
-    Other values are returned unchanged: a check refuses them, as its message can name the setting.
+    Other values are returned unchanged. The check that follows refuses them, with the name of the
+    setting in its message.
     """
     value = value.tolist() if hasattr(value, "tolist") else value  # a number or array of NumPy
     with suppress(SettingsError, OverflowError):

@@ -350,7 +350,7 @@ def create_form(
     coefficients
         Coefficients in the order of the kernel, see `coefficient_positions`.
     constant
-        Constant of the form.
+        Constant that occurs in the form.
     domain
         Mesh over which the form is integrated.
     """

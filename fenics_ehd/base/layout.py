@@ -105,7 +105,7 @@ class Value:
             require_stored(item)
 
     def _shape(self, sizes: Sizes) -> str:
-        """Declared shape as text, with numbers for known sizes."""
+        """Text of the declared shape of the value, with numbers in place of known symbols."""
         axes = (_number(axis, sizes) for axis in self.axes)
         shown = [
             str(axis) if size is None else str(size)

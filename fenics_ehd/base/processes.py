@@ -356,8 +356,8 @@ def interrupt_kept() -> Iterator[None]:
         signal.signal = original
 
 
-#: Time that a failed rank waits for the end of the other ranks [s]; it then takes them as waiting
-#: for it.
+#: Time that a failed rank waits for the end of the other ranks [s]; after this time, it assumes
+#: that the other ranks wait for it.
 PATIENCE = 3.0
 
 #: Time between the message of a rank and its abort of the job [s], so that mpirun can print it.

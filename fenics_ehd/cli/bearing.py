@@ -122,7 +122,7 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
 
 
 def summary(result: BearingResult) -> dict[str, Any]:
-    """Results of a bearing, and its settings, by their names in the JSON output."""
+    """Content of the JSON output: results and settings of a bearing, by name."""
     values: dict[str, Any] = {
         "load_N": result.load,
         "attitude_angle_deg": _degrees(result.attitude),
@@ -177,7 +177,10 @@ def summary(result: BearingResult) -> dict[str, Any]:
 
 
 def _plain(_: Any, __: Any, value: Any) -> Any:
-    """Serialise for JSON: a groove or shape becomes a dictionary with its kind, an array a list."""
+    """Convert a value of the settings for JSON; `attrs.asdict` calls this function.
+
+    A groove or shape becomes a dictionary with its kind, an array becomes a list.
+    """
     if is_dataclass(value):
         entries = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
         return {"kind": type(value).__name__, **entries}
@@ -185,7 +188,7 @@ def _plain(_: Any, __: Any, value: Any) -> Any:
 
 
 def _listed(matrix: np.ndarray | None) -> list[list[float]] | None:
-    """Rows of a matrix as lists for JSON."""
+    """Convert a matrix to a list of its rows, for JSON; None if there is no matrix."""
     return None if matrix is None else matrix.tolist()
 
 
@@ -234,7 +237,7 @@ def report(result: BearingResult) -> str:
     settings = result.settings
     if not (settings.grooves or settings.line_at_max_film):
         del values["supply_flow_m3_per_s"]
-    lines = [_given(settings, result.film.parameters.lubricant.viscosity)]
+    lines = [_settings_line(settings, result.film.parameters.lubricant.viscosity)]
     lines += [_row(label, key, values[key]) for key, label in ROWS.items() if key in values]
     if any(settings.tilt):
         moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
@@ -248,8 +251,8 @@ def report(result: BearingResult) -> str:
     return "\n".join(lines)
 
 
-def _given(settings: BearingSettings, viscosity: float) -> str:
-    """One line with the size, clearance, oil and speeds of a bearing."""
+def _settings_line(settings: BearingSettings, viscosity: float) -> str:
+    """First line of the printed table: size, clearance, oil and speeds of a bearing."""
     oil = f"viscosity {viscosity:.4g} Pa s" if settings.grade == NONE else settings.grade
     speeds = f"shaft at {settings.speed:g} rad/s"
     if settings.bore_speed:
@@ -282,7 +285,10 @@ def _linear_rows(values: Mapping[str, Any]) -> list[str]:
 
 
 def _scatter_rows(linear: DynamicCoefficients) -> list[str]:
-    """Line with the scatter of the coefficients over film meshes; none for a single mesh."""
+    """List of one line with the scatter of the coefficients over film meshes.
+
+    The list is empty for a single mesh.
+    """
     if linear.stiffness_scatter is None or linear.damping_scatter is None:
         return []
     each = (
@@ -447,7 +453,7 @@ def bearing(
 
 
 def _several(value: float | tuple[float, ...] | None) -> tuple[float, ...]:
-    """Values of an option that has one value, several, or none."""
+    """Values of an option as a tuple: of one value, several values, or none if it is not given."""
     if value is None:
         return ()
     return value if isinstance(value, tuple) else (value,)

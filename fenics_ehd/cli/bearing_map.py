@@ -43,23 +43,23 @@ def answer_map(
     inputs: Sequence[str],
     as_json: bool,
 ) -> None:
-    """Compute a map, write its table and picture, and print its rows.
+    """Compute a bearing map, write its table and picture, and print its rows.
 
     Parameters
     ----------
     settings, speeds, loads, eccentricity
-        As of `fenics_ehd.scenes.bearing_map.bearing_map`.
+        See `fenics_ehd.scenes.bearing_map.bearing_map`.
     table, plot
-        Paths of the table and of the picture; None: not written.
+        Paths of the table and of the picture; a file whose path is None is not written.
     inputs
-        Paths of the files that were read.
+        Paths of the input files, which must not be replaced.
     as_json
         Whether results are printed as JSON.
 
     Raises
     ------
     FailedCasesError
-        Some points have no result; the others are written and printed.
+        Some points have no result; all other points are written and printed.
     """
     from fenics_ehd.scenes.bearing_map import bearing_map
     from fenics_ehd.study.cases import write_table
@@ -95,7 +95,7 @@ def answer_map(
 
 
 def _summary(points: BearingMap) -> dict[str, Any]:
-    """Rows and failed points of a map by their names in the JSON output."""
+    """Content of the JSON output: rows of the map, and points without a result."""
     failed = [
         {"speed_rad_per_s": point.speed, "load_N": point.load, "reason": point.reason}
         for point in points.failed
@@ -117,5 +117,5 @@ def _lines(
 
 
 def _cell(value: float | None, factor: float, form: str) -> str:
-    """Text of a value times a factor; a dash if it does not exist."""
+    """Text of a value times a factor; a dash if the value is None."""
     return "-" if value is None else format(factor * value, form)

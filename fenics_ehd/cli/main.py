@@ -82,7 +82,7 @@ COMMANDS = {
 
 
 class Commands(click.Group):
-    """Group of all commands: those of this module, and those whose modules `COMMANDS` lists."""
+    """Group of all commands; the commands in `COMMANDS` are imported when they are called."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         """Names of all commands, sorted."""

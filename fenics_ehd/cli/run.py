@@ -67,7 +67,7 @@ MEANING = (
 
 
 def share(value: float | str) -> str:
-    """Text of a relative error in per cent; an error that is a word is returned as this word."""
+    """Text of a relative error in per cent; a word in place of an error is returned unchanged."""
     if isinstance(value, str):
         return "-" if value == NOT_APPLICABLE else value
     return f"{100 * value:.2g} %"
@@ -159,7 +159,7 @@ def say_next(search: Search) -> None:
 def choice_text(value: Any) -> str:
     """Text of a value that the search for an accuracy chose for a setting.
 
-    The value has numbers of cells, a reduction, the parameters of a model, or one number.
+    The value is a pair of numbers of cells, a reduction, the parameters of a model, or a number.
     """
     if isinstance(value, list):
         return " x ".join(map(str, value))
@@ -267,7 +267,8 @@ def changed_scene(
     body
         Path of a reduced body that replaces the scene's flexible body, or None.
     method
-        Reduction method for all parts of the scene, or None. A search for an accuracy keeps it.
+        Reduction method for all parts of the scene, or None. A search for an accuracy does not
+        change it.
     output
         Values of settings in ``[output]`` by key.
 

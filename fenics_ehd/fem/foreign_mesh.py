@@ -246,7 +246,7 @@ def one_solid_kind(counts: Mapping[str, int], others: str, path: object) -> str:
     Parameters
     ----------
     counts
-        Numbers of all cells, by meshio's names.
+        Number of cells of each kind, by meshio's name of the kind.
     others
         Description of other contents, for the message about a file without solid cells.
     path

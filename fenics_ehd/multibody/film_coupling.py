@@ -168,9 +168,8 @@ class FilmCoupling:
     ) -> sparse.csc_matrix:
         """Derivative of the film's equations with respect to the rate of the gap, (nodes, g).
 
-        `along_gap` has the derivatives with respect to the gap h for the derivative `shift` of the
-        rate ``h'`` by h. For a larger shift they differ by the result times the difference of the
-        shifts.
+        `along_gap` is the derivative with respect to the gap if the gap's rate grows by `shift` per
+        gap. It is linear in the shift: the result is its slope.
         """
         rate = self.model.film.parameters.rate
         return (self.model.along_gap(point, shift + rate)[0] - along_gap) / rate

@@ -529,9 +529,11 @@ class Motion:
     value_rates
         Rates ``u'`` of the values of joints and forces, shape (k,).
     on_values
-        Generalised forces on u, shape (k,): ``l . phi_u`` less the applied forces.
+        Generalised forces on the values u of joints and forces, shape (k,): constraint forces
+        ``l . phi_u`` less the applied forces.
     residual
-        Residual ``F + G^T l - Q`` of the equations, shape (n,).
+        Residual ``F + G^T l - Q`` of the equations of motion, shape (n,): forces F of inertia,
+        stiffness and damping, plus constraint forces, less the applied forces Q.
     """
 
     def __init__(

@@ -68,11 +68,11 @@ class _Body:
 
     @cached_property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Matrices of shapes (r, l) and (u, r) whose product maps loads to static displacements.
+        """Two matrices from l loads to r amplitudes, and from these to u static displacements.
 
-        They are `amplitudes` and `shapes`. Without a mortar, loads are forces on the nodes, and the
-        response is symmetric. The factors are then one array in memory and its transpose, because
-        reading them takes most of the time of a product.
+        With a mortar they are `amplitudes` and `shapes`. Without one, loads are forces on the
+        nodes, and the response is symmetric: the matrices are the transpose of one array, and this
+        array, because reading the entries takes most of the time of a product.
         """
         if self.mortar:
             return self.amplitudes, self.shapes
@@ -188,9 +188,10 @@ class PatternResponses:
         return displacement
 
     def _static_response(self, loads: Any, first: int = 0) -> np.ndarray:
-        """Static gap change at the Gauss points for loads of all surfaces, shape (l,) or (l, a).
+        """Static gap change at the Gauss points of all films due to residual patterns [m].
 
-        Each body responds by its patterns from the number `first` on.
+        `loads` has the l loads of all surfaces, shape (l,), or several sets of them, shape (l, k).
+        Patterns of a body with a number below `first` do not respond.
         """
         displacement = np.zeros((self._to_gap.shape[1], *loads.shape[1:]))
         for body in self.bodies.values():
@@ -202,9 +203,9 @@ class PatternResponses:
     def gap_change_from_pressure(
         self, pressures: Sequence[np.ndarray], first: int = 0
     ) -> np.ndarray:
-        """Gap change at the Gauss points in this step, from nodal pressures of all films [Pa].
+        """Gap change at the Gauss points in this step due to nodal pressures of all films [Pa].
 
-        It is the contribution of every body's patterns from the number `first` on.
+        Patterns of a body with a number below `first` do not contribute.
         """
         loads = self._from_pressure @ np.concatenate(pressures)
         return self.share * self._static_response(loads, first)

@@ -31,7 +31,7 @@ def plot_bearing_map(
     Parameters
     ----------
     rows
-        Rows of `BearingMap.rows`, at least one.
+        Rows of the map, see `BearingMap.rows`; at least one row.
     along
         Column of the horizontal axis: ``frequency`` or ``load_N``.
     path
@@ -64,12 +64,12 @@ def plot_bearing_map(
 
 
 def _to_rpm(speed: np.ndarray) -> np.ndarray:
-    """Revolutions per minute of speeds [rad/s]."""
+    """Convert speeds in rad/s to revolutions per minute."""
     return speed * RPM
 
 
 def _from_rpm(turns: np.ndarray) -> np.ndarray:
-    """Speeds [rad/s] of revolutions per minute."""
+    """Convert revolutions per minute to speeds in rad/s."""
     return turns / RPM
 
 
@@ -81,7 +81,10 @@ def _draw_entries(
     label: str,
     factor: float,
 ) -> None:
-    """Draw the four entries of a matrix, ``kxx`` and so on, times a factor."""
+    """Draw the four entries of a matrix over `x`, times a factor.
+
+    `letter` is the first letter of their columns, k in ``kxx``.
+    """
     for number, entry in enumerate(("xx", "xy", "yx", "yy")):
         name = f"{letter}{entry}"
         axes.plot(x, factor * columns[name], label=name, marker=".", **style(number))

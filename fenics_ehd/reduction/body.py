@@ -72,7 +72,7 @@ class InertiaIntegrals:
 
     @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices `mass`, `spin` and `centrifugal`, in the order of the constructor."""
+        """The matrices `mass`, `spin` and `centrifugal` as a tuple."""
         return self.mass, self.spin, self.centrifugal
 
     @property

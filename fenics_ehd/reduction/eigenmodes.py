@@ -334,6 +334,8 @@ class FixedBoundary:
 
             C^T G C mu - C^T U alpha = prescribed,       U^T C mu = balance
 
+        C are the constraints, G is the elastic flexibility and U the rigid-body modes.
+
         Parameters
         ----------
         prescribed

@@ -1,17 +1,18 @@
 """Static responses of a part to a pressure family, and the flexibility that they determine.
 
-The flexibility ``S = J^T G J`` of the bores, or the part of it that a basis lacks, is symmetric and
-positive semidefinite. Responses to r pressures Q of a `PressureFamily` give the displacement D of
-the bores' nodes and the work ``E = S Q`` on the nodal pressures. The flexibility follows from them
-by the formula of Nystroem:
+With the load matrix J of the bores and the static flexibility G of the part, the flexibility of the
+bores is ``S = J^T G J``. It is symmetric and positive semidefinite, and so is the part of it that a
+basis does not contain. Responses to r pressures Q of a `PressureFamily` have the displacement D of
+the bores' nodes and the work ``E = S Q`` on the nodal pressures. The flexibility follows from E by
+the formula of Nystroem:
 
     c = Q^T E = Z diag(w) Z^T,   C = Z w^(-1/2)   (w above round-off),   Y = E C = V s W^T,
     patterns V^T,   energies s^2,   displacements of the patterns D C W s.
 
-It is exact for pressures of the family. A pressure outside of the family is projected onto it in
-energy: error and result have no mutual energy, and the result is never more flexible than S. The
-projection of nodal values in the mean-square sense has errors 10 to 30 times as large. If Q
-contains every nodal pressure, the result is S itself.
+The result is exact for pressures of the family. A pressure outside of the family is projected onto
+the family in the norm of energy. The result is therefore never more flexible than S. A projection
+of nodal values by least squares has errors 10 to 30 times as large. If Q contains every nodal
+pressure, the result is S itself.
 """
 
 from __future__ import annotations
@@ -44,14 +45,14 @@ class Responses(NamedTuple):
     Attributes
     ----------
     pressures
-        Q, shape (k, r) [Pa].
+        Nodal pressures Q on all bores, shape (k, r) [Pa].
     displacement
         Displacement of the nodes of all bores, shape (m, 3, r) [m].
     work
-        ``J^T G J Q``, shape (k, r) [m^3].
+        Work of unit nodal pressures on the responses, ``J^T G J Q``, shape (k, r) [m^3].
     columns
-        Blocks of the responses, owned rows, shapes (owned dofs, columns of the block) [m]; none if
-        they were not kept.
+        Part-size responses in blocks, rows of this rank, shapes (owned dofs, columns of the block)
+        [m]; empty if they were not kept.
     """
 
     pressures: np.ndarray
@@ -60,13 +61,13 @@ class Responses(NamedTuple):
     columns: tuple[np.ndarray, ...] = ()
 
     def some(self, columns: slice) -> Responses:
-        """A range of the responses without their part-size columns."""
+        """Select a range of the responses, without part-size columns."""
         return Responses(
             self.pressures[:, columns], self.displacement[..., columns], self.work[:, columns]
         )
 
     def joined(self, other: Responses) -> Responses:
-        """These responses followed by other ones."""
+        """Append other responses to these responses."""
         return Responses(
             np.hstack([self.pressures, other.pressures]),
             np.concatenate([self.displacement, other.displacement], axis=2),
@@ -76,16 +77,16 @@ class Responses(NamedTuple):
 
 
 def respond(solver: StaticSolver, pressures: np.ndarray, kept: int = 0) -> Responses:
-    """Static responses to pressures on all bores; collective.
+    """Compute static responses to nodal pressures on all bores; collective.
 
     Parameters
     ----------
     solver
-        Static responses of the part.
+        Static solver of the part.
     pressures
         Nodal pressures, the same on every rank, shape (k, r) [Pa].
     kept
-        Number of responses, from the first one, whose part-size columns are kept.
+        Number of responses whose part-size columns are kept: the first ones.
     """
     structure = solver.structure
     comm = structure.comm
@@ -113,9 +114,9 @@ class FamilyResponses:
     Parameters
     ----------
     solver
-        Static responses of the part.
+        Static solver of the part.
     family
-        The pressure family.
+        Pressure family of the part's bores.
     keep_columns
         Whether part-size responses are kept.
 
@@ -141,11 +142,11 @@ class FamilyResponses:
         return self._shared(self.family.columns(level, known))
 
     def _shared(self, pressures: np.ndarray) -> np.ndarray:
-        """Pressures of the first rank, so that all ranks have the same to the last digit."""
+        """Send the pressures of the first rank to all ranks, so that they are bitwise the same."""
         return np.asarray(self._solver.structure.comm.bcast(pressures))
 
     def up_to(self, level: int) -> Responses:
-        """Responses to all pressures up to a level; collective."""
+        """Responses to all pressures of the family up to a level; collective."""
         while len(self._levels) <= level:
             former = self._levels[-1]
             added = self._columns(len(self._levels), former.pressures)
@@ -155,16 +156,17 @@ class FamilyResponses:
 
 
 class FlexibilityForm(NamedTuple):
-    """Flexibility from responses to r pressures, see the equations of this module.
+    """Flexibility ``V s^2 V^T`` from responses to r pressures, see the equations of this module.
 
     Attributes
     ----------
     patterns
         Orthonormal pressure patterns V, shape (k, n).
     stiffness
-        Twice the energies of the patterns ``s^2``, shape (n,).
+        Twice the strain energy for a unit amplitude of each pattern, ``s^2``, shape (n,).
     combinations
-        ``C W s``: the patterns' responses as combinations of the r responses, shape (r, n).
+        Weights ``C W s`` of the r responses whose combinations are the responses to the n patterns,
+        shape (r, n).
     """
 
     patterns: np.ndarray
@@ -173,16 +175,16 @@ class FlexibilityForm(NamedTuple):
 
 
 def flexibility_form(pressures: np.ndarray, work: np.ndarray, energy: float) -> FlexibilityForm:
-    """Form of a flexibility by its work on the nodal pressures.
+    """Compute a flexibility in the form ``V s^2 V^T`` from the work of responses.
 
     Parameters
     ----------
     pressures
         Orthonormal pressures Q, shape (k, r) [Pa].
     work
-        E, shape (k, r) [m^3].
+        Work E of unit nodal pressures on the responses, shape (k, r) [m^3].
     energy
-        Largest energy of the complete flexibility, of which round-off is a share.
+        Largest energy of the complete flexibility, relative to which energies count as round-off.
     """
     values, vectors = falling_eigenpairs(symmetric(pressures.T @ work))
     least = max(SMALLEST_ENERGY * values.max(initial=0.0), ROUND_OFF * len(pressures) * energy)
@@ -199,9 +201,10 @@ def largest_energy(responses: Responses) -> float:
 
 
 def missing_flexibility(responses: Responses, body: ReducedBody) -> np.ndarray:
-    """Outward bore displacement per nodal pressure that a body lacks, shape (m, k) [m/Pa].
+    """Outward bore displacement per nodal pressure that a body does not contain, (m, k) [m/Pa].
 
-    It is exact for the pressures of the responses, and never too large in energy for others.
+    The result is exact for the pressures of `responses`. For other pressures, its strain energy is
+    at most the exact energy.
     """
     displacement, work = body.pressure_responses(responses.pressures)
     form = flexibility_form(responses.pressures, responses.work - work, largest_energy(responses))
@@ -210,7 +213,7 @@ def missing_flexibility(responses: Responses, body: ReducedBody) -> np.ndarray:
 
 
 def largest_error(responses: Responses, body: ReducedBody) -> float:
-    """Largest error of a body's outward bore displacement under pressures, relative to it."""
+    """Largest relative error of a body's outward bore displacement under several pressures."""
     displacement, _ = body.pressure_responses(responses.pressures)
     return relative_error(
         all_outward(body.bores, responses.displacement - displacement),
@@ -219,6 +222,10 @@ def largest_error(responses: Responses, body: ReducedBody) -> float:
 
 
 def relative_error(errors: np.ndarray, displacements: np.ndarray) -> float:
-    """Largest error of any column, shape (m, c), over the largest displacement of the column."""
+    """Largest relative error of c displacements of m nodes.
+
+    The error of a displacement is its largest error at a node, over its largest value at a node.
+    Both arguments have the shape (m, c).
+    """
     sizes = np.abs(displacements).max(axis=0, initial=np.finfo(float).tiny)
     return float((np.abs(errors).max(axis=0, initial=0.0) / sizes).max(initial=0.0))

@@ -121,9 +121,9 @@ def read_abaqus(
         Paths of the files, for instance ``JOB_STIF1.mtx`` and ``JOB_MASS1.mtx``, both with
         ``FORMAT=MATRIX INPUT`` or both with ``FORMAT=COORDINATE``, one triangle or both.
     numbers
-        With ``FORMAT=MATRIX INPUT``, numbers of all nodes in the wanted order; None for the nodes
-        that have rows, in ascending order. Files with ``FORMAT=COORDINATE`` have no node numbers:
-        numbers of the nodes in the order of the file; None for 1, 2, ...
+        Numbers of all nodes. With ``FORMAT=MATRIX INPUT``, their order is the wanted order; None
+        means the nodes that have rows, in ascending order. Files with ``FORMAT=COORDINATE`` have no
+        node numbers; here `numbers` are in the order of the rows, and None means 1, 2, ...
 
     Raises
     ------

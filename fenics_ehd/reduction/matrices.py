@@ -66,8 +66,8 @@ def together(comm: MPI.Comm, name: str, function: Callable[[], Any]) -> Any:
     Raises
     ------
     StructureError
-        If the function raises an exception on any rank. The message is that of a
-        `StructureError`; for another exception it begins with `name`.
+        If the function raises an exception on any rank. The message of a `StructureError` is
+        unchanged; the message of another exception is put after `name`.
     """
     result = None
     problem = None

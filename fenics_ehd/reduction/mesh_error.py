@@ -194,7 +194,8 @@ def compliance_errors(missing: np.ndarray, compliance: np.ndarray) -> dict[str, 
 def smooth_part(bores: Mapping[str, BoreSurface]) -> np.ndarray:
     """Matrix that fits smooth pressures to nodal pressures by least squares, shape (s, k).
 
-    Its product with k nodal pressures on all bores is the amplitudes of the s smooth pressures.
+    The amplitudes of the s smooth pressures are the product of the matrix and the k nodal pressures
+    on all bores.
     """
     fields = [smooth_fields(bore.pressure_coordinates, bore.width) for bore in bores.values()]
     return np.asarray(block_diag(*map(np.linalg.pinv, fields)))

@@ -241,7 +241,7 @@ def _rows(bore: BoreSurface) -> int:
 
 
 def _spaced(bore: BoreSurface, length: float) -> int:
-    """Twice the number of nodes on a length, if the bore had as many evenly spaced nodes."""
+    """Twice a length on a bore over the mean spacing of its pressure nodes, rounded up."""
     spacing = np.sqrt(2 * np.pi * bore.radius * bore.width / len(bore.pressure_coordinates))
     return int(np.ceil(2.0 * length / spacing))
 

@@ -1,7 +1,7 @@
 """Steps that all reductions share: static responses, and the projection of a part onto a basis.
 
-A `Reductor` computes each of them once for several reductions of one part. The module also has the
-simplest reduction: a rigid part with inertia and bores, without elastic coordinates.
+For several reductions of one part, a `Reductor` computes static responses once. The module also has
+the simplest reduction: a rigid part with inertia and bores, without elastic coordinates.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def product(
 ) -> np.ndarray:
     """Product ``left^T A right`` of columns with an operator A, the same on every rank.
 
-    It is computed block by block, so that ``A right`` is never stored completely.
+    The product is computed block by block, so that ``A right`` is never stored completely.
     """
     parts = blocks(right.shape[1], len(right), comm)
     products = [inner(left, operator(right[:, part]), comm) for part in parts]
@@ -101,7 +101,7 @@ def gram_matrices(
 
 
 def require_small(defects: Mapping[str, float]) -> dict[str, float]:
-    """Check that defects of a basis do not exceed `FORM_TOLERANCE`, and return them.
+    """Check that defects of a basis do not exceed `FORM_TOLERANCE`; return the defects by name.
 
     Raises
     ------
@@ -133,16 +133,17 @@ def inertia_integrals(
 def _inventory(
     body: ReducedBody, dropped: Sequence[ModeRecord], measure: np.ndarray, total: float | None
 ) -> tuple[ModeRecord, ...]:
-    """Records of kept and dropped modes.
+    """Records of all modes, kept and dropped, with their shares in the flexibility of the bores.
 
     Parameters
     ----------
     body, dropped
-        Body with the kept modes, and records of the others.
+        Body with the kept modes, and records of the dropped modes.
     measure
         Orthonormal pressures over which flexibility is measured, shape (k, r).
     total
-        Flexibility of the part, the trace over `measure`; None: the sum over all records.
+        Flexibility of the part, the trace over `measure`. None: sum of the flexibilities of all
+        records.
     """
     load = body.load_projection[ELASTIC] @ measure
     if body.frame != "clamped" and body.modes:
@@ -166,7 +167,7 @@ def _inventory(
 class StaticResponses:
     """Static responses ``X = G L`` of (29), from which the share of known modes is subtracted (30).
 
-    The loads L are a fields of forces, then p pressure patterns on the bores (33).
+    The columns of the loads L are a fields of nodal forces, then p pressure patterns (33).
 
     Parameters
     ----------
@@ -177,15 +178,15 @@ class StaticResponses:
     pressures
         Pressure patterns ``P_c``, the same on every rank, shape (k, p) [Pa].
     angular, modes
-        Angular frequencies [rad/s] and mode shapes of the modes to subtract, mass-normalised and
-        uncoupled in stiffness.
+        Angular frequencies [rad/s] and shapes of the modes whose share is subtracted. The modes are
+        mass-normalised and uncoupled in stiffness.
 
     Attributes
     ----------
     count
         Number a + p of responses.
     stiffness
-        Work of every load on every response, ``X^T K X = L^T X``, shape (count, count).
+        Work of every load on every response, ``L^T X = X^T K X``, shape (count, count).
     nodal_work
         Work of unit nodal pressures on every response, ``J^T X``, shape (k, count).
     columns
@@ -225,9 +226,9 @@ class StaticResponses:
         self.nodal_work = np.hstack(works)
 
     def work(self, columns: np.ndarray, nodal: np.ndarray | None = None) -> np.ndarray:
-        """Work ``L^T @ columns`` of the loads on displacements, shape (count, width).
+        """Work ``L^T @ columns`` of the loads on w displacements `columns`, shape (count, w).
 
-        `nodal` is ``J^T @ columns`` if it is known, else None.
+        `nodal` is the work ``J^T @ columns`` of unit nodal pressures, or None if it is unknown.
         """
         structure = self.solver.structure
         if nodal is None:
@@ -257,10 +258,10 @@ class Reductor:
         bodies = [craig_bampton(part, 37), load_dependent(part, 6, 31), full_interface(part)]
 
     Every result is computed once, at its first use: factors of the stiffness matrix and, for M2, of
-    its interior; the flexibility of the bores; modes; the first step of M2; the basis of M4. If
-    fewer modes are requested than before, they are taken from the earlier result, so that the
-    largest number should come first. Static responses to pressure sets are large, and only the last
-    ones are kept: consecutive reductions with the same set share them.
+    its interior; the flexibility of the bores; modes; the first step of M2; the basis of M4. Modes
+    are computed again only if more modes are requested than before; request the largest number
+    first. Static responses to pressure sets are large. Only the responses to the last set are kept,
+    for consecutive reductions with the same set.
 
     Parameters
     ----------
@@ -275,11 +276,11 @@ class Reductor:
         Text that is put before the prefixes ``static_``, ``modes_`` and ``interior_`` of the
         PETSc options.
     film_edges
-        Heights of the films' edges from the middle of a bore, by its name, see `PressureFamily`
-        [m].
+        Heights of the films' edges in a bore, measured from its middle, by the name of the bore
+        [m], see `PressureFamily`.
     every_pressure
-        Whether errors of M1 to M3 are estimated for every nodal pressure, one solve each, instead
-        of for the base family.
+        Whether errors of M1 to M3 are estimated from the responses to every nodal pressure, with
+        one static solve each, instead of from those to the base family.
 
     Attributes
     ----------
@@ -344,24 +345,24 @@ class Reductor:
 
     @cached_property
     def vibration(self) -> LowestModes:
-        """Vibration modes of the part, free or clamped; call it with a number of modes."""
+        """Vibration modes of the part, free or clamped, as a function of the number of modes."""
         return LowestModes(self.static, f"{self.options_prefix}modes_")
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Nodal forces ``J_a`` of unit forces at the boundary points, shape (owned dofs, n_a)."""
+        """Nodal forces equivalent to n_a unit forces on boundary points, (owned dofs, n_a)."""
         points = self.structure.attachments.values()
         vectors = [point[d].array for point in points for d in self._directions]
         return np.column_stack(vectors or [np.zeros((self.structure.stiffness.local_size[0], 0))])
 
     @cached_property
     def family(self) -> PressureFamily:
-        """Pressures that films make, with which the bores' flexibility is measured."""
+        """Family of film pressures with which the flexibility of the bores is computed."""
         return PressureFamily(self.structure.bores, self.film_edges)
 
     @property
     def measure(self) -> np.ndarray:
-        """Orthonormal pressures over which flexibility is measured, shape (k, r) [Pa]."""
+        """Orthonormal pressures over which flexibilities are compared, as traces, (k, r) [Pa]."""
         known = self._family_responses
         if known is not None and not self._every_pressure:
             return known.up_to(0).pressures
@@ -369,12 +370,12 @@ class Reductor:
         return every if self._every_pressure else self.structure.comm.bcast(self.family.base)
 
     def family_responses(self, *, keep_columns: bool = False) -> FamilyResponses:
-        """Static responses of all bores to the pressure family; collective.
+        """Static responses of the part to its pressure family; collective.
 
         Parameters
         ----------
         keep_columns
-            Whether part-size responses are needed.
+            Whether the part-size responses are kept.
         """
         known = self._family_responses
         if known is None or (keep_columns and not known.keeps_columns):
@@ -383,21 +384,21 @@ class Reductor:
         return known
 
     def measured_responses(self) -> Responses:
-        """Static responses of all bores to `measure`, or a basis of its span; collective."""
+        """Static responses of the part to the pressures of `measure`; collective."""
         level = self.family.last if self._every_pressure else 0
         return self.family_responses().up_to(level)
 
     def forget(self) -> None:
-        """Free the factors and all intermediate results, which are computed again if needed."""
+        """Free factors and all intermediate results; they are computed again if needed."""
         for name in ("static", "vibration"):
             self.__dict__.pop(name, None)
         self._family_responses = None
         self._kept.clear()
 
     def once(self, name: str, key: Hashable, make: Callable[[], T]) -> T:
-        """Return the stored result of a name and key, or compute it with `make` and store it.
+        """Return the stored result `name` for `key`, or compute it by `make` and store it.
 
-        Only the last result of each name is stored.
+        For each name, only the result for the last key is stored.
         """
         if name not in self._kept or self._kept[name][0] != key:
             self._kept.pop(name, None)
@@ -414,9 +415,9 @@ class Reductor:
         estimate_error: bool = True,
         keep_basis: bool = False,
     ) -> ReducedBody:
-        """Project the part onto a basis, which gives the reduced body.
+        """Make the reduced body from a basis, by projection of all matrices of the part.
 
-        For the parameters see `ReducedBody` and `load_dependent`; `frame` applies to a free part.
+        For the parameters see `ReducedBody` and `load_dependent`. A clamped part has no `frame`.
         """
         structure = self.structure
         mass = self.mass
@@ -468,7 +469,7 @@ class Reductor:
         return replace(body, missing_flexibility=missing_flexibility(responses, body))
 
     def _provenance(self) -> dict[str, str]:
-        """Size of the part, and counts of the work since the last body."""
+        """Provenance of a body: size of the part, and counts of solves since the last body."""
         return {"degrees_of_freedom": str(self.structure.size), **self.work.take()}
 
 

@@ -1,8 +1,9 @@
 """M4: a few dynamic modes, and the remaining bore flexibility as a quasi-static response.
 
 A residual mode of M3 has a frequency of up to 700 kHz, so that its dynamics are negligible. M4 uses
-the complete flexibility ``G_c = G J`` of the bores. The coordinates q contain a part of it, and the
-residual flexibility S_res is the rest. With nodal pressures P, the displacement of the bores is
+the complete flexibility ``G_c = G J`` of the bores. The elastic coordinates q, with the basis T,
+contain a part of it, and the residual flexibility S_res is the rest. With nodal pressures P, the
+displacement of the bores is
 
     u_bore = Psi q + S_res w,   S_res = G_c - T K_r^-1 T^T J,   w + zeta dw/dt = P.
 
@@ -69,7 +70,7 @@ def missing_response(
     columns
         Basis T of the body, rows of this rank, shape (owned dofs, n).
     loads
-        Function that returns the load columns of a range, rows of this rank [N].
+        Function from a range of column numbers to these load columns, rows of this rank [N].
     count
         Number of loads.
 
@@ -102,11 +103,11 @@ def missing_fields(
     forces: np.ndarray,
     speeds: np.ndarray,
 ) -> np.ndarray:
-    """Static displacements that a basis does not contain, for forces on bores and rotation.
+    """Static displacements that a basis does not contain, under forces on bores and rotation.
 
-    Every basis contains the response to forces on boundary points. Two loads are neglected: the
-    rigid inertia that balances these forces in the frame of M1 and M2, and the inertia of elastic
-    motion.
+    Forces on boundary points need no such displacement, because every basis contains the response
+    to them. Two loads are neglected: the rigid inertia that balances these forces in the frame of
+    M1 and M2, and the inertia of elastic motion.
 
     Parameters
     ----------
@@ -136,11 +137,11 @@ SAME_BASIS = 1e-6
 
 
 def basis_of(body: ReducedBody, made: ReducedBody, columns: np.ndarray) -> np.ndarray:
-    """Compute the basis T of a body that was stored without it, from a new reduction of the part.
+    """Compute the basis T of a body that was stored without T, from a new reduction of the part.
 
-    If the part is reduced on another machine, signs of modes may differ, and modes of equal
-    frequency may be combined differently. The relation between the coordinates of the two bodies
-    follows from the displacements of bores and boundary points.
+    On another computer, modes may have other signs, and modes of equal frequency may be combined
+    differently. The relation between the coordinates of both bodies follows from their
+    displacements of bores and boundary points.
 
     Parameters
     ----------
@@ -202,7 +203,7 @@ def residual_flexibility(
     estimate_error: bool = True,
     keep_basis: bool = False,
 ) -> ReducedBody:
-    """M4: reduce a part to vibration and static modes, with the residual flexibility quasi-static.
+    """M4: reduce a part to vibration and static modes, with a quasi-static residual flexibility.
 
     Parameters
     ----------
@@ -211,22 +212,23 @@ def residual_flexibility(
     n_vibration
         Number of vibration modes.
     tolerance
-        Largest error of the bore's displacement under the pressures that verify the pressure
-        family, relative to this displacement. If one is exceeded, the next level of the family is
-        solved for; 0: every nodal pressure.
+        Limit of the relative error of the bores' displacement under the verification pressures. If
+        the error is larger, the next level of the pressure family is used. With 0, every nodal
+        pressure is used.
     centrifugal
         Whether the basis contains the static response to the centrifugal load of a part that
         rotates about z.
     estimate_error
-        Whether to compute the inertia of the residual patterns, which the method neglects. It needs
-        no further solves.
+        Whether to compute the mass matrix of the residual patterns, whose inertia the method
+        neglects. No further static solves are needed.
     keep_basis
         See `load_dependent`.
 
     Returns
     -------
     ReducedBody
-        Body with `residual`; its accuracy has the verified error, its provenance the family.
+        Body with a `residual`. The verified error is in `accuracy`, the edges and the level of the
+        pressure family are in `provenance`.
 
     Raises
     ------
@@ -267,7 +269,7 @@ def residual_flexibility(
 
 
 def _basis(reductor: Reductor, n_vibration: int, centrifugal: bool) -> Basis:
-    """Vibration modes and static responses to forces on the points and to rotation."""
+    """Basis of vibration modes and static responses to forces on boundary points and rotation."""
     fields = reductor.points
     if centrifugal:
         fields = np.hstack([fields, centrifugal_load(reductor.structure, reductor.mass)])
@@ -284,14 +286,14 @@ class Remainder:
     reductor
         Reductor of the part.
     basis
-        Basis T.
+        Basis T of the reduction.
     keep_columns
-        Whether part-size responses are kept, which the inertia needs.
+        Whether part-size responses are kept; the method `inertia` needs them.
 
     Attributes
     ----------
     responses
-        Responses of the whole part to the family.
+        Static responses of the whole part to the pressure family.
     """
 
     def __init__(self, reductor: Reductor, basis: Basis, *, keep_columns: bool):
@@ -304,15 +306,15 @@ class Remainder:
         self._forms: dict[int, FlexibilityForm] = {}
 
     def _coordinates(self, pressures: np.ndarray) -> np.ndarray:
-        """Coordinates of the basis under pressures, ``K_r^-1 T^T J Q``, shape (n, r)."""
+        """Static coordinates of the basis under r pressures Q, ``K_r^-1 T^T J Q``, shape (n, r)."""
         return np.linalg.solve(self._basis.stiffness, self._load @ pressures)
 
     def _displacement(self, responses: Responses) -> np.ndarray:
-        """Residual displacement of the bores' nodes, shape (m, 3, r)."""
+        """Displacement of the bores' nodes that the basis does not contain, shape (m, 3, r) [m]."""
         return responses.displacement - self._shape @ self._coordinates(responses.pressures)
 
     def _form(self, level: int) -> FlexibilityForm:
-        """Patterns of the residual flexibility from all pressures up to a level."""
+        """Patterns of the residual flexibility, from all levels of the family up to `level`."""
         if level not in self._forms:
             responses = self.responses.up_to(level)
             pressures = responses.pressures
@@ -321,13 +323,13 @@ class Remainder:
         return self._forms[level]
 
     def residual(self, level: int) -> ResidualFlexibility:
-        """Residual flexibility from all pressures up to a level, without mass."""
+        """Residual flexibility, from all levels of the family up to `level`, without masses."""
         form = self._form(level)
         displacement = self._displacement(self.responses.up_to(level)) @ form.combinations
         return ResidualFlexibility(displacement, form.patterns.T, form.stiffness, np.zeros((0, 0)))
 
     def error(self, residual: ResidualFlexibility) -> float:
-        """Largest relative error of the bores' displacement under the verification pressures."""
+        """Largest relative error of the bores' displacement under verification pressures."""
         bores = self._reductor.structure.bores
         verification = self.responses.verification
         approximate = residual.displacement @ (residual.patterns @ verification.pressures)
@@ -336,7 +338,7 @@ class Remainder:
         return float(self._reductor.structure.comm.bcast(error))
 
     def inertia(self, level: int) -> np.ndarray:
-        """Mass matrix of the patterns of a level, shape (n, n)."""
+        """Mass matrix of the n patterns from all levels up to `level`, (n, n) [kg m^2/Pa^2]."""
         responses = self.responses.up_to(level)
         modes = self._basis.columns
         coordinates = self._coordinates(responses.pressures)
@@ -359,8 +361,8 @@ class Remainder:
 def pattern_pressures(body: ReducedBody) -> np.ndarray:
     """Pressures whose residual displacements are those of the patterns, shape (k, r).
 
-    They belong to the pressure family Q of the body: ``Q (V^T Q)^+`` with the patterns V. The
-    patterns themselves move the bores by the same amount if Q contains every nodal pressure.
+    These pressures are combinations ``Q (V^T Q)^+`` of the pressure family Q of the body, for its
+    patterns V. If Q contains every nodal pressure, they are the patterns themselves.
     """
     assert body.residual is not None
     patterns = body.residual.patterns

@@ -37,14 +37,14 @@ from fenics_ehd.reduction.structure import Structure, rigid_motions
 
 
 def _owned_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Mask of the bores' nodes that this rank owns, and their local indices."""
+    """Mask of the nodes of all bores that this rank owns, and local indices of the owned nodes."""
     local = structure.bore_nodes - structure.node_range[0]
     mine = (local >= 0) & (local < len(structure.coordinates))
     return mine, local[mine]
 
 
 def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
-    """Rows of part-size columns at the nodes of all bores, on every rank, shape (m, 3, n)."""
+    """Values of part-size columns at the nodes of all bores, on every rank, shape (m, 3, n)."""
     mine, local = _owned_nodes(structure)
     rows = np.zeros((len(mine), 3, columns.shape[1]))
     rows[mine] = columns[3 * local[:, None] + np.arange(3)]
@@ -52,12 +52,12 @@ def bore_rows(structure: Structure, columns: np.ndarray) -> np.ndarray:
 
 
 def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
-    """Part-size fields with values at the bores' nodes, shape (m, 3, n), and zero elsewhere.
+    """Part-size fields from values at the bores' nodes, shape (m, 3, n), and zero elsewhere.
 
     Returns
     -------
     numpy.ndarray
-        Owned rows, shape (owned dofs, n).
+        Fields, rows of this rank, shape (owned dofs, n).
     """
     mine, local = _owned_nodes(structure)
     columns = np.zeros((len(structure.coordinates), 3, values.shape[2]))
@@ -175,7 +175,7 @@ class Work:
     solved_columns
         Number of load columns that were solved for.
     eigensolver_applications
-        Number of these columns that an eigensolver generated. It depends on round-off.
+        Number of solved columns that an eigensolver generated; it depends on round-off.
     """
 
     factorisations: int = 0
@@ -196,10 +196,10 @@ class LinearSolver:
     Parameters
     ----------
     matrix
-        Symmetric positive definite matrix A; it may be semidefinite for an iterative solver with
-        `kernel`.
+        Symmetric positive definite matrix A. For an iterative solver with `kernel`, it may be
+        semidefinite.
     direct
-        Whether the matrix is factorised; otherwise the solver is iterative.
+        True to factorise the matrix, false for an iterative solver.
     near_kernel
         Fields with almost no strain energy, for the multigrid hierarchy: rows of this rank, shape
         (owned rows, p).
@@ -252,7 +252,7 @@ class LinearSolver:
             ksp.destroy()
 
     def solve(self, loads: np.ndarray) -> np.ndarray:
-        """Solve for load columns; loads and solutions have shape (owned rows, k).
+        """Solve ``A x = b`` for k columns b; columns and solutions have the shape (owned rows, k).
 
         Raises
         ------
@@ -281,7 +281,7 @@ class LinearSolver:
 
 
 def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -> None:
-    """Set the near null space for the multigrid hierarchy, and the null space for the solver."""
+    """Set the near null space of a matrix for multigrid; if `kernel`, also its null space."""
     gram = inner(near_kernel, near_kernel, matrix.comm.tompi4py())
     orthonormal = np.linalg.solve(np.linalg.cholesky(gram), near_kernel.T).T
     vectors = column_vectors(matrix, orthonormal)
@@ -292,7 +292,7 @@ def _describe_kernel(matrix: PETSc.Mat, near_kernel: np.ndarray, kernel: bool) -
 
 
 def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None:
-    """Check the factors of MUMPS; other packages raise errors themselves.
+    """Check the factors of MUMPS; other packages raise errors in the factorisation.
 
     Raises
     ------
@@ -326,7 +326,7 @@ KEPT_COLUMNS = 128
 
 
 def scratch_folder() -> str:
-    """Folder for large temporary files: TMPDIR if set, else /var/tmp, as /tmp may be in memory."""
+    """Folder for large temporary files: TMPDIR if set, else /var/tmp (/tmp may be in memory)."""
     folder = os.environ.get("TMPDIR")
     if folder:
         return folder
@@ -382,10 +382,10 @@ COMPLIANCE_LIMIT = 1e13
 
 
 def supporting_rows(modes: np.ndarray, comm: MPI.Comm) -> np.ndarray:
-    """Global numbers of dofs that support a part statically determinate.
+    """Global numbers of dofs which, if held, are a statically determinate support of a part.
 
-    They are the pivot rows of the rigid-body modes `modes`. Loads in equilibrium cause no reactions
-    at these dofs, so that holding them changes the response by a rigid motion only.
+    These dofs are the pivot rows of the rigid-body modes `modes`. Loads in equilibrium cause no
+    reactions at the support, so that the support changes the response by a rigid motion only.
     """
     from scipy import linalg
 
@@ -397,11 +397,11 @@ class StaticSolver:
     """Solver for the elastic static response of a part: the ``G`` block of (29).
 
     The load is brought into equilibrium with the inertia forces of the rigid acceleration that it
-    causes. The response is solved for with a statically determinate support, and its rigid motion
-    is subtracted. The result is that of the saddle-point system (29), but no dense rows are
+    causes. The response is computed with a statically determinate support, and its rigid motion is
+    subtracted. The result is the solution of the saddle-point system (29), but no dense rows are
     needed. For a clamped part, which has no rigid-body modes, this is an ordinary solve. An
-    iterative solver uses the singular matrix without a support, as supports at single nodes slow
-    the iteration down.
+    iterative solver uses the singular matrix without a support, because supports at single nodes
+    would slow the iteration down.
 
     Parameters
     ----------
@@ -414,13 +414,14 @@ class StaticSolver:
     mass
         Operator of products with M, if one exists already; None to make a new one.
     clamped
-        Global numbers of nodes to hold, the same on every rank; None for no such nodes. With held
-        nodes the flexibility is that of ``K_ii`` of (21), without rigid-body modes.
+        Global numbers of the nodes that are held, the same on every rank; None if no nodes are
+        held. With held nodes, the flexibility is the inverse of ``K_ii`` of (21), and the part has
+        no rigid-body modes.
     once
-        Whether the structure serves this solver only, and for few solves: its mass matrix is then
-        freed, and factors are stored on disk. Less than two thirds of the memory is needed.
+        Whether only this solver uses the structure, for a few solves. The mass matrix is then
+        freed, and factors are stored on disk, which needs less than two thirds of the memory.
     work
-        Counts to which those of this solver are added; None for new ones.
+        Counts to which the counts of this solver are added; None: new counts.
 
     Attributes
     ----------
@@ -486,7 +487,7 @@ class StaticSolver:
         self._check_compliance()
 
     def equilibrate(self, loads: np.ndarray) -> np.ndarray:
-        """Subtract from loads the inertia forces of their rigid acceleration; zero at held dofs."""
+        """Subtract from loads the inertia forces of the rigid acceleration; zero at held nodes."""
         moved = inner(self.rigid_modes, loads, self.structure.comm)
         balanced = loads - combine(self._mass_rigid, moved)
         balanced[self._clamped] = 0.0
@@ -503,7 +504,7 @@ class StaticSolver:
     without_reactions = equilibrate
 
     def apply(self, loads: np.ndarray) -> np.ndarray:
-        """Compute static responses as `solve` does, but without its check, for an eigensolver."""
+        """Compute static responses as `solve` does, but without a check, for an eigensolver."""
         balanced = self.equilibrate(loads)
         balanced[self._held] = 0.0
         self.work.solved_columns += balanced.shape[1]
@@ -532,7 +533,7 @@ class StaticSolver:
         return response
 
     def _check_compliance(self) -> None:
-        """Refuse a part that has a motion of nearly no strain energy besides the rigid ones.
+        """Refuse a part with a motion of nearly no strain energy that is not a rigid motion.
 
         Raises
         ------
@@ -559,7 +560,7 @@ class StaticSolver:
 
 
 def mean_diagonal(matrix: PETSc.Mat) -> float:
-    """Mean of a matrix's diagonal entries."""
+    """Mean of the diagonal entries of a matrix."""
     diagonal = matrix.getDiagonal()
     mean = diagonal.sum() / diagonal.getSize()
     diagonal.destroy()
@@ -567,7 +568,7 @@ def mean_diagonal(matrix: PETSc.Mat) -> float:
 
 
 def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndarray) -> None:
-    """Check that static responses satisfy ``K x = f``, by a random combination of the columns.
+    """Check that static responses x to loads f satisfy ``K x = f``, for a random combination.
 
     Raises
     ------

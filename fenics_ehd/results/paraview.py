@@ -134,7 +134,7 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
     Raises
     ------
     SettingsError
-        A basis belongs to none of the bodies; the message has their names.
+        A basis belongs to none of the bodies; the message has the names of the bodies.
     """
     reduced = {n: body.reduced for n, body in bodies.items() if body.reduced is not None}
     parts: dict[str, PartFields] = {}

@@ -64,7 +64,7 @@ def bearing_scene(settings: BearingSettings, angle: float) -> Scene:
 
 
 def _joint(settings: BearingSettings, angle: float) -> schema.LubricatedSettings:
-    """Joint of a bearing in the film's frame."""
+    """Settings of the lubricated joint of a bearing, with angles measured in the film's frame."""
     grooves = tuple(
         (degrees(groove.angle - angle), degrees(groove.width), groove.pressure)
         for groove in settings.grooves

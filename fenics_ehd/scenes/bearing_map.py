@@ -1,7 +1,7 @@
 """Map of one rigid bearing: operating points with dynamic coefficients over speeds and loads.
 
-Every point is computed on its own, see `fenics_ehd.scenes.bearing`. A point without an equilibrium,
-or without coefficients, is listed with its reason; the other points are kept.
+Every point is computed separately, see `fenics_ehd.scenes.bearing`. A point without an equilibrium,
+or without coefficients, is listed with the reason.
 
 The table of a map has the columns that ROSS (github.com/petrobras/ross) reads for a bearing:
 ``frequency``, the speed of the shaft [rad/s], stiffness ``kxx``, ``kxy``, ``kyx``, ``kyy`` [N/m]
@@ -26,12 +26,12 @@ from fenics_ehd.scenes.bearing import solve_bearing
 
 @dataclass(frozen=True)
 class FailedPoint:
-    """A point of a map without a result.
+    """A point of a bearing map for which there is no result.
 
     Attributes
     ----------
     speed, load
-        Speed of the shaft [rad/s], and load [N]; None at a given eccentricity.
+        Speed of the shaft [rad/s], and load [N]; the load is None if an eccentricity is given.
     reason
         Message of the error.
     """
@@ -42,7 +42,7 @@ class FailedPoint:
 
     @property
     def name(self) -> str:
-        """Speed and load of the point as text."""
+        """Text with speed and load of the point, for messages."""
         load = "" if self.load is None else f", load {self.load:g} N"
         return f"speed {self.speed:g} rad/s{load}"
 
@@ -54,16 +54,16 @@ class BearingMap:
     Attributes
     ----------
     results
-        Results with coefficients, in the order of speeds and, for each speed, of loads.
+        Results with dynamic coefficients: for each speed in order, all loads in order.
     failed
-        Points without a result.
+        Points without a result, with reasons.
     """
 
     results: tuple[BearingResult, ...]
     failed: tuple[FailedPoint, ...]
 
     def rows(self) -> list[dict[str, float | None]]:
-        """Rows of the table by column; a value that does not exist is None."""
+        """Rows of the table of the map, each as values by column; None for a missing value."""
         return [_row(result) for result in self.results]
 
 
@@ -80,13 +80,14 @@ def bearing_map(
     Parameters
     ----------
     settings
-        Settings of the bearing; its speed is replaced.
+        Settings of the bearing, whose speed is replaced by each of the `speeds`.
     speeds
         Speeds of the shaft [rad/s].
     loads, eccentricity
-        Loads [N], or an eccentricity ratio in 0..1: one of them.
+        Loads [N], or an eccentricity ratio in 0..1; exactly one of both must be given.
     progress
-        Function that is called after every point with the number of points so far and of all.
+        Function that is called after every point, with the number of computed points and the
+        number of all points.
 
     Raises
     ------
@@ -113,7 +114,7 @@ def bearing_map(
 
 
 def _row(result: BearingResult) -> dict[str, float | None]:
-    """Row of the table of a map, by column."""
+    """Row of the table of a map for one result, as values by column."""
     linear = result.coefficients
     assert linear is not None
     attitude = result.attitude
@@ -135,12 +136,12 @@ def _row(result: BearingResult) -> dict[str, float | None]:
 
 
 def _entries(letter: str, matrix: np.ndarray) -> Iterator[tuple[str, float]]:
-    """Entries of a matrix by the names of ROSS, such as ``kxy``."""
+    """Entries of a matrix of coefficients, each with its name in ROSS, such as ``kxy``."""
     for i, row in zip("xy", matrix, strict=True):
         for j, value in zip("xy", row, strict=True):
             yield f"{letter}{i}{j}", float(value)
 
 
 def _largest(scatter: np.ndarray | None) -> float | None:
-    """Largest scatter of the entries of a matrix; None for a single mesh."""
+    """Largest scatter of the entries of a matrix over film meshes; None for a single mesh."""
     return None if scatter is None else float(scatter.max())

@@ -56,7 +56,7 @@ def rough_surfaces(scene: Scene, joint: schema.LubricatedSettings) -> RoughSurfa
 
 
 def _bore_material(scene: Scene, joint: schema.LubricatedSettings) -> tuple[float, float]:
-    """Young's modulus [Pa] and Poisson's ratio of a bore's part; those of steel if it has none."""
+    """Young's modulus [Pa] and Poisson's ratio of a bore; the values of steel by default."""
     body = scene.bodies.get(joint.bore.partition(".")[0])
     if isinstance(body, schema.FlexibleSettings) and body.model != NONE:
         return body.material.youngs_modulus, body.material.poissons_ratio
@@ -305,7 +305,7 @@ def _aligned_mesh(
 
 
 def film_mesh(joint: schema.LubricatedSettings, bore: BoreSurface | None) -> FilmGrid:
-    """Film mesh of a joint: with the cells in its settings, or with those of its flexible bore.
+    """Film mesh of a joint, with the cells in its settings or the cells of its flexible bore.
 
     Raises
     ------

@@ -94,6 +94,9 @@ MESH_ERROR = "mesh_error_"
 #: Suffixes of files that are sources.
 SOURCE_SUFFIXES = (".py", ".npy", ".geo")
 
+#: Environment variables that keep NumPy and the C library from using some instruction sets.
+INSTRUCTION_SETS = ("NPY_DISABLE_CPU_FEATURES", "GLIBC_TUNABLES")
+
 #: Libraries whose versions are part of an address. Gmsh is imported only to mesh a part.
 LIBRARIES = ("numpy", "scipy", "petsc4py", "slepc4py", "dolfinx")
 
@@ -129,7 +132,8 @@ def environment() -> dict[str, str]:
     """Conditions of a reduction that change bits of its body, in addition to files and settings.
 
     The texts, by name, describe the sources of the package, versions of libraries, kernels and
-    threads of the BLAS, and options of PETSc that the user has set.
+    threads of the BLAS, instruction sets of the processor, and options of PETSc that the user has
+    set.
     """
     from fenics_ehd.base.petsc_options import options_of_user
 
@@ -138,7 +142,22 @@ def environment() -> dict[str, str]:
         "sources": _sources(),
         "petsc_options": repr(sorted(options_of_user().items())),
         "blas": " ".join(blas_kernels()),
+        "processor": _instruction_sets(),
     }
+
+
+@functools.cache
+def _instruction_sets() -> str:
+    """Instruction sets of the processor, and variables that limit their use.
+
+    NumPy and the C library choose their functions by instruction set, whose results may differ in
+    the last bit.
+    """
+    lines: list[str] = []
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return " ".join([flags, *(os.environ.get(name, "") for name in INSTRUCTION_SETS)])
 
 
 @functools.cache

@@ -251,7 +251,7 @@ COUNTS = (*WORK, *(f"{MESH_ERROR}{name}" for name in WORK))
 
 
 def body_counts(body: ReducedBody) -> dict[str, int]:
-    """Counts of the work that a body took, by name; without those that are unknown."""
+    """Counts of the work of a body's reduction, by name; unknown counts are missing."""
     return {name: int(body.provenance[name]) for name in COUNTS if name in body.provenance}
 
 

@@ -651,10 +651,10 @@ def scene_of(tables: Mapping[str, Any], name: str, renamed_before: Iterable[str]
 
 
 def with_model_materials(scene: Scene) -> tuple[Scene, list[str]]:
-    """Add the materials stored in models to a scene; returns notices of values that differ.
+    """Add the materials that are stored in models to a scene; return the scene and notices.
 
-    Values in the scene's tables have priority over those that
-    `fenics_ehd.fem.models.store_material` wrote into a model.
+    Values in the tables of the scene have priority over values that
+    `fenics_ehd.fem.models.store_material` wrote into a model. A notice reports different values.
 
     Raises
     ------

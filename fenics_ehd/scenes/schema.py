@@ -325,7 +325,7 @@ class TimeTableSettings:
 
 @attrs.frozen(kw_only=True)
 class AngleTableSettings:
-    """A force along a fixed direction, given by a table over a body's angle and periodic in it.
+    """A force along a fixed direction, given by a periodic table over the angle of a body.
 
     A table of gas pressures p gives the force ``(p - p_c) pi d^2 / 4`` on a piston of the diameter
     d, below which the crankcase has the pressure p_c.

@@ -67,7 +67,7 @@ def m3(pressure_set: str, selection: str, modes: int) -> Variant:
 
 
 def m4(vibration_modes: int, tolerance: float = M4_TOLERANCE) -> Variant:
-    """Variant with method M4, residual flexibility; `tolerance` is that of the flexibility.
+    """Variant with method M4, residual flexibility; `tolerance` limits its relative error.
 
     With a tolerance of 0, the flexibility includes the response to every nodal pressure.
     """

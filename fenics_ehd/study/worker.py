@@ -83,7 +83,7 @@ class Reductions:
     Attributes
     ----------
     reduced, read
-        Numbers of bodies that were reduced, and of those that were read from the cache.
+        Number of bodies that were reduced, and number of bodies that were read from the cache.
     failures
         Outcomes of the bodies whose reduction failed, by the checksum that names their file.
     """

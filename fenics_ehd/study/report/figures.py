@@ -329,8 +329,9 @@ Points = list[tuple[float, float]]
 def tolerance_series(joint: JointData, curve: Curve) -> dict[str, tuple[StudyRow, Points]]:
     """Step errors against tolerance, for every model that is run with several tolerances.
 
-    A model has its first run, and points (tolerance, step error). A step error is relative to a run
-    of the same model with very fine steps; it is at least the step error of the reference.
+    For each model, by name, the result has the row of its first run, and points (tolerance, step
+    error) of all its runs. A step error is relative to a run of the same model with very fine
+    steps; it is at least the step error of the reference.
     """
     column = f"own_{curve.key}_error_max"
     floor = joint.own_error("step", curve)
