@@ -154,10 +154,13 @@ def test_a_rotor_that_turns_back_is_the_mirror_image(figure):
     back = rotor_map_of(
         [make], -chart.speeds[:3], unbalances=[ehd.Unbalance("shaft.disk", 4e-4, -30.0)]
     )
-    off = np.nanmax(np.abs(back.roots[:, :3] / chart.roots[:, :3] - 1.0))
-    figure("rotor maps", "roots with the other sense of rotation", off, most=1e-6)
+    off = [0.0]
     for track in np.flatnonzero(chart.tracks[:, 0] >= 0):
-        assert abs(back.direction(0, track) - chart.direction(0, track)) < 1e-6
+        difference = np.abs(back.roots[:, 0] - chart.roots[track, 0])
+        mirror = int(np.nanargmin(difference))
+        off.append(difference[mirror] / abs(chart.roots[track, 0]))
+        assert abs(back.direction(0, mirror) - chart.direction(0, track)) < 1e-6
+    figure("rotor maps", "roots with the other sense of rotation", max(off), most=1e-6)
     for name in ("shaft.disk", "shaft.left"):
         mirrored = back.response.amplitude(name)[:3]
         np.testing.assert_allclose(mirrored, chart.response.amplitude(name)[:3], rtol=1e-6)
