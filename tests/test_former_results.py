@@ -75,7 +75,7 @@ def test_pictures_of_a_former_run_are_drawn(folder, capsys):
 def test_a_former_run_is_not_continued(folder):
     with edited(folder) as file:
         file.create_group("resume")
-    with pytest.raises(ehd.errors.InputError, match=r"version 0\.3\.0\.dev0, which .* not cont"):
+    with pytest.raises(ehd.errors.InputError, match=r"version 0\.3\.0\.dev0, and .* cannot cont"):
         load_run_state(folder)
 
 

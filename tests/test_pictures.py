@@ -29,8 +29,8 @@ TURN = 360.0 * np.linspace(0.0, 1.0, 40) ** 1.5
 CLEARANCE = 20e-6
 
 
-def joint(name="big_end", run="one", figures=None, **columns):
-    """A joint of a run in memory."""
+def joint(name="big_end", run="one", figures=None, turned=None, **columns):
+    """A joint of a run in memory, its journal at angles `turned` of a shaft."""
     angle = np.radians(TURN)
     own = {
         "time_s": 1e-4 * TURN,
@@ -44,7 +44,13 @@ def joint(name="big_end", run="one", figures=None, **columns):
         "eccentricity_ratio": np.hypot(0.5 * np.cos(angle), 0.4 * np.sin(angle)),
     }
     return ShownJoint(
-        SimpleNamespace(name=run, figures=figures or {}, label="", starts=False),
+        SimpleNamespace(
+            name=run,
+            figures=figures or {},
+            label="",
+            starts=False,
+            journal_angle=lambda _: turned,
+        ),
         name,
         own | columns,
     )
@@ -149,6 +155,23 @@ def test_the_orbit_is_that_in_the_clearance_circle():
     np.testing.assert_allclose(found, x + 1j * y, atol=1e-12)
     np.testing.assert_array_equal(circle.get_ydata(), 1.0)
     assert axes.get_ylim() == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_orbit_of_a_shaft_has_its_sense_of_rotation_and_a_mark_in_each_turn(sense):
+    # Two turns of the shaft, which passes its angle 0 at the start, half way and at the end.
+    one = joint(turned=sense * 2 * np.radians(TURN - TURN[0]))
+    (axes,) = drawn("orbit", one)
+    (marks,) = (line for line in axes.lines if str(line.get_label()).startswith("1x mark"))
+    angle, size = marks.get_data()
+    x, y = (one.columns[f"eccentricity_in_bore_{axis}_m"] / CLEARANCE for axis in "xy")
+    orbit = x + 1j * y
+    turns = np.abs(one.journal_angle) / (2 * np.pi)
+    expected = [np.interp(n, turns, orbit) for n in range(int(turns[-1] + 1e-9) + 1)]
+    np.testing.assert_allclose(size * np.exp(1j * angle), expected, atol=1e-12)
+    (arrow,) = (text for text in axes.texts if getattr(text, "arrow_patch", None))
+    assert np.sign(arrow.xy[0] - arrow.xyann[0]) == sense
+    assert "rotation" in [text.get_text() for text in axes.texts]
 
 
 def test_the_load_diagram_is_that_of_the_load_in_the_bore():

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from work_counts import differing
 
 import fenics_ehd as ehd
+from fenics_ehd.cli.run import budget_table
 from fenics_ehd.film.grid import uniform_grid
 from fenics_ehd.reduction.bore import BoreSurface
 from fenics_ehd.reduction.family_responses import (
@@ -427,10 +428,19 @@ def test_pressures_of_a_run_are_checked_if_the_part_is_at_hand(tmp_path):
     body = ehd.load_body(tmp_path / "run" / BODY_FILE.format("rod"))
     checked = history.entries["flexibility_errors"]["rod"]
     assert 0 < checked < body.flexibility_error
+    verified = {"rod": pytest.approx(body.flexibility_error)}
+    assert history.entries["verified_flexibility_errors"] == verified
+    line = budget_table(history.entries["joints"], history.entries)[-1]
+    assert line.endswith("checked with pressures of this run")
+    entries = history.entries | {"flexibility_errors": {}}  # as of a kept body
+    line = budget_table(history.entries["joints"], entries)[-1]
+    assert "verified at its reduction" in line
+    assert "pressures of this run were not checked" in line
     again = ehd.run(
         short(**{"bodies.rod.reduction.flexibility_tolerance": 0.0}), tmp_path / "exact"
     )
     assert again.entries["flexibility_errors"] == {}
+    assert again.entries["verified_flexibility_errors"] == {}
     basis = [
         h.entries["joints"]["big_end"]["error_budget"]["max_pressure"]["basis"]
         for h in (again, history)

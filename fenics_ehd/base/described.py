@@ -22,7 +22,7 @@ class Described:
         raise NotImplementedError
 
     def _lines(self) -> list[tuple[str, str]]:
-        """Lines of `described`, shortened."""
+        """At most `MOST_LINES` lines of `described`, each of them shortened."""
         lines = [(name, _shortened(text)) for name, text in self.described()]
         if len(lines) > MOST_LINES:
             hidden = len(lines) - MOST_LINES + 1
@@ -45,7 +45,7 @@ class Described:
 
 
 def _shortened(text: str) -> str:
-    """Text of at most `LONGEST_TEXT` characters."""
+    """Shorten a text to at most `LONGEST_TEXT` characters."""
     return text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 4]} ..."
 
 

@@ -226,7 +226,7 @@ class Group:
         return entry
 
     def _others(self, item: Any) -> Iterator[str]:
-        """Names of the entries for which the layout is `each`."""
+        """Names of the entries that are not in `entries`; their layout is `each`."""
         return (name for name in item if name not in self.entries)
 
     def read(self, item: Any, path: str = "") -> dict[str, Any]:

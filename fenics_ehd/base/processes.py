@@ -314,8 +314,8 @@ def _restore(handlers: dict[signal.Signals, Any]) -> None:
 def interrupt_between_steps() -> Iterator[Callable[[], None]]:
     """Yield a function that raises `KeyboardInterrupt` if a signal has arrived in the block.
 
-    The first signal has no other effect; a second one acts at once. Only signals with a Python
-    handler are deferred, see `ending_signals_raise`. In other threads than the main thread,
+    The first signal has no other effect; a second signal acts at once. This holds for signals that
+    have a Python handler, see `ending_signals_raise`. In other threads than the main thread,
     handlers of signals are not changed.
     """
     if threading.current_thread() is not threading.main_thread():

@@ -9,7 +9,7 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -122,10 +122,25 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
         f"  {keys} not estimated: {why}"
         for why, keys in _by_value(summary.get("error_budget_notes", {}))
     ]
-    return lines + [
+    lines += [
         f"  {keys}: excludes {share(part)} of the time, where no step near the run's converged"
         for part, keys in _by_value(summary.get("error_budget_left_out", {}))
     ]
+    return lines + list(_flexibility_lines(summary))
+
+
+def _flexibility_lines(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Lines on the pressures for which the basis error of every body of M4 was computed."""
+    checked = summary.get("flexibility_errors", {})
+    for name, verified in summary.get("verified_flexibility_errors", {}).items():
+        start = f"  basis of {name}: its bores' displacement has an error of"
+        if name in checked:
+            yield f"{start} {share(checked[name])}, checked with pressures of this run"
+        else:
+            yield (
+                f"{start} {share(verified)}, verified at its reduction; pressures of this run were "
+                "not checked, because the complete part is not in memory"
+            )
 
 
 def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:

@@ -580,7 +580,10 @@ def place_part(
     for name, other in zip(list(named.bores)[1:], others, strict=True):
         tilt = np.linalg.norm(np.cross(first.axis, other.axis))  # type: ignore[union-attr]
         if tilt > TILT:
-            raise MeshError(f"{name} is inclined by {tilt:.1e} to the first bore, above {TILT:g}")
+            raise MeshError(
+                f"{name} is inclined by {tilt:.1e} rad to the first bore, above {TILT:g} rad: all "
+                "bores must be parallel"
+            )
     towards = [faces[number - 1].centre for number in named.points.values()]
     position = placement(first, towards[0] if towards else None)
     solid = replace(solid, points=position(solid.points))

@@ -240,7 +240,7 @@ def _round_bore(group: int, cells: str) -> None:
 
 
 def _place_centre_nodes(mesh: Mesh) -> None:
-    """Move nodes at face and cell centres of hexahedra to the interpolation of the other nodes."""
+    """Interpolate positions of nodes at face and cell centres of hexahedra from the other nodes."""
     centres = solid_element("hexahedron", 27).nodes[20:]
     shapes = solid_element("hexahedron", 20).shapes(centres)
     nodes = compat.geometry_dofmap(mesh)

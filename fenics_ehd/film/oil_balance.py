@@ -344,7 +344,8 @@ class OilBalance:
     def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
         """Make the data of a time step from the gap at its end.
 
-        `length` and `former`, the oil contents at its start, are attributes of `OilStep`.
+        `length` of the step, and `former`, the oil contents at the start of the step, are
+        attributes of `OilStep`.
         """
         equation = self.film.equation
         flow = equation.flow(gap)

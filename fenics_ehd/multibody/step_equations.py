@@ -16,12 +16,12 @@ dissipates: with ``U = v_1 - v_2``
 
     int p dh/dt dA + Q . xi' + T Omega = -int h^3 / (12 eta) |grad p|^2 + theta eta U^2 / h dA.
 
-The power depends on relative motion alone, so that action equals reaction: -T acts on the rod. T is
-the shaft's friction torque of `fenics_ehd.film.forces` up to c / R. The resultant on the rod is
-``-int tau_1 t dA``; ``int tau_2 t dA`` would belong to a gap that keeps the terms with e_t. The
-difference is c / R of the resultant of the pressure, as are these terms. The derivatives of the
-shear are neglected, because they are c / R of those of the pressure, too: every iteration still
-reduces the error by a factor of about 1e-3.
+The power depends on relative motion alone, so that action equals reaction: -T acts on the body with
+the bore. T is the shaft's friction torque of `fenics_ehd.film.forces` up to c / R. The resultant on
+the body with the bore is ``-int tau_1 t dA``; ``int tau_2 t dA`` would belong to a gap that keeps
+the terms with e_t. The difference is c / R of the resultant of the pressure, as are these terms.
+The derivatives of the shear are neglected, because they are c / R of those of the pressure, too:
+every iteration still reduces the error by a factor of about 1e-3.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from fenics_ehd.multibody.notices import (
     unusual_pressures,
     unusual_totals,
 )
+from fenics_ehd.multibody.orbit import orbit_figures
 from fenics_ehd.multibody.periodic import temperatures
 from fenics_ehd.multibody.quantities import CONTENT, averaged, oil_balance, wear
 from fenics_ehd.multibody.recorder import STEP_COUNTS, Columns, Recorder, columns_of
@@ -245,6 +246,7 @@ class RunSummary:
             figures |= wear(binding, self.recorder.slid[name])
         if name in self.error_budget:
             figures["error_budget"] = self.error_budget[name]
+        figures |= orbit_figures(binding, cycle, self.columns)
         return figures | cycle_figures(cycle, self.columns, name, rates)
 
     def _basis_error(self, binding: FilmBinding) -> float:

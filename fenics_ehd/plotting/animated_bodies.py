@@ -5,8 +5,8 @@ complete part is available, otherwise as rings around its bores.
 
 Elastic motion and clearances are magnified by ``scale``; large motions are drawn in true size. One
 part of the elastic motion is not magnified: that in which bores and points move like a rigid body.
-If this part were magnified, it would separate points from the bodies to which they are joined. For
-a rod, it is the motion of the line between the ends of the rod.
+If this part were magnified, it would separate points from the bodies to which they are joined. In a
+rod, for example, this part is the motion of the line between the two ends.
 """
 
 from __future__ import annotations

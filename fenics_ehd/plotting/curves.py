@@ -317,12 +317,15 @@ class Paths:
         Names of the columns that the function needs.
     bound
         Label of the unit circle; empty if the circle is not drawn.
+    of_shaft
+        Whether the sense of rotation and the 1x marks of a shaft are drawn, if the journal is one.
     """
 
     label: str
     vector: Callable[[Mapping[str, np.ndarray]], np.ndarray]
     needed: tuple[str, ...]
     bound: str = ""
+    of_shaft: bool = False
 
     def has(self, joint: ShownJoint) -> bool:
         """True if a joint has all needed columns."""
@@ -367,6 +370,9 @@ class Paths:
             label = joint.run.name if len(joints) > 1 else None
             axes.plot(np.unwrap(np.angle(vector)), np.abs(vector), label=label, **style(number))
             _mark(axes, x, vector, number, span(over, joints), APART * largest)
+        if self.of_shaft and joints[0].journal_angle is not None:
+            vector = factor_of(self.label) * self.vector(joints[0].columns)
+            _mark_rotation(axes, joints[0].journal_angle, vector, largest)
         if self.bound:
             around = np.linspace(0, 2 * np.pi, 361)
             axes.plot(around, np.ones(361), color="0.2", linewidth=1.6, label=self.bound)
@@ -409,6 +415,39 @@ def _mark(
             f"{instant + 0.0:g}", (np.angle(position), abs(position)), (4, 4),
             textcoords="offset points", fontsize=7.5, color=colour,
         )  # fmt: skip
+
+
+def _mark_rotation(axes: Axes, angle: np.ndarray, vector: np.ndarray, largest: float) -> None:
+    """Mark an orbit once in each revolution of its shaft, and draw the sense of rotation.
+
+    Parameters
+    ----------
+    axes
+        Polar axes.
+    angle, vector
+        Angle of the shaft [rad] and points of the orbit at the steps, shape (t,).
+    largest
+        Radius of the diagram.
+    """
+    sense = float(np.sign(angle[-1] - angle[0]))
+    turns = sense * angle / (2 * np.pi)
+    passes = np.arange(np.ceil(turns[0] - 1e-6), np.floor(turns[-1] + 1e-6) + 1)
+    marks = np.interp(passes, turns, vector.real) + 1j * np.interp(passes, turns, vector.imag)
+    axes.plot(
+        np.angle(marks), np.abs(marks), "o", color="white", markeredgecolor="black", markersize=8,
+        markeredgewidth=1.6, zorder=5, label="1x mark: shaft at angle 0",
+    )  # fmt: skip
+    # Between the labels of angles at 45 and 90 degrees, outside of the clearance circle.
+    ends = np.radians([67.5 - 11 * sense, 67.5 + 11 * sense])
+    axes.annotate(
+        "", (ends[1], 1.1 * largest), (ends[0], 1.1 * largest), annotation_clip=False,
+        arrowprops={"arrowstyle": "-|>", "color": "0.15", "linewidth": 1.6,
+                    "connectionstyle": f"arc3,rad={0.1 * sense}"},
+    )  # fmt: skip
+    axes.annotate(
+        "rotation", (np.radians(67.5), 1.17 * largest), fontsize=8, ha="center", va="center",
+        rotation=-22.5, annotation_clip=False,
+    )  # fmt: skip
 
 
 def pressure_and_film(

@@ -49,6 +49,7 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
         orbit,
         ("eccentricity_in_bore_x_m", "eccentricity_in_bore_y_m", "eccentricity_ratio"),
         "clearance",
+        of_shaft=True,
     ),
     "force": Paths("load on the bore [kN]", load, ("force_N", "force_angle_deg")),
     "eccentricity": Curves(

@@ -112,7 +112,7 @@ def _limit_text(limit: StabilityLimit) -> str:
 def _listed(
     chart: RotorMap, highest: float, most_damping: float = OVERDAMPED
 ) -> list[tuple[int, np.ndarray]]:
-    """Tracks of a map that vibrate below a frequency [rad/s], each with the indices of its speeds.
+    """Tracks of a rotor map with frequencies below a limit [rad/s], and their speed indices.
 
     Speeds at which the damping ratio of the mode exceeds a limit are not included.
     """

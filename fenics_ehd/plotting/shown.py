@@ -58,6 +58,9 @@ def moving_part(history: History) -> History:
 ANGLE = "crank_angle_deg"
 TIME = "time_s"
 
+#: Share of a revolution that may be missing in a cycle of one, because of its first step.
+START_STEP = 0.05
+
 #: Column of the kinetic and strain energy minus that at the start.
 STORED = "stored_energy_J"
 
@@ -166,6 +169,26 @@ class ShownRun:
         """Folder of the run, or its name if it has no folder, for messages."""
         return str(self.directory or self.name or "the history")
 
+    def journal_angle(self, joint: str) -> np.ndarray | None:
+        """Angle of the body with the journal of a joint over the cycle [rad], shape (t,).
+
+        It is None if the body does not turn through a revolution, or if the bore's body turns.
+        """
+        if self._solved is not None:
+            settings = vars(self._solved.system.mechanism.joints[joint])
+        else:
+            settings = self.cycle.scene.get("joints", {}).get(joint, {})
+        journal, bore = (
+            self.cycle.bodies.get(str(settings.get(side, "")).partition(".")[0])
+            for side in ("journal", "bore")
+        )
+        if journal is None or "angle" not in journal:
+            return None
+        if bore is not None and "angle" in bore and np.ptp(bore["angle"]) > TURN_ROUNDING:
+            return None
+        angle = np.unwrap(journal["angle"])
+        return angle if np.ptp(angle) >= 2 * np.pi * (1 - START_STEP) else None
+
     @cached_property
     def motion(self) -> RecordedMotion:
         """Motion of the mechanism over the cycle.
@@ -223,6 +246,11 @@ class ShownJoint:
     run: ShownRun
     name: str
     columns: Mapping[str, np.ndarray]
+
+    @cached_property
+    def journal_angle(self) -> np.ndarray | None:
+        """Angle of the journal's body, see `ShownRun.journal_angle`."""
+        return self.run.journal_angle(self.name)
 
     @cached_property
     def film(self) -> FilmResult:

@@ -67,7 +67,7 @@ def smooth_fields(positions: np.ndarray, width: float) -> np.ndarray:
 
 
 def _summit() -> np.ndarray:
-    """Amplitudes of the smooth functions in ``exp(4 cos phi - 4)``, shape (`SMOOTH`,).
+    """Amplitudes of the smooth functions that sum up to ``exp(4 cos phi - 4)``, shape (`SMOOTH`,).
 
     The amplitudes are values of modified Bessel functions at 4.
     """

@@ -323,7 +323,7 @@ class Reductor:
 
     @cached_property
     def mass(self) -> MassOperator:
-        """Operator of products with M."""
+        """Operator that multiplies columns by the mass matrix M of the part."""
         return MassOperator(self.structure.mass)
 
     @cached_property

@@ -412,7 +412,7 @@ class StaticSolver:
     options_prefix
         Prefix of the PETSc options of the linear solver.
     mass
-        Operator of products with M, if one exists already; None to make a new one.
+        Operator of products with the mass matrix M, if it exists already; None to make a new one.
     clamped
         Global numbers of the nodes that are held, the same on every rank; None if no nodes are
         held. With held nodes, the flexibility is the inverse of ``K_ii`` of (21), and the part has
