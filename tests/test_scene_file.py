@@ -213,7 +213,12 @@ def test_a_part_may_come_from_a_file(rod_structure, tmp_path):
             "points = .* no effect with",
         ),
         (SLIDER_CRANK, {"joints.gudgeon.between": ["rod.pni", "piston"]}, None, "no point 'pni'"),
-        (BOTH_ENDS, {"bodies.rod": rod | both}, None, r"small_end\.bore: .*h5 has the bores bore"),
+        (
+            BOTH_ENDS,
+            {"bodies.rod": rod | both},
+            None,
+            r"small_end\.bore: .*h5 has no bore 'pin'",
+        ),
     ):
         with pytest.raises(ehd.errors.SettingsError, match=message):
             made(name, {"bodies.rod": rod} | changes, method)

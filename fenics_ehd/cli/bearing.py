@@ -416,7 +416,9 @@ def bearing(
         raise SettingsError("give either --eccentricity or --load")
     is_map = isinstance(speed, tuple) or isinstance(load, tuple)
     if table_file and not is_map:
-        raise SettingsError("--table: a table has a row for each of several --speed or --load")
+        raise SettingsError(
+            "--table: a table has a row for each value of --speed or --load: give several values"
+        )
     if options["cavitation"] == "mass-conserving" and (coefficients or is_map):
         raise SettingsError(
             "--coefficients: with --cavitation mass-conserving they would depend on the frequency; "

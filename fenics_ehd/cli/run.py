@@ -130,7 +130,7 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
 
 
 def _flexibility_lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Lines on the pressures for which the basis error of every body of M4 was computed."""
+    """Lines on the pressures with which the flexibility error of each body of M4 was estimated."""
     checked = summary.get("flexibility_errors", {})
     for name, verified in summary.get("verified_flexibility_errors", {}).items():
         start = f"  basis of {name}: its bores' displacement has an error of"

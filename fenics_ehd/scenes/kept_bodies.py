@@ -148,10 +148,10 @@ def environment() -> dict[str, str]:
 
 @functools.cache
 def _instruction_sets() -> str:
-    """Instruction sets of the processor, and variables that limit their use.
+    """Text with the instruction sets of the processor, and the variables that limit their use.
 
-    NumPy and the C library choose their functions by instruction set, whose results may differ in
-    the last bit.
+    NumPy and the C library select functions by instruction set, and the results of these functions
+    may differ in the last bit.
     """
     lines: list[str] = []
     with suppress(OSError):

@@ -211,8 +211,9 @@ def _snapshots(structure: Structure, reduction: ReductionSettings) -> np.ndarray
     order = match(nodes, film_nodes)
     if order is None:
         raise SettingsError(
-            f"reduction.snapshots = {reduction.snapshots!r}: its {len(film_nodes)} film nodes are "
-            f"not at the {len(nodes)} pressure nodes of this bore: use a run with its mesh"
+            f"reduction.snapshots = {reduction.snapshots!r}: the {len(film_nodes)} film nodes of "
+            f"that run are not at the {len(nodes)} pressure nodes of this bore: use a run whose "
+            "film has the mesh of the bore"
         )
     return np.asarray(film.pressure)[:, order].T
 
@@ -441,7 +442,9 @@ class ElasticPart:
         """
         bores = self.source.bores
         if name not in bores:
-            raise SettingsError(f"{key}: {self.settings.body} has the bores {', '.join(bores)}")
+            raise SettingsError(
+                f"{key}: {self.settings.body} has no bore {name!r}: choose from {', '.join(bores)}"
+            )
         return bores[name]
 
     @property

@@ -247,7 +247,7 @@ def _judged(
 
 
 def _verified_errors(built: Machine) -> dict[str, float]:
-    """Verified errors of the flexibility of bodies of M4 that lack a part of it, by their name."""
+    """Verified errors of the flexibility by body, for bodies of M4 that are not exact."""
     each = {name: body.flexibility_error for name, body in built.bodies.items()}
     return {name: error for name, error in each.items() if error > EXACT}  # others have nan
 

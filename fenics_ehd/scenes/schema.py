@@ -327,8 +327,8 @@ class TimeTableSettings:
 class AngleTableSettings:
     """A force along a fixed direction, given by a periodic table over the angle of a body.
 
-    A table of gas pressures p gives the force ``(p - p_c) pi d^2 / 4`` on a piston of the diameter
-    d, below which the crankcase has the pressure p_c.
+    A table of gas pressures p gives the force ``(p - p_c) pi d^2 / 4`` on a piston with the
+    diameter d; p_c is the pressure in the crankcase.
     """
 
     point: str = text(REQUIRED, "point on which the force acts")

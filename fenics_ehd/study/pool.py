@@ -264,7 +264,7 @@ DAMAGE = (EhdError, KeyError, ValueError)
 
 
 class RunsFolder(ExitStack):
-    """Folder of many runs, with a folder ``runs/NAME`` for each, and of their reduced bodies.
+    """Folder of many runs and their reduced bodies; each run has a folder ``runs/NAME``.
 
     One process at a time can use the folder. A complete run with the same settings and version is
     not repeated.

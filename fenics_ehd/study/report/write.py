@@ -101,7 +101,7 @@ def bounded(row: StudyRow, curve: Curve) -> str:
 
 
 def cost_table(joint: JointData) -> Table:
-    """Table of the fastest runs: by method, and by the limit that both of their errors meet."""
+    """Table of the fastest run of each method with errors below a limit, for several limits."""
     runs = {method: joint.measured("methods", "tolerance", method=method) for method in COLOURS}
     runs = {method: rows for method, rows in runs.items() if rows}
     table = [
