@@ -32,7 +32,7 @@ def test_small_vibrations_decay_in_time_as_the_least_stable_mode(speed, most, fi
     point = rotor_map_of([at_speed], [speed]).points[0]
     expected = np.exp(point.largest_real_part * period)
     figure("rotor maps", f"multiplier of a cycle in time at {speed:g} rad/s, least stable mode",
-           abs(abs(multiplier.value) / expected - 1.0), most=most)  # fmt: skip
+           abs(abs(multiplier.value) / expected - 1.0), most=most, unit="%")  # fmt: skip
 
 
 @pytest.mark.slow
@@ -52,6 +52,6 @@ def test_an_unbalance_moves_the_rotor_in_time_as_in_its_map(figure):
             for name in ("eccentricity", "force")
         }
         figure("rotor maps", f"journal under an unbalance of 5 N in time, along {axis}",
-               abs(first["eccentricity"] / amplitude[i] - 1.0), most=0.02)  # fmt: skip
+               abs(first["eccentricity"] / amplitude[i] - 1.0), most=0.02, unit="%")  # fmt: skip
         figure("rotor maps", f"force of its bearing in time, along {axis}",
-               abs(first["force"] / force[i] - 1.0), most=0.03)  # fmt: skip
+               abs(first["force"] / force[i] - 1.0), most=0.03, unit="%")  # fmt: skip

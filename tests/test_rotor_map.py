@@ -71,9 +71,9 @@ def test_a_rigid_rotor_becomes_unstable_at_the_speed_and_frequency_of_the_closed
     assert limit.lost
     assert limit.speed == chart.stable_below
     figure("rotor maps", "mass of a rigid rotor at its stability limit, closed form",
-           abs(mass / 6.0 - 1.0), most=1e-3)  # fmt: skip
+           abs(mass / 6.0 - 1.0), most=1e-3, unit="%")  # fmt: skip
     figure("rotor maps", "its whirl ratio, closed form",
-           abs(limit.whirl_ratio * limit.speed / frequency - 1.0), most=1e-3)  # fmt: skip
+           abs(limit.whirl_ratio * limit.speed / frequency - 1.0), most=1e-3, unit="%")  # fmt: skip
     assert 0.4 < limit.whirl_ratio < 0.52
     assert limit.direction > 0.5
     assert limit.scatter == 0.0
