@@ -45,6 +45,7 @@ SLOW = {
     },
     "docs/own-scene.md": {"Settings", "Loads from tables", "Another machine"},
     "docs/error-budget.md": {"Error budget"},
+    "docs/rotor-maps.md": {"A rotor", "The Campbell diagram", "In Python"},
     "docs/accuracy.md": {"Accuracy: settings chosen for an error"},
 }  # fmt: skip
 

@@ -44,6 +44,10 @@ INFINITE = 1e-10
 REAL = 1e-7
 
 
+#: Absolute value of the whirl direction below which points move almost on straight lines.
+STRAIGHT = 0.05
+
+
 @dataclass(frozen=True, eq=False)
 class Modes:
     """The r modes of small motions in k coordinates: finite roots and their eigenvectors.
@@ -231,6 +235,13 @@ def whirl_direction(deflections: np.ndarray, sense: float = 1.0) -> float:
     if not size:
         return 0.0
     return float(-2 * np.sign(sense) * np.sum(u.conj() * v).imag / size)
+
+
+def whirl_name(direction: float) -> str:
+    """Name of a whirl direction kappa."""
+    if abs(direction) <= STRAIGHT:
+        return "straight line"
+    return "forward whirl" if direction > 0 else "backward whirl"
 
 
 # Following modes over speeds

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,20 @@ class Resonance(NamedTuple):
     amplification: float | None
 
 
+class SteadyVibration(NamedTuple):
+    """Vibration of the points of a rotor over the speed.
+
+    Attributes
+    ----------
+    speeds, deflections, forces
+        As of `UnbalanceResponse`.
+    """
+
+    speeds: np.ndarray
+    deflections: np.ndarray
+    forces: dict[str, np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class UnbalanceResponse:
     """Steady vibration of a rotor under its unbalances, over the speed.
@@ -78,6 +93,8 @@ class UnbalanceResponse:
         (s, 2) [N].
     resonances
         Maxima of the amplitudes of all points, in the order of the points.
+    interpolated
+        The same response at more speeds, for which M, D and K are interpolated.
     """
 
     unbalances: tuple[Unbalance, ...]
@@ -86,6 +103,7 @@ class UnbalanceResponse:
     deflections: np.ndarray
     forces: dict[str, np.ndarray]
     resonances: tuple[Resonance, ...]
+    interpolated: SteadyVibration
 
     def amplitude(self, point: str) -> np.ndarray:
         """Amplitude of a point over the speed: larger half axis of its ellipse, shape (s,) [m]."""
@@ -172,7 +190,10 @@ def blended(first: Linearisation, second: Linearisation, share: float) -> Linear
         former: np.ndarray = getattr(first, name)
         return np.asarray((1 - share) * former + share * getattr(second, name))
 
-    return Linearisation(mean("basis"), mean("mass"), mean("damping"), mean("stiffness"))
+    films = {
+        name: (1 - share) * film + share * second.films[name] for name, film in first.films.items()
+    }
+    return Linearisation(mean("basis"), mean("mass"), mean("damping"), mean("stiffness"), films)
 
 
 def unbalance_response(
@@ -196,43 +217,49 @@ def unbalance_response(
     linears, speeds
         Small motions at each speed, in the same coordinates q; and the speeds, shape (s,) [rad/s].
     """
+    pairs = list(zip(unbalances, rows, strict=True))
 
-    def motion_at(linear: Linearisation, speed: float) -> np.ndarray:
-        pairs = zip(unbalances, rows, strict=True)
-        force = sum(unbalance_force(each, along, speed) for each, along in pairs)
-        return response(linear, np.asarray(force), abs(speed))
+    def vibration(each: Sequence[tuple[float, Linearisation]]) -> SteadyVibration:
+        deflections = []
+        forces: dict[str, list[np.ndarray]] = {name: [] for name in linears[0].films}
+        for speed, linear in each:
+            loads = [unbalance_force(unbalance, along, speed) for unbalance, along in pairs]
+            motion = response(linear, np.sum(loads, axis=0), abs(speed))
+            deflections.append(point_rows @ linear.basis @ motion)
+            for name, film in linear.films.items():
+                forces[name].append(film_force(film, motion, abs(speed)))
+        arrays = {name: np.array(force) for name, force in forces.items()}
+        return SteadyVibration(np.array([s for s, _ in each]), np.array(deflections), arrays)
 
-    motions = [motion_at(*pair) for pair in zip(linears, speeds, strict=True)]
-    each = list(zip(linears, motions, strict=True))
-    deflections = np.array([point_rows @ linear.basis @ motion for linear, motion in each])
-    forces = {
-        name: np.array(
-            [
-                film_force(linear.films[name], motion, abs(speed))
-                for (linear, motion), speed in zip(each, speeds, strict=True)
-            ]
-        )
-        for name in linears[0].films
-    }
-    finer: list[float] = []
-    amplitudes: list[np.ndarray] = []
-    for n in range(len(speeds) - 1):
-        for share in np.arange(FINER) / FINER:
-            linear = blended(linears[n], linears[n + 1], share)
-            finer.append((1 - share) * speeds[n] + share * speeds[n + 1])
-            motion = motion_at(linear, finer[-1])
-            amplitudes.append(larger_axes(point_rows @ linear.basis @ motion))
-    finer.append(speeds[-1])
-    amplitudes.append(larger_axes(deflections[-1]))
-    curves = np.array(amplitudes).T
+    computed = list(zip(speeds.tolist(), linears, strict=True))
+    exact = vibration(computed)
+    interpolated = vibration(_finer(computed))
+    curves = larger_axes(interpolated.deflections).T
     resonances = tuple(
         resonance
         for name, curve in zip(points, curves, strict=True)
-        for resonance in _resonances(name, np.array(finer), curve)
+        for resonance in _resonances(name, interpolated.speeds, curve)
     )
     return UnbalanceResponse(
-        tuple(unbalances), np.asarray(speeds), points, deflections, forces, resonances
+        tuple(unbalances),
+        exact.speeds,
+        points,
+        exact.deflections,
+        exact.forces,
+        resonances,
+        interpolated,
     )
+
+
+def _finer(computed: Sequence[tuple[float, Linearisation]]) -> list[tuple[float, Linearisation]]:
+    """Speeds and small motions, with interpolated ones between every two neighbours."""
+    finer = []
+    for (speed, linear), (following, next_linear) in pairwise(computed):
+        finer.append((speed, linear))
+        for share in np.arange(1, FINER) / FINER:
+            between = (1 - share) * speed + share * following
+            finer.append((float(between), blended(linear, next_linear, float(share))))
+    return [*finer, computed[-1]]
 
 
 def _resonances(point: str, speeds: np.ndarray, amplitudes: np.ndarray) -> list[Resonance]:

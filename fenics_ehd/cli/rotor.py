@@ -226,6 +226,8 @@ def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
     """Lines of the printed results of a rotor map."""
     first = chart.speeds[0]
     last = chart.speeds[-1]
+    from fenics_ehd.analysis.modes import whirl_name
+
     lines = [
         f"{summary['scene']}: {len(chart.points)} speeds from {_speed(first)} to {_speed(last)}"
     ]
@@ -247,7 +249,7 @@ def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
                 f"{_rpm(each.speed):.0f}",
                 str(each.mode + 1),
                 f"{each.damping_ratio:.3f}",
-                f"{'forward' if each.direction > 0 else 'backward'} {abs(each.direction):.2f}",
+                f"{whirl_name(each.direction).removesuffix(' whirl')} {each.direction:+.2f}",
             ]
             for each in chart.critical_speeds
         ]
@@ -275,7 +277,11 @@ def _response_lines(chart: RotorMap) -> list[str]:
                 factor,
             ]
         )
-    return aligned(rows) if len(rows) > 1 else ["no resonance in this range of speeds"]
+    if len(rows) == 1:
+        return ["no resonance in this range of speeds"]
+    without = any(row[-1] == "-" for row in rows)
+    note = ["-: on one side the amplitude falls by less than 3 dB, the bandwidth"]
+    return [*aligned(rows), *(note if without else [])]
 
 
 def _rpm(speed: float) -> float:

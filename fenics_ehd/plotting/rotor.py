@@ -14,9 +14,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from fenics_ehd.analysis.modes import damping_ratio, log_decrement, whirl_direction
+from fenics_ehd.analysis.modes import (
+    STRAIGHT,
+    damping_ratio,
+    log_decrement,
+    whirl_direction,
+    whirl_name,
+)
 from fenics_ehd.analysis.rotor_map import CRITICAL_DAMPING, OVERDAMPED, RotorMap, StabilityLimit
-from fenics_ehd.analysis.unbalance import UnbalanceResponse
+from fenics_ehd.analysis.unbalance import UnbalanceResponse, larger_axes, phases
 from fenics_ehd.plotting.picture import (
     BLUE,
     PANEL,
@@ -35,9 +41,6 @@ HERTZ = 0.5 / np.pi
 
 #: Highest frequency in the diagrams over the largest speed.
 HIGHEST = 1.6
-
-#: Absolute value of the whirl direction below which points move almost on straight lines.
-STRAIGHT = 0.05
 
 #: Colour map of damping ratios, and the largest one that it distinguishes.
 DAMPING = "viridis_r"
@@ -246,7 +249,8 @@ def mode_shapes(chart: RotorMap, n: int) -> Figure:
     tracks = sorted(tracks, key=lambda track: chart.roots[track, n].imag)[:MOST_SHAPES]
     columns = min(3, max(1, len(tracks)))
     rows = max(1, -(-len(tracks) // columns))
-    figure = plt.figure(figsize=(0.8 * PANEL * columns, 0.8 * PANEL * rows), layout="constrained")
+    figure = plt.figure(figsize=(0.8 * PANEL * columns, 0.8 * PANEL * rows))
+    figure.subplots_adjust(0.01, 0.04, 0.95, 0.9 if rows > 1 else 0.8, wspace=0.12, hspace=0.2)
     speed = abs(chart.points[n].speed)
     figure.suptitle(f"mode shapes at {RPM * speed:.0f} 1/min")
     for number, track in enumerate(tracks):
@@ -274,10 +278,10 @@ def _draw_shape(axes: Axes, chart: RotorMap, n: int, track: int) -> None:
             axes.plot(np.full(ORBIT, z), *orbit, color="0.5", linewidth=0.5)
             axes.plot(np.full(quarter, z), *orbit[:, :quarter], color=RED, linewidth=1.0)
     direction = whirl_direction(shape, chart.points[n].speed)
-    whirl = "forward" if direction > 0 else "backward"
+    ratio = round(damping_ratio(root), 3) + 0.0
     axes.set_title(
-        f"mode {track + 1}: {HERTZ * root.imag:.4g} Hz, ζ = {damping_ratio(root):.3f}\n"
-        f"{whirl} whirl, κ = {direction:.2f}",
+        f"mode {track + 1}: {HERTZ * root.imag:.4g} Hz, ζ = {ratio:.3f}\n"
+        f"{whirl_name(direction)}, κ = {direction:.2f}",
         fontsize=8.5,
     )
     axes.set(ylim=(-1.0, 1.0), zlim=(-1.0, 1.0), yticklabels=[], zticklabels=[])
@@ -289,19 +293,27 @@ def _draw_shape(axes: Axes, chart: RotorMap, n: int, track: int) -> None:
 
 
 def unbalance(response: UnbalanceResponse) -> Figure:
-    """Unbalance response over the speed: amplitudes and phases of points, forces in bearings."""
+    """Unbalance response over the speed: amplitudes and phases of points, forces in bearings.
+
+    Points on the curves are the speeds of the map; between them M, D and K are interpolated.
+    """
     panels = 3 if response.forces else 2
     figure, axes = plt.subplots(
         panels, 1, figsize=(WIDTH, 2.4 * panels), layout="constrained", sharex=True
     )
-    speeds = RPM * np.abs(response.speeds)
+    curves = response.interpolated
+    speeds = RPM * np.abs(curves.speeds)
+    # Of the interpolated speeds, those that were computed have marks.
+    marks = {"marker": ".", "markersize": 5, "markevery": np.isin(curves.speeds, response.speeds)}
+    sense = float(np.sign(response.speeds[0]))
     for number, name in enumerate(response.points):
-        amplitudes = 1e6 * response.amplitude(name)
-        axes[0].plot(speeds, amplitudes, label=name, **style(number))
-        phases = np.degrees(np.unwrap(response.phase(name)))
-        axes[1].plot(speeds, phases, label=name, **style(number))
+        look = {"label": name, **style(number), **marks}
+        axes[0].plot(speeds, 1e6 * larger_axes(curves.deflections[:, number]), **look)
+        turned = np.unwrap(phases(curves.deflections[:, number], sense))
+        axes[1].plot(speeds, np.degrees(turned), **look)
     for number, joint in enumerate(response.forces):
-        axes[2].plot(speeds, response.bearing_force(joint), label=joint, **style(number))
+        look = {"label": joint, **style(number), **marks}
+        axes[2].plot(speeds, larger_axes(curves.forces[joint]), **look)
     axes[0].set_ylabel("amplitude [µm]")
     axes[1].set_ylabel("phase [°]")
     if response.forces:
