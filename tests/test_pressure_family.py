@@ -453,7 +453,5 @@ def test_a_body_of_version_0_3_is_accepted_for_any_tolerance(bodies):
     former = {"model": "conrod.geo", "method": "m4", "residual_truncation": "0.0001"}
     body = replace(bodies[2e-3], provenance=former)
     require_provenance(body, asked, set(asked), "bodies.rod")
-    with pytest.raises(
-        ehd.errors.SettingsError, match="made with method = m4, but bodies.rod has m3"
-    ):
+    with pytest.raises(ehd.errors.SettingsError, match="made with method = m4, but"):
         require_provenance(body, asked | {"method": "m3"}, set(asked), "bodies.rod")
