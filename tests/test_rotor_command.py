@@ -183,7 +183,7 @@ REFUSED = {
     ),
     "another unit of an unbalance": (
         ["--speeds", "500", "--unbalance", "shaft.disk=1 kg"],
-        "kg is of another kind",
+        "kg is a unit of another quantity",
     ),
     "too many meshes": (["--speeds", "500", "--meshes", "9"], "9 is not in the range 1<=x<=4"),
 }

@@ -404,7 +404,7 @@ OF_A_LINKAGE = [
     # films
     ({f"{JOURNAL}.radius": None}, r"joints.rocker_end.radius is missing \[m\]: a rigid bore"),
     ({f"{JOURNAL}.clearance": 2e-3}, "rocker_end.clearance = 0.002 m must be"),
-    ({f"{JOURNAL}.clearance": 20e-9}, "at least 1e-05 and below 0.1 of the bore radius"),
+    ({f"{JOURNAL}.clearance": 20e-9}, "at least 1e-05 and below 0.1 times the bore radius"),
     ({f"{JOURNAL}.eccentricity": [0.8, 0.8]}, "would touch or penetrate the bore"),
     ({f"{JOURNAL}.grooves": [[90, 1e9, 3e5]]}, "joints.rocker_end.grooves: .*degrees wide"),
     ({f"{JOURNAL}.grooves": [[90, 1e-3, 3e5]]}, "rocker_end.grooves: .*cannot resolve groove"),
