@@ -164,7 +164,7 @@ class NodalElement:
 
 
 def with_middles(corners: Any, edges: Any, *others: tuple) -> np.ndarray:
-    """Stack coordinates: of the corners, of the midpoints of edges, and of further nodes."""
+    """Coordinates of the nodes of an element: corners, midpoints of its edges, then `others`."""
     ends = np.array(corners, dtype=float)
     return np.vstack([ends, ends[np.array(edges)].mean(axis=1), *others])
 
@@ -260,7 +260,7 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
 
 
 def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order of the nodes of faces whose corners come first, and how well it fits.
+    """Sort the nodes of faces whose corners come first; return the order and its misfit.
 
     Parameters
     ----------

@@ -173,7 +173,7 @@ def boundary_basis(
     constraint_modes
         Static modes of unit boundary dofs.
     centre
-        Columns of the constraints for C2; None if it is not held.
+        Constraint columns that hold the bore's centre C2; None if the centre is not held.
 
     Raises
     ------
@@ -229,10 +229,10 @@ def two_step_craig_bampton(
 ) -> ReducedBody:
     """M2: reduce a part to all its bore dofs, then reduce the result to fixed-boundary modes.
 
-    The second step is a complete Craig-Bampton reduction of the result of the first: in its static
-    modes of the boundary dofs the bore deforms. (With the zeros in (22) and (23) of the paper, the
-    bore would be rigid under a force at the boundary point A.) PETSc options of the solver for the
-    interior have the prefix ``interior_``.
+    The second step is a complete Craig-Bampton reduction of the result of the first step, so that
+    the bore deforms in the static modes of the boundary dofs. (With the zeros in (22) and (23) of
+    the paper, the bore would be rigid under a force at the boundary point A.) PETSc options of the
+    solver for the interior have the prefix ``interior_``.
 
     Parameters
     ----------
@@ -282,7 +282,8 @@ class FirstStep:
     """Reduced system (22), with coordinates in the order of (21).
 
     The coordinates are v interior modes, b boundary dofs off the bores, and the 3 m bore dofs. A
-    boundary point that is the mean of a bore has no own coordinates: it follows from the bore dofs.
+    boundary point that is the mean of a bore has no coordinates of its own: its motion follows from
+    the bore dofs.
 
     Attributes
     ----------

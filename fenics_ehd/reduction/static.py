@@ -538,7 +538,7 @@ class StaticSolver:
         Raises
         ------
         VerificationError
-            If the dimensionless compliance exceeds `COMPLIANCE_LIMIT`.
+            If the compliance times the mean diagonal entry of K exceeds `COMPLIANCE_LIMIT`.
         """
         structure = self.structure
         first = structure.stiffness.getOwnershipRange()[0]
@@ -568,7 +568,7 @@ def mean_diagonal(matrix: PETSc.Mat) -> float:
 
 
 def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndarray) -> None:
-    """Check that static responses x to loads f satisfy ``K x = f``, for a random combination.
+    """Check ``K x = f`` for a random combination of static responses x and of their loads f.
 
     Raises
     ------
