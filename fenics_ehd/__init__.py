@@ -89,5 +89,5 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Public name of the package; `errors` is a module itself."""
+    """Return a public name of the package; the public name `errors` is a module."""
     return import_module(f"{__name__}.base.errors") if name == "errors" else _public(name)

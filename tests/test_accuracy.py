@@ -153,7 +153,9 @@ def test_an_error_that_is_not_estimated_is_refused_by_name():
     lacking = known | {"film_mesh": NOT_ESTIMATED}
     budget = {"max_pressure": known | {"known": 2e-3}, "min_film_thickness": lacking}
     notes = {"error_budget_notes": {"film_mesh": "the oil is compressible"}}
-    with pytest.raises(ehd.errors.AccuracyError, match=r"pin by film mesh .* oil is compressible"):
+    with pytest.raises(
+        ehd.errors.AccuracyError, match=r"pin due to film mesh .* oil is compressible"
+    ):
         account(search, scene, None, {"pin": budget}, notes)
 
 

@@ -53,8 +53,8 @@ def test_numbers_may_have_units_as_in_scenes(call):
     assert call(*units, "--cells", "20x4") == plain
     assert plain[0] == 0
     for wrong, reported in (
-        ("5 kW", "a unit of the same kind: kW"),
-        ("five", "or one with its unit"),
+        ("5 kW", "a unit of that quantity: kW"),
+        ("five", "or a number with a unit"),
     ):
         status, _, err = call("--load", wrong)
         assert status == 2
@@ -128,9 +128,9 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--eccentricity", 1], "eccentricity = 1 must be at least 0 and below 1"),
         (["--load", -5], "load = -5 N must be a finite number above 0"),
         (["--load", 5, "--radius", "nan"], "radius = nan must be a finite number"),
-        (["--load", 5, "--clearance", 0.004], "below 0.1 of the bore radius 0.0225 m"),
+        (["--load", 5, "--clearance", 0.004], "below 0.1 times the bore radius 0.0225 m"),
         (["--load", 5, "--clearance", 30], "clearance = 30.0 must be below 0.005: in m, 30e-6 for"),
-        (["--load", 5, "--radius", 4], "below 0.1 of the bore radius 4 m: lengths must be in m"),
+        (["--load", 5, "--radius", 4], "below 0.1 times the bore radius 4 m: lengths must be in m"),
         (["--load", 5, "--viscosity", 0], "viscosity = 0.0 must be above 0"),
         (
             ["--load", 5, "--tilt", "nan", 0],

@@ -102,7 +102,7 @@ def test_a_point_that_fails_is_named_and_the_others_stay(call, tmp_path):
         (["--load", "1,2", "--speed", "1:3:2", "--plot", "x.png"], "a picture has one axis"),
         (["--load", 1, "--table", "x.csv"], "a table has a row for each"),
         (["--load", 1, "--speed", "1000rpm:x:4"], "--speed = 'x'"),
-        (["--load", "1 m:2 m:3"], "of another kind"),
+        (["--load", "1 m:2 m:3"], "a unit of another quantity"),
         (["--load", "1,2", "--cavitation", "mass-conserving"], "depend on the frequency"),
     ],
 )

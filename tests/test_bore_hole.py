@@ -219,7 +219,7 @@ def test_what_does_not_fit_the_hole_is_refused(ring, monkeypatch, load, changes,
 
 def test_a_rigid_bore_has_no_hole_to_name():
     scene = scene_of(tables_of("loaded-journal", deepcopy(HOLE)), "rigid")
-    with pytest.raises(ehd.errors.SettingsError, match="has no hole in a mesh from which"):
+    with pytest.raises(ehd.errors.SettingsError, match="has no hole in a mesh whose diameter"):
         ehd.build(scene)
 
 

@@ -16,7 +16,9 @@ from fenics_ehd.base.errors import CompilationError
 def test_a_wait_names_its_holder_once_and_is_given_up(tmp_path, capsys):
     with compiling(tmp_path):
         with (
-            pytest.raises(CompilationError, match=f"process {os.getpid()} on .*: continue or end"),
+            pytest.raises(
+                CompilationError, match=f"process {os.getpid()} on .*: resume that process"
+            ),
             compiling(tmp_path, notice=0.2, limit=0.8),
         ):
             pass

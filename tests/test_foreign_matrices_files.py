@@ -238,8 +238,8 @@ def test_files_of_calculix_that_do_not_fit_are_named(tmp_path, file, text, messa
     ("stiffness", "numbers", "message"),
     [
         ("1,1, 1,1, 2.0\n", [2], "node 1 is not in .numbers."),
-        ("1,1, 1,1, 2.0\n", [1, 1], "the whole number of every node once"),
-        ("1,1, 1,1, 2.0\n", [1.0], "the whole number of every node"),
+        ("1,1, 1,1, 2.0\n", [1, 1], "distinct whole numbers, one for every node"),
+        ("1,1, 1,1, 2.0\n", [1.0], "numbers must be distinct whole numbers"),
         (
             "-1,1, -1,1, 2.0\n",
             None,

@@ -37,7 +37,7 @@ def test_load_file_is_read_in_its_units(tmp_path):
 LOADS = [
     (GOOD.replace(" 1, 2 ,0", "1,2"), "line 5: 2 values for 3 columns"),
     (GOOD.replace(" 2 ", " two "), "line 5: Fx [kN] = 'two' must be a finite number"),
-    (GOOD.replace(",", ";"), "line 3, has 'time_ms; Fx [kN]; Fy_N': separate entries by commas"),
+    (GOOD.replace(",", ";"), "line 3: 'time_ms; Fx [kN]; Fy_N': separate entries by commas"),
     (GOOD.replace(",", "\t"), "separate entries by commas"),
     (GOOD.replace("7", "nan"), "line 7: Fy_N = 'nan' must be a finite number"),
     (GOOD.replace("7", 200_000 * "1"), "line 7: Fy_N = '1111"),

@@ -78,7 +78,7 @@ def test_what_would_be_left_out_in_python_is_refused():
         (lambda: film(feeds=(fed,)), r"oil: table = 'pressure\.csv' is read only for scenes"),
         (
             lambda: ehd.bearing(load="5 kg"),
-            "load = '5 kg' must be a number in N or a unit of the same",
+            "load = '5 kg' must be a number in N, or a number with a unit of",
         ),
         (lambda: ehd.read_scene("four-bar", **{"bodies.crank.mass.x": 1}), "mass is not a table"),
         (lambda: ehd.simulate(driven, 1e-3), r"drives\.crank must be a Speed"),

@@ -175,7 +175,7 @@ REFUSED = {
     ),
     "an unbalance of the ground": (
         ["--speeds", "500", "--unbalance", "ground.left=1e-4"],
-        "body ground does not rotate",
+        "body ground does not have the speed",
     ),
     "a negative unbalance": (
         ["--speeds", "500", "--unbalance", "shaft.disk=-1"],
@@ -183,7 +183,7 @@ REFUSED = {
     ),
     "another unit of an unbalance": (
         ["--speeds", "500", "--unbalance", "shaft.disk=1 kg"],
-        "kg is of another kind",
+        "kg is a unit of another quantity",
     ),
     "too many meshes": (["--speeds", "500", "--meshes", "9"], "9 is not in the range 1<=x<=4"),
 }

@@ -173,7 +173,7 @@ def test_a_manifest_that_names_what_is_not_in_its_folder_is_refused(name, run, t
     before = contents(tmp_path)
     status, errors = run(SCENE)
     assert status == 2
-    assert "is not a name in this folder" in errors
+    assert "is not the name of a file in this folder" in errors
     before["scene.toml"] = (tmp_path / "scene.toml").read_bytes()
     assert contents(tmp_path) == before
 

@@ -404,7 +404,7 @@ OF_A_LINKAGE = [
     # films
     ({f"{JOURNAL}.radius": None}, r"joints.rocker_end.radius is missing \[m\]: a rigid bore"),
     ({f"{JOURNAL}.clearance": 2e-3}, "rocker_end.clearance = 0.002 m must be"),
-    ({f"{JOURNAL}.clearance": 20e-9}, "at least 1e-05 and below 0.1 of the bore radius"),
+    ({f"{JOURNAL}.clearance": 20e-9}, "at least 1e-05 and below 0.1 times the bore radius"),
     ({f"{JOURNAL}.eccentricity": [0.8, 0.8]}, "would touch or penetrate the bore"),
     ({f"{JOURNAL}.grooves": [[90, 1e9, 3e5]]}, "joints.rocker_end.grooves: .*degrees wide"),
     ({f"{JOURNAL}.grooves": [[90, 1e-3, 3e5]]}, "rocker_end.grooves: .*cannot resolve groove"),
@@ -421,7 +421,7 @@ OF_A_LINKAGE = [
     ({"joints.b": FILM}, "joints.b.bore = 'coupler.tip' is the bore of joints.rocker_end already"),
     ({"joints.s": LINE}, "not 0"),
     ({"bodies.rocker.points.tip": [0.05, 0.0], "bodies.coupler.points.tip": [0.05, 0.0]}, "pose"),
-    (JAMS, r"at angles of crank \d+ degrees: the mechanism cannot"),
+    (JAMS, r"at drive angles crank \d+ degrees: the mechanism cannot"),
     # forces
     ({"forces.f": {"kind": "constant", "point": "crank", "force": [0, 0]}}, "one of them not 0"),
     ({"forces.f": GAS | {"angle_of": "x"}}, "forces.f.angle_of: there is no body 'x'"),
@@ -455,7 +455,7 @@ def test_parts_are_refused_before_they_are_reduced(nothing_reduced, monkeypatch)
     for changes, message in (
         ({"joints.big_end.clearance": 2.7e-3}, "joints.big_end.clearance = 0.0027 m"),
         ({"joints.big_end.radius": 0.02}, "0.02 m must be that of"),
-        ({"bodies.crank.points.pin": [0.3, 0.0]}, "cannot be assembled|at angles of crank"),
+        ({"bodies.crank.points.pin": [0.3, 0.0]}, "cannot be assembled|at drive angles crank"),
         ({"joints.big_end.bore": "rod"}, r"name one of the bores rod\.bore"),
         ({"bodies.rod.model": "none"}, "give either a model or a body"),
         ({"bodies.rod.points": []}, "rod has no point 'pin', its points: bore"),

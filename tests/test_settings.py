@@ -154,7 +154,10 @@ def film(**changes):
         (rod(**{"geometry.bore_cells_around": "20 m"}), "= '20 m' must be a number of cells, with"),
         (rod(**{"geometry.big_end_layers": "2"}), "= '2' must be a number of cells, without a un"),
         (film(clearance="1_7 um"), "clearance = '1_7 um' must be a number in m: '_7 um' is no"),
-        (film(clearance="١٧ um"), "clearance = '١٧ um' must be a finite number in m, or one with"),
+        (
+            film(clearance="١٧ um"),
+            "clearance = '١٧ um' must be a finite number in m, or a number with",
+        ),
         ({"time.order": "2 mm"}, "time.order = '2 mm' must be a whole number, at least 1"),
         (film(cells=[1000, 1000]), "cells = [1000, 1000]: 1000000 cells are above the limit"),
         (rod(**{"material.density": 7.85}), "density = 7.85 must be at least 100: in kg/m3, 7850"),

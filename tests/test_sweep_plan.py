@@ -179,7 +179,7 @@ def test_values_of_an_option_may_have_units(text, expected):
     ("text", "message"),
     [
         ("fast", "--speeds = 'fast' must be"),
-        ("1 m", "--speeds = '1 m' must be .*m is of another kind"),
+        ("1 m", "--speeds = '1 m' must be .*m is a unit of another quantity"),
         ("1,,2", "a value is missing"),
         ("1,1", "--speeds = 1: the value is given twice"),
         ("1rpm:2rpm", "must be first:last:count"),

@@ -72,23 +72,23 @@ def test_lengths_are_decimal(number, unit):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"joints.big_end.clearance": "17 s"}, "clearance = '17 s' must be a number in m or"),
+        ({"joints.big_end.clearance": "17 s"}, "clearance = '17 s' must be a number in m, or"),
         (
             {"joints.big_end.clearance": "17 mn"},
             "must be a number in m: 'mn' is not a known unit",
         ),
-        ({"joints.big_end.clearance": "17"}, "= '17' must be a finite number in m, or one with"),
+        ({"joints.big_end.clearance": "17"}, "= '17' must be a finite number in m, or a number"),
         ({"joints.big_end.clearance": "1e999 m"}, "= '1e999 m' must be a finite number in m"),
         ({"joints.big_end.clearance": f"{'1' * 5000} m"}, "m' must be a finite number in m"),
         ({"joints.big_end.clearance": "17 mm"}, "clearance = 0.017 must be below 0.005: in m"),
-        ({"drives.crank.speed": "80 Hz"}, "speed = '80 Hz' must be a number in rad/s or a unit"),
+        ({"drives.crank.speed": "80 Hz"}, "speed = '80 Hz' must be a number in rad/s, or a"),
         ({"bodies.crank.points.pin": ["48 s", 0]}, "must be two finite numbers [x, y] in m"),
         ({"bodies.rod.geometry.bore_radius": "2 bar"}, "= '2 bar' must be a number in m"),
         ({"joints.big_end.grooves": [["9 m", 3, 0]]}, "grooves: angle = '9 m' must be a number in"),
         ({"lubricants.oil.temperature": "90 m"}, "= '90 m' must be a number in C"),
         (
             {"time.tolerance": "1 mm"},
-            "time.tolerance = '1 mm' must be a number or a unit of the same",
+            "time.tolerance = '1 mm' must be a number, or a number with a unit",
         ),
     ],
 )

@@ -88,8 +88,8 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
     Raises
     ------
     SettingsError
-        If the value is not a finite number. If it is a text that could not be converted to a
-        number, the message has the unit.
+        If the value is not a finite number. About a text that cannot be converted to a number,
+        the message has the unit in which the number must be.
     """
     if isinstance(value, str):
         try:

@@ -7,8 +7,8 @@ package, such as a notebook, keeps its environment; see also `matplotlib_start` 
 This module and the package's ``__init__``, which runs before it, import only modules that are built
 into Python or frozen. Other modules might be read from the current folder.
 
-Imports inside functions: `processes` imports modules that are not frozen; it is imported after the
-current folder has been removed from the module path.
+Imports inside functions: `processes` imports modules that are not frozen. `processes` is therefore
+imported only after the current folder has been removed from the module path.
 """
 
 import os
@@ -21,7 +21,7 @@ MATPLOTLIB_OPTIONS = "MATPLOTLIBRC"
 def leave_current_folder() -> None:
     """Remove the current folder from the head of `sys.path`, where ``python -m`` puts it.
 
-    If the current folder contains this package, it is appended at the end instead.
+    If the current folder contains this package, the folder is moved to the end of `sys.path`.
     """
     if sys.flags.safe_path or not sys.path:
         return
@@ -34,9 +34,11 @@ def start_command() -> None:
     """Set environment variables for libraries and child processes.
 
     Child processes do not search the current folder for modules. Matplotlib uses its defaults.
-    Libraries use one BLAS thread unless the user has set a number. For a single process, Open MPI
-    does not start its daemon, which would need files, a path and free space on a disk; without the
-    daemon, the process cannot spawn others by MPI. Ranks that a launcher starts have a daemon.
+    Libraries use one BLAS thread unless the user has set a number of threads.
+
+    For a single process, Open MPI does not start its daemon, which would need files in a temporary
+    folder and free space on a disk. Without the daemon, the process cannot spawn other processes by
+    MPI. The daemon of ranks has been started by their launcher.
     """
     from fenics_ehd.base.processes import THREADS, is_rank
 

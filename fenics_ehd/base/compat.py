@@ -2,8 +2,9 @@
 
 Names are those of the newest version. No other module distinguishes versions.
 
-Imports inside functions: dolfinx.io.gmsh imports Gmsh, which takes Ctrl-C away from Python, so that
-a run without a mesh must not import it; dolfinx.fem.petsc is not imported by dolfinx 0.11 itself.
+Imports inside functions: dolfinx.io.gmsh imports Gmsh, which replaces Python's handler of Ctrl-C.
+Runs that need no mesh therefore must not import dolfinx.io.gmsh. The submodule dolfinx.fem.petsc is
+imported explicitly, because ``import dolfinx`` does not import it in version 0.11.
 """
 
 from __future__ import annotations
@@ -189,12 +190,13 @@ class _NotCompiledError(Exception):
 def _load_or_begin(
     begin: Callable[..., Any], name: str, objects: Sequence[str], folder: Path, timeout: int
 ) -> Any:
-    """Load a compiled module, or begin to compile it if `timeout` is not 0.
+    """Load a compiled module. If it is not compiled and `timeout` is not 0, begin to compile it.
 
     Parameters
     ----------
     begin
-        FFCx's function, which loads a module or writes its first file.
+        Function ``get_cached_module`` of FFCx: it loads a compiled module, or writes the first file
+        of a module that is not compiled.
     name, objects, folder
         Arguments of `begin`: name of the module, names of its objects, and folder of the files.
     timeout
@@ -211,7 +213,7 @@ def _load_or_begin(
 
 
 def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a compiling function of FFCx: it locks the folder of the files and prints nothing.
+    """Wrap a compiling function of FFCx: lock the folder of its files, and suppress its output.
 
     Modules that are compiled already are loaded without a lock.
     """
@@ -245,7 +247,7 @@ def plane(element: Element) -> Element:
 
 
 def quadrature_element(degree: int) -> Element:
-    """Element on quadrilaterals of the plane with its values at the Gauss points of a degree."""
+    """Element on plane quadrilaterals with values at the Gauss points of a quadrature degree."""
     if _OLD:
         cell = _cell("quadrilateral", 2)
         return ufl.FiniteElement("Quadrature", cell, degree, quad_scheme="default")
@@ -285,7 +287,7 @@ class Coefficient(ufl.Coefficient):
 def numbered_space(space: fem.FunctionSpace, numbers: np.ndarray, size: int) -> fem.FunctionSpace:
     """Copy a function space with new numbers of its degrees of freedom.
 
-    Nodes with the same number become one degree of freedom; a plane mesh is made periodic so.
+    Nodes with the same number become one degree of freedom. Periodic spaces are made in this way.
 
     Parameters
     ----------
@@ -325,7 +327,8 @@ def compile_forms(forms: Sequence[ufl.Form]) -> list[Any]:
 def coefficient_positions(compiled: Any) -> list[int]:
     """Indices of the coefficients that the kernel of a compiled form reads, in the kernel's order.
 
-    An index counts all coefficients of the form.
+    An index is a position in the list of all coefficients of the form, of which the kernel may read
+    only some.
     """
     name = "original_coefficient_position"
     positions = getattr(compiled[1], name if hasattr(compiled[1], name) else f"{name}s")

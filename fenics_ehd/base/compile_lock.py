@@ -45,7 +45,7 @@ def is_compiled(source: Path) -> bool:
 
 
 def orphans(folder: Path) -> list[Path]:
-    """C files in a folder of forms and elements whose compilation was not completed."""
+    """C files of forms and elements in a folder: those whose compilation was not completed."""
     return [source for source in folder.glob("libffcx_*.c") if not is_compiled(source)]
 
 
@@ -91,8 +91,8 @@ def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
             since = now
         if now > since + limit:
             raise CompilationError(
-                f"{folder}: {holder} has been compiling forms for {limit:g} s: continue or end "
-                "that process, or set XDG_CACHE_HOME to another folder"
+                f"{folder}: {holder} has been compiling forms for {limit:g} s: resume that "
+                "process if it is suspended, end it, or set XDG_CACHE_HOME to another folder"
             )
         if silent and now > began + notice:
             silent = False

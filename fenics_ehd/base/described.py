@@ -1,7 +1,7 @@
 """Text and table that describe an object: what Python and notebooks show of large results.
 
-A class that derives from `Described` lists its lines once. Python shows them as text, at most
-`MOST_LINES`, and Jupyter as a table.
+A class that derives from `Described` defines its lines once, in `described`. Python shows
+them as text, at most `MOST_LINES`, and Jupyter as a table.
 """
 
 from __future__ import annotations

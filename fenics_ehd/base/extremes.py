@@ -1,17 +1,17 @@
 """Extremes between nodes and between steps: peak pressure, thinnest film, extremes of a cycle.
 
 A film is solved at nodes and a run at steps, but the extreme of a smooth curve lies between them.
-If a peak moves from node to node, the largest nodal value varies by more than it does with other
-meshes and steps. One rule is therefore used for both directions of a film and for time. Between two
-points, the curve is the cubic with the values v and the slopes v' at both points, where
+While a peak moves from node to node, the largest nodal value varies by more than the error due to
+mesh and steps. Peaks are therefore interpolated, by one rule for both directions of a film and for
+time. Between two points, the curve is the cubic with the values v and the slopes v' at both points:
 
     v'_i = slope at i of the parabola through i - 1, i, i + 1.
 
 The extreme is that of the cubic next to the largest point, on the side to which the curve rises.
 Curve and slope are continuous, so that the extreme does not jump when it passes a point. At the
 edge of a groove, or at a step in a surface, a cubic overshoots. The slope towards the extreme is
-therefore limited to `STEEPER` times the largest slope between points on that side. Thus a constant
-pressure in a groove gives no higher maximum.
+therefore limited to `STEEPER` times the largest slope between points on that side. The maximum of a
+constant pressure in a groove is thus this pressure itself.
 
 On a film the rule is applied to every row of nodes around the bore, then across the width to the
 extremes of these rows: ``max_z max_phi p(phi, z)``. `docs/measurements.md` compares the errors of

@@ -1,8 +1,9 @@
 """Fields of settings classes: numbers with units and limits, words, switches, tables.
 
 A number may be written with its unit, see `fenics_ehd.base.units`. Limits refuse values that can
-only be in a wrong unit; notices report unusual values, which may be in a wrong unit. The limit of a
-length is larger than in any real machine, but smaller than numbers in millimetres or micrometres.
+only be in a wrong unit; notices report unusual values, which may be in a wrong unit. The upper
+limit of a length is above the lengths of real machines [m], but below the numbers that express such
+lengths in millimetres or micrometres.
 """
 
 from __future__ import annotations
@@ -71,12 +72,13 @@ def number(
     example: str = "",
     words: Mapping[str, float] | None = None,
 ) -> Any:
-    """Field for a real number with limits: `above`, `below` exclusive, `least`, `most` inclusive.
+    """Field for a real number with limits.
 
-    The help text has the unit of the setting in brackets; a text is accepted as a number with its
-    own unit, or as one of the `words`. The message about a value beyond a limit has the unit of the
-    setting and the `example`, because the value may be in another unit. Magnitudes outside `usual`
-    are reported by `fenics_ehd.base.settings.unusual`.
+    The limits `above` and `below` are exclusive, `least` and `most` are inclusive. The help text
+    has the unit of the setting in brackets. A text is accepted if it is a number with a unit, or
+    one of the `words`. A value beyond a limit may be a number in another unit; the message
+    therefore has the `example` and the unit of the setting. Magnitudes outside `usual` are reported
+    by `fenics_ehd.base.settings.unusual`.
     """
     unit = unit_of(help_text)
     measured = f"in {unit}, " if unit else ""
@@ -102,7 +104,10 @@ def count(default: int, help_text: str, least: int = 0, most: int | None = None)
 
 
 def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> Any:
-    """Field for a list of rows of numbers, empty by default; columns have names and units."""
+    """Field for a list of rows of numbers, empty by default.
+
+    `columns` and `units` have the name and the unit of each column.
+    """
 
     def is_row(row: Any) -> bool:
         return isinstance(row, (list, tuple)) and len(row) == len(columns)
@@ -114,7 +119,7 @@ def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> An
 
     def check(name: str, value: Any) -> None:
         if not isinstance(value, tuple) or not all(map(is_row, value)):
-            raise SettingsError(f"{name} = {value!r} must be a list of [{', '.join(columns)}]")
+            raise SettingsError(f"{name} = {value!r} must be a list of rows [{', '.join(columns)}]")
         for row in value:
             for column, unit, entry in zip(columns, units, row, strict=True):
                 require_finite(f"{name}: {column}", entry, unit)
@@ -214,9 +219,9 @@ def entries(
     help_text
         Description of the tables.
     kinds
-        Settings class of the tables of each ``kind``, by this word.
+        Settings classes by the value of the key ``kind`` in a table.
     named
-        Settings class of each table whose name has a fixed meaning, by this name.
+        Settings classes by the name of a table, for names with a fixed meaning.
     """
     return attrs.field(
         factory=dict, metadata={"help": help_text, "table": True, "kinds": kinds, "named": named}
@@ -417,6 +422,6 @@ def require_thin_film(clearance: float, radius: float, key: str) -> None:
     # A clearance at the limit may be rounded down.
     if not least * (1 - 1e-9) * radius <= clearance < most * radius:
         raise SettingsError(
-            f"{key} = {clearance:g} m must be at least {least:g} and below {most:g} of the bore "
-            f"radius {radius:g} m: lengths must be in metres, and the film must be thin"
+            f"{key} = {clearance:g} m must be at least {least:g} and below {most:g} times the "
+            f"bore radius {radius:g} m: lengths must be in metres, and the film must be thin"
         )

@@ -74,7 +74,9 @@ def read_json(path: str | Path) -> Any:
 
 
 def _finite(text: str) -> float:
-    """Convert the text of a number in JSON; it must be finite, as other numbers are stored as null.
+    """Convert the text of a JSON number to a float, and refuse infinity and NaN.
+
+    This program stores numbers that are not finite as null, see `to_json`.
 
     Raises
     ------
@@ -90,8 +92,8 @@ def _finite(text: str) -> float:
 def user_cache() -> Path:
     """Folder of the user's caches.
 
-    A relative path in ``XDG_CACHE_HOME`` is ignored, as its specification demands: with it, files
-    would be read from the current folder.
+    A relative path in ``XDG_CACHE_HOME`` is ignored, as the specification of this variable demands.
+    Files would otherwise be read from the current folder.
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
     return cache if cache.is_absolute() else Path.home() / ".cache"
@@ -278,8 +280,8 @@ FIELDS_ENDING = ".vtu"
 def made_by(directory: Path) -> str:
     """Command that made a folder, from the key or the file names in its manifest.
 
-    The text is empty if the command is unknown. A folder without a manifest that is listed in the
-    manifest of its parent folder was made by the command of the parent folder.
+    The text is empty if the command is unknown. If a folder has no manifest, but is listed in the
+    manifest of its parent folder, the result is the command that made the parent folder.
 
     Raises
     ------
@@ -358,7 +360,8 @@ def listed(directory: Path) -> tuple[str, ...]:
     for name in names:
         if name.startswith(".") or "/" in name[:-1] or "\0" in name or name == "/":
             raise InputError(
-                f"{path}: {name!r} is not a name in this folder: fenics-ehd did not write this list"
+                f"{path}: {name!r} is not the name of a file in this folder: fenics-ehd did not "
+                "write this list"
             )
     return names
 
@@ -459,8 +462,8 @@ def _append(manifest: Path, lines: Iterable[str]) -> None:
 def clear(directory: Path, names: Collection[str] | None = None) -> None:
     """Remove the files and folders that the manifest of a folder lists.
 
-    Only files that have entries in manifests of their folders are removed, also in subfolders. If
-    `names` is not None, other names are kept.
+    In subfolders, too, only files that are listed in the manifest of their folder are removed. If
+    `names` is not None, files and folders with other names are kept.
 
     Raises
     ------
@@ -727,7 +730,7 @@ def write_summary(directory: str | Path, summary: Mapping[str, object]) -> None:
 
 @contextmanager
 def keeping_failed_film(directory: str | Path) -> Iterator[None]:
-    """Save the film of a `CavitationError` that the block raises, or that causes its error.
+    """Save the film if the block raises a `CavitationError`, or an error caused by such an error.
 
     Raises
     ------

@@ -2,9 +2,9 @@
 
 The size of an axis is a whole number or a symbol that several values share, as in
 ``("m", 3, "n")``. The first value with a symbol, in the order of the declaration, determines the
-size. ``"n + 3"``, ``"3 n"`` and ``"3 n + 1"`` are linear in one symbol. Symbols in capitals count
-rows that grow during a run; symbols in small letters have the same size in all states of a model
-(`sizes_of`).
+size. ``"n + 3"``, ``"3 n"`` and ``"3 n + 1"`` are linear in one symbol. Symbols in capitals are
+numbers of rows that increase during a run; symbols in small letters have the same size in all
+states of a model (`sizes_of`).
 
 Headers of all values are checked before the first value is read, so that no memory is allocated for
 data of another shape. Values are checked when they are read.
@@ -66,7 +66,7 @@ class Value:
     attribute
         Whether the value is an HDF5 attribute of its group, not a dataset.
     member
-        Python attribute with the value; if empty, it has the name of the key.
+        Name of the Python attribute that has the value; if empty, the name is the key.
     """
 
     kind: str
@@ -148,7 +148,8 @@ class Group:
     scoped
         Whether symbols that first occur in the group are unknown outside it.
     member
-        Python attribute with the object of the group; if empty, it has the name of the key.
+        Name of the Python attribute that has the object of the group; if empty, the name is the
+        key.
     """
 
     entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
@@ -185,7 +186,7 @@ class Group:
         return values
 
     def arguments(self, tree: Mapping[str, Any]) -> dict[str, Any]:
-        """Convert the content of a group to keyword arguments of its object's constructor."""
+        """Keyword arguments for the constructor of the group's object, from the group's content."""
         return {self.entries[key].member or key: value for key, value in tree.items()}
 
     def check(self, item: Any, path: str, sizes: Sizes) -> None:
@@ -264,9 +265,9 @@ def _tree(entry: Entry | None, value: Any) -> Any:
 
 
 def _check_scoped(entry: Entry, item: Any, path: str, sizes: Sizes) -> None:
-    """Check an entry whose symbols, the names of axis sizes, are its own, not those of the file.
+    """Check an entry in which a new symbol of an axis size has no meaning outside the entry.
 
-    Sizes of its symbols are added to `sizes` under names that begin with the path of the entry.
+    The sizes of such symbols are added to `sizes` by names that begin with the path of the entry.
     """
     if isinstance(item, h5py.Group | h5py.Dataset):
         entry.check(item, path, dict(sizes))
@@ -327,7 +328,7 @@ def _root(group: h5py.Group) -> str:
 
 
 def sizes_of(layout: Group, tree: Mapping[str, Any]) -> Sizes:
-    """Sizes of axes that are the same in all states of a model, from the tree of one state."""
+    """From the tree of one state, the axis sizes that are the same in all states of its model."""
     sizes: Sizes = {}
     layout.check(tree, "", sizes)
     return {name: n for name, n in sizes.items() if not name.rpartition(" ")[2].isupper()}
@@ -371,7 +372,7 @@ class Stateful:
 
     The state is a dictionary with the keys of `carried`. An attribute that is itself a stateful
     object, or a dictionary of stateful objects, is represented by its state. A state remains
-    constant after it is read: in a step, the object replaces its arrays and does not modify them.
+    constant after it is read: the object does not modify its arrays in a step, but makes new ones.
     """
 
     #: Layout of the state, by key, in memory and in files.
@@ -390,13 +391,14 @@ class Stateful:
         for name, entry in self.carried.items():
             if isinstance(entry, Group) and (start[name] is None) != (state.get(name) is None):
                 raise ValueError(
-                    f"/{name} is in the stored state or in the start of the run, but not in both"
+                    f"/{name} must be in both or none of the stored state and the initial state "
+                    "of the run, but is in one of them"
                 )
         sizes = sizes_of(layout, layout.tree(start)) | self.known_sizes()
         layout.check(layout.tree(state), "", sizes)
 
     def known_sizes(self) -> Sizes:
-        """Sizes of the axes with symbols in `carried` that the initial state does not determine."""
+        """Sizes of symbols in `carried`, for symbols that the initial state does not determine."""
         return {}
 
     @property

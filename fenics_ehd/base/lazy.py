@@ -19,7 +19,7 @@ def lazily(
     package
         Name of the package.
     modules
-        Public names of every module that defines some; modules are relative to the package.
+        Public names by module; the names of modules are relative to the package.
     former
         New name of every former name, which is still accepted with a warning.
 

@@ -67,7 +67,10 @@ def library_fault() -> str:
 
 
 def _tried(module: ModuleType) -> None:
-    """Call a function of NumPy that other libraries use at import: fails if files are missing."""
+    """If a library is NumPy, call a function that other libraries use at import.
+
+    The call fails if NumPy's installation is incomplete.
+    """
     if module.__name__ == "numpy":
         module.zeros(1, dtype=module.dtype(float))
 

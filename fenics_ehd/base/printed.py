@@ -49,9 +49,9 @@ def key_hint(known: Iterable[str], name: str) -> str:
     Returns
     -------
     str
-        ``"did you mean bearing.clearance?"``, or ``"known: ..."`` with all known keys. A suggested
-        key has the same last word in another section, or a similar last word in the same section;
-        if the section is unknown, in any section.
+        ``"did you mean bearing.clearance?"``, or ``"known: ..."`` with known keys if no key is
+        similar. A suggested key has the same last word as `name`, in another section; or a similar
+        last word, in the section of `name`, or in any section if the section of `name` is unknown.
     """
     known = list(known)
     section, _, word = name.rpartition(".")

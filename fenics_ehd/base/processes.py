@@ -6,8 +6,8 @@
 - An error on one rank ends the other ranks, which may be waiting for it.
 - Libraries do not write to the standard output, which has the results of commands.
 
-Imports inside functions: the import of mpi4py starts MPI, which a worker must do after its
-environment is set up, and a single process need not do; only workers need tqdm.
+Imports inside functions: the import of mpi4py starts MPI. A worker must start MPI after its
+environment is set up, and a single process need not start MPI. Only workers need tqdm.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
-    """For every loaded OpenBLAS, the function that sets its number of threads, and its query."""
+    """Functions of every loaded OpenBLAS that set and return its number of threads."""
     functions = []
     for library in map(ctypes.CDLL, _loaded("blas")):
         for write, read in THREAD_FUNCTIONS:
@@ -150,7 +150,7 @@ def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]
 
 
 def _loaded(*words: str) -> list[str]:
-    """Paths of loaded libraries whose names have one of some words, sorted."""
+    """Sorted paths of loaded libraries whose names contain at least one of the `words`."""
     try:
         lines = Path("/proc/self/maps").read_text().splitlines()
     except OSError:
@@ -175,7 +175,7 @@ def blas_kernels() -> list[str]:
 
 
 def _kernels(library: ctypes.CDLL) -> Iterator[str]:
-    """Version, kernel and number of threads of the OpenBLAS that a library is or depends on."""
+    """Version, kernel and number of threads of OpenBLAS, if a library is or depends on OpenBLAS."""
     for _, read in THREAD_FUNCTIONS:
         configuration = read.replace("get_num_threads", "get_config")
         if hasattr(library, configuration):
@@ -270,7 +270,8 @@ def ending_signals_raise() -> Iterator[None]:
 
     A signal during an import ends the process, as the import would turn the exception into another
     error. Signals that are ignored remain so, for instance SIGINT in background jobs of a shell.
-    SIGPIPE is ignored except between the steps of a run; writing to a closed pipe raises an error.
+    SIGPIPE does not end a process, because writing to a closed pipe raises an error. In a run,
+    SIGPIPE is an interruption between two steps, see `interrupt_between_steps`.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -314,9 +315,9 @@ def _restore(handlers: dict[signal.Signals, Any]) -> None:
 def interrupt_between_steps() -> Iterator[Callable[[], None]]:
     """Yield a function that raises `KeyboardInterrupt` if a signal has arrived in the block.
 
-    The first signal has no other effect; a second signal acts at once. This holds for signals that
-    have a Python handler, see `ending_signals_raise`. In other threads than the main thread,
-    handlers of signals are not changed.
+    The first signal has no other effect; a second signal has its usual effect at once. This holds
+    for signals that have a Python handler, see `ending_signals_raise`. In threads other than the
+    main thread, handlers of signals are not changed.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None

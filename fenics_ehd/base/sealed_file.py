@@ -218,7 +218,10 @@ UNREADABLE = (
 
 
 def stored_as(words: str, kind: str) -> Kind:
-    """Make the `Kind` of output files in a format: of any version, with no seal or a sound one."""
+    """Make the `Kind` of output files in the format `kind`.
+
+    The version of the format may be any. A file may have no seal, but its seal must not be broken.
+    """
 
     def holds(path: Path) -> bool:
         try:
@@ -294,7 +297,9 @@ def open_sealed(
 
 
 def values(item: Any, part: slice | tuple[()] = ()) -> Any:
-    """Read a dataset, or a part of it: an array or a number, a tuple of texts or a text.
+    """Read a dataset of numbers or a `part` of it, or a complete dataset of texts.
+
+    The result is an array or a number, or a tuple of texts or a text.
 
     Raises
     ------

@@ -256,8 +256,8 @@ class Roughness:
 class Deviations:
     """Settings of the deviations of a bore or journal from a round surface, positive outward.
 
-    The deviations are added. They are given in the frame of the body: the shape of a journal
-    rotates with the journal.
+    The deviation at a point is the sum of all deviations here. They are given in the frame of the
+    body: the shape of a journal rotates with the journal.
     """
 
     ovality: float = deviation("amplitude of a wave around [m]")

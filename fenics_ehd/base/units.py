@@ -170,19 +170,19 @@ def in_unit(written: str, wanted: str) -> float:
     written
         Number and unit, for instance ``"20 um"``.
     wanted
-        Unit of the setting, for instance ``"m"``; empty if the setting has no unit. A number
-        without unit may be written in per cent.
+        Unit of the setting, for instance ``"m"``; empty if the setting has no unit. The value of
+        such a setting may be written in per cent.
 
     Raises
     ------
     SettingsError
-        If the text is not a number with a unit of this kind. The message begins with "must be",
-        so that the caller can put the name of the setting before it.
+        If the text is not a number with a unit of the same quantity as `wanted`. The message
+        begins with "must be", so that the caller can put the name of the setting before it.
     """
     expected = f" in {wanted}" if wanted else ""
     match = WRITTEN.fullmatch(written)
     if match is None or len(match[1]) > LONGEST:
-        raise SettingsError(f"must be a finite number{expected}, or one with its unit")
+        raise SettingsError(f"must be a finite number{expected}, or a number with a unit")
     symbol = match[2]
     have = unit(match[2])
     want = unit(wanted)
@@ -190,7 +190,8 @@ def in_unit(written: str, wanted: str) -> float:
         raise SettingsError(f"must be a number{expected}: {symbol!r} is not a known unit")
     if want is None or have.powers != want.powers or (have.zero and not want.zero):
         raise SettingsError(
-            f"must be a number{expected} or a unit of the same kind: {symbol} is of another kind"
+            f"must be a number{expected}, or a number with a unit of that quantity: {symbol} is a "
+            "unit of another quantity"
         )
     number = (Fraction(match[1]) * have.factor + have.zero - want.zero) / want.factor
     try:

@@ -94,7 +94,9 @@ class InertiaIntegrals:
 
 @dataclass(frozen=True, eq=False)
 class ResidualFlexibility:
-    """Flexibility of the bores that M4 adds to that of the elastic coordinates, quasi-static.
+    """Quasi-static flexibility of the bores that M4 adds to that of the elastic coordinates.
+
+    The bores have m nodes and k pressure nodes.
 
     Attributes
     ----------
@@ -105,9 +107,8 @@ class ResidualFlexibility:
         Orthonormal pressure patterns over all bores, shape (r, k): nodal pressures w have the
         amplitudes ``patterns @ w`` [Pa].
     stiffness
-        Twice the strain energy for a unit amplitude of each pattern, shape (r,) [J/Pa^2]. This
-        value times the amplitude of a pressure is the generalised force of the pressure on the
-        pattern.
+        Twice the strain energy for a unit amplitude of each pattern, shape (r,) [J/Pa^2]. The
+        generalised force of nodal pressures on a pattern is their amplitude times this value.
     mass
         Mass matrix of the displacements due to the patterns, shape (r, r) [kg m^2/Pa^2]; empty
         if not computed. The method neglects this mass; the error estimate uses it.
@@ -135,9 +136,9 @@ class ModeRecord:
     frequency
         Natural frequency of the mode taken alone [Hz]; infinite for a mode without mass.
     participation
-        Share of the mode in the flexibility of the bores, the trace of ``J^T G J`` over the
-        pressure family (`Reductor.measure`). If this trace is unknown, share of the mode in the sum
-        over all modes of the inventory.
+        Share of the mode in the flexibility ``J^T G J`` of the bores, both measured by the trace
+        over the pressures `Reductor.measure`. If the flexibility of the bores was not computed,
+        share of the mode in the sum over all modes of the inventory.
     dropped
         Reason why the mode was dropped; empty for a mode that was kept.
     """
@@ -196,18 +197,20 @@ class ReducedBody(Described):
     inertia
         Inertia integrals of plane motion.
     points
-        Mean position of each boundary point (column 0), and its mean displacements in the other
-        2 + n fields of `InertiaIntegrals`, by name of the point, shape (3, 3 + n).
+        One array of shape (3, 3 + n) for each boundary point, by the name of the point: column 0
+        is the mean position of the point, the other columns are its mean displacements in the
+        other 2 + n fields of `InertiaIntegrals`.
     missing_flexibility
-        Outward displacement of the bores per nodal pressure that the basis does not contain, shape
-        (m, k) [m/Pa]. It is exact for the pressures of a family, see
+        Outward displacement of the bores per nodal pressure, exact minus reduced, shape (m, k)
+        [m/Pa]. The difference is exact for the pressures of a family, see
         `fenics_ehd.reduction.family_responses`. Empty if not computed, and for M4, which has
         `flexibility_error` instead.
     mesh_flexibility
-        Estimated mesh error of the outward bore displacement: exact part minus its mesh, see
-        `fenics_ehd.reduction.mesh_error`. Shape (p, s + 2 a), empty if unknown. Rows belong to p
-        nodes of the `SAMPLED` cells of all bores, columns to s unit smooth pressures [m/Pa] and to
-        unit forces along x and y on a boundary points [m/N].
+        Estimated error of the outward bore displacement due to the mesh, see
+        `fenics_ehd.reduction.mesh_error`: displacement of the exact part minus that of the meshed
+        part. Shape (p, s + 2 b), empty if unknown. Rows belong to p nodes of the `SAMPLED` cells
+        of all bores. Columns belong to s smooth unit pressures [m/Pa], then to unit forces along
+        x and y on each of the b boundary points [m/N].
     rigid_mass, rigid_coupling
         ``R^T M R``, shape (6, 6), and ``R^T M T``, shape (6, n); the columns of R are the unit
         translations and rotations about the centre of the first bore. Empty if unknown.
@@ -373,10 +376,10 @@ class ReducedBody(Described):
         return self.accuracy.get("flexibility_error", np.nan) if verified else np.nan
 
     def missing_flexibility_at(self, bore: str) -> np.ndarray:
-        """Outward displacement of one bore that the body does not contain, per nodal pressure.
+        """Error of the outward displacement of one bore per nodal pressure: exact minus reduced.
 
         For M4, only the relative error of the displacement is known; the result is then this error
-        times the displacement that the body contains.
+        times the displacement of the reduced body.
 
         Returns
         -------
@@ -510,7 +513,7 @@ def save_body(body: ReducedBody, path: str | Path) -> None:
 
 
 def body_digest(body: ReducedBody) -> str:
-    """SHA-256 of a body's contents; equal before a body is stored and after it is read."""
+    """SHA-256 checksum of the contents of a body; storing and reading do not change it."""
     return digest(_tree(body))
 
 
@@ -607,7 +610,7 @@ def _require_semidefinite(matrix: np.ndarray, name: str) -> None:
     Raises
     ------
     ValueError
-        If the matrix is not symmetric, or not positive semidefinite; the message has its name.
+        If the matrix is not symmetric, or not positive semidefinite; the message names the matrix.
     """
     diagonal = np.diag(matrix)
     if diagonal.min(initial=0.0) < 0.0:

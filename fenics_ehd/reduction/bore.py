@@ -601,8 +601,8 @@ def in_order(
     Returns
     -------
     tuple of numpy.ndarray
-        Indices that sort `numbers` and `x`, shape (m,); and for each face the positions of its
-        nodes in the sorted order, shape (c, k).
+        Indices that sort `numbers` and `x`, shape (m,); and for each face the indices of its
+        nodes in the sorted arrays, shape (c, k).
     """
     radius = np.linalg.norm(x[:, :2], axis=1).mean()
     angle = np.mod(np.arctan2(x[:, 1], x[:, 0]) + 1e-9, 2 * np.pi)
@@ -614,7 +614,7 @@ def in_order(
 def _ordered(nodes: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sort the nodes of faces by z, then angle; return their numbers, and the faces renumbered.
 
-    A renumbered face has the positions of its nodes in the sorted array of numbers.
+    A renumbered face has the indices of its nodes in the sorted array of numbers.
     """
     numbers = np.unique(faces)
     order, cells = in_order(numbers, nodes[numbers], faces)

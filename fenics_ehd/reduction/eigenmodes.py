@@ -111,7 +111,7 @@ def lowest_modes(
 
 
 class LowestModes:
-    """Lowest modes of a part, for any number of modes.
+    """Lowest modes of a part, as a function of the number of modes.
 
     The modes are computed again only if more modes are requested than before.
     """
@@ -209,7 +209,9 @@ def _scattered(structure: Structure, phase: float) -> np.ndarray:
 
 
 def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray) -> None:
-    """Check the residual of every mode; `Reductor` checks that a basis is orthonormal.
+    """Check the residual of every mode.
+
+    Whether modes are orthonormal is checked later, together with the other columns of a basis.
 
     Raises
     ------

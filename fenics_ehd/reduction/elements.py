@@ -164,7 +164,7 @@ class NodalElement:
 
 
 def with_middles(corners: Any, edges: Any, *others: tuple) -> np.ndarray:
-    """Stack coordinates: of the corners, of the midpoints of edges, and of further nodes."""
+    """Coordinates of the nodes of an element: corners, midpoints of its edges, then `others`."""
     ends = np.array(corners, dtype=float)
     return np.vstack([ends, ends[np.array(edges)].mean(axis=1), *others])
 

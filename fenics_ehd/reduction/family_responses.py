@@ -1,13 +1,17 @@
 """Static responses of a part to a pressure family, and the flexibility that they determine.
 
 With the load matrix J of the bores and the static flexibility G of the part, the flexibility of the
-bores is ``S = J^T G J``. It is symmetric and positive semidefinite, and so is the part of it that a
-basis does not contain. Responses to r pressures Q of a `PressureFamily` have the displacement D of
-the bores' nodes and the work ``E = S Q`` on the nodal pressures. The flexibility follows from E by
-the formula of Nystroem:
+bores is ``S = J^T G J``. S is symmetric and positive semidefinite. The flexibility that a basis
+does not contain, S minus the flexibility of the basis, has the same properties. Responses to r
+pressures Q of a `PressureFamily` have the displacement D of the bores' nodes and the work
+``E = S Q`` on the nodal pressures. The formula of Nystroem gives S from Q and E by a decomposition
+into eigenvalues w and one into singular values s:
 
-    c = Q^T E = Z diag(w) Z^T,   C = Z w^(-1/2)   (w above round-off),   Y = E C = V s W^T,
-    patterns V^T,   energies s^2,   displacements of the patterns D C W s.
+    Q^T E = Z diag(w) Z^T,   C = Z w^(-1/2),   E C = V diag(s) W^T,   S = V s^2 V^T.
+
+Eigenvalues w that are round-off are dropped, with their vectors. The columns of V are orthonormal
+pressure patterns, s^2 is twice the strain energy for a unit amplitude of each pattern, and D C W s
+are the displacements due to the patterns.
 
 The result is exact for pressures of the family. A pressure outside of the family is projected onto
 the family in the norm of energy. The result is therefore never more flexible than S. A projection
@@ -184,7 +188,8 @@ def flexibility_form(pressures: np.ndarray, work: np.ndarray, energy: float) -> 
     work
         Work E of unit nodal pressures on the responses, shape (k, r) [m^3].
     energy
-        Largest energy of the complete flexibility, relative to which energies count as round-off.
+        Largest energy of a pressure with the complete flexibility. The energy below which a
+        combination of pressures counts as round-off is relative to this energy.
     """
     values, vectors = falling_eigenpairs(symmetric(pressures.T @ work))
     least = max(SMALLEST_ENERGY * values.max(initial=0.0), ROUND_OFF * len(pressures) * energy)
@@ -201,7 +206,7 @@ def largest_energy(responses: Responses) -> float:
 
 
 def missing_flexibility(responses: Responses, body: ReducedBody) -> np.ndarray:
-    """Outward bore displacement per nodal pressure that a body does not contain, (m, k) [m/Pa].
+    """Outward bore displacement per nodal pressure, exact minus reduced, (m, k) [m/Pa].
 
     The result is exact for the pressures of `responses`. For other pressures, its strain energy is
     at most the exact energy.

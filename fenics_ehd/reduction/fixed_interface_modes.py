@@ -173,7 +173,7 @@ def boundary_basis(
     constraint_modes
         Static modes of unit boundary dofs.
     centre
-        Columns of the constraints for C2; None if it is not held.
+        Constraint columns that hold the bore's centre C2; None if the centre is not held.
 
     Raises
     ------
@@ -229,10 +229,10 @@ def two_step_craig_bampton(
 ) -> ReducedBody:
     """M2: reduce a part to all its bore dofs, then reduce the result to fixed-boundary modes.
 
-    The second step is a complete Craig-Bampton reduction of the result of the first: in its static
-    modes of the boundary dofs the bore deforms. (With the zeros in (22) and (23) of the paper, the
-    bore would be rigid under a force at the boundary point A.) PETSc options of the solver for the
-    interior have the prefix ``interior_``.
+    The second step is a complete Craig-Bampton reduction of the result of the first step, so that
+    the bore deforms in the static modes of the boundary dofs. (With the zeros in (22) and (23) of
+    the paper, the bore would be rigid under a force at the boundary point A.) PETSc options of the
+    solver for the interior have the prefix ``interior_``.
 
     Parameters
     ----------

@@ -74,8 +74,8 @@ class ForeignMatrices:
         indices, missing = _looked_up(self.numbers, np.asarray(numbers))
         if len(missing):
             raise StructureError(
-                f"node {missing[0]} has no row in the matrices: if this node is held, read them "
-                "with numbers=, the numbers of all nodes of the part"
+                f"node {missing[0]} has no row in the matrices: if this node is held, read the "
+                "matrices with numbers = the numbers of all nodes of the part"
             )
         return indices
 
@@ -94,8 +94,8 @@ def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignM
     job
         Name of the job with its folder: ``JOB.sti``, ``JOB.mas`` and ``JOB.dof`` are read.
     numbers
-        Numbers of all nodes in the wanted order; None for the nodes that have rows, in ascending
-        order. Held degrees of freedom have no rows, see `reorder`.
+        Numbers of all nodes in the wanted order; None for only the nodes that have rows in the
+        files, in ascending order. Held degrees of freedom have no rows, see `reorder`.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def _square(file: Path, indices: np.ndarray, values: np.ndarray, size: int) -> s
 
 
 def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Look up `wanted` in `numbers`: indices of the wanted numbers, and those that are missing."""
+    """Indices in `numbers` of the `wanted` numbers, and the wanted numbers that are missing."""
     order = np.argsort(numbers)
     positions = np.searchsorted(numbers, wanted, sorter=order)
     indices = order[np.minimum(positions, len(order) - 1)]
@@ -302,7 +302,7 @@ def _in_order(
     )
     nodes = np.unique(labels[:, 0]) if numbers is None else np.asarray(numbers)
     if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
-        raise StructureError("numbers must contain the whole number of every node once")
+        raise StructureError("numbers must be distinct whole numbers, one for every node")
     rows, unknown = _looked_up(nodes, labels[:, 0])
     if len(unknown):
         raise StructureError(f"{files[0]}: node {unknown[0]} is not in `numbers`")

@@ -530,7 +530,7 @@ def dropped_patterns(
     responses
         Static responses to boundary loads and pressure patterns.
     candidates
-        Range of the responses to pressure patterns.
+        Range of the columns of `responses` that belong to pressure patterns.
     mass
         Reduced mass matrix of the candidates; None if unknown: frequencies are then infinite.
     combinations

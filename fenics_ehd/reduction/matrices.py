@@ -110,8 +110,8 @@ def owned_range(
     total, name
         Number of rows on all ranks, and the name of the matrix or vector for messages.
     rows
-        Number of rows of the stiffness matrix on this rank. None: the number is `owned`, or
-        nodes are distributed evenly.
+        Number of rows of the stiffness matrix on this rank; None if there is no stiffness matrix
+        yet. This rank then has `owned` rows or, without `owned`, an even share of the nodes.
     owned
         Number of rows on this rank if the rows are distributed already, else None.
 
@@ -194,7 +194,7 @@ def as_matrix(
             raise StructureError(f"{name} has complex numbers, but real numbers are needed")
         if max(block.nnz, *shape) > np.iinfo(PETSc.IntType).max:
             raise StructureError(
-                f"{name} has {max(block.nnz, *shape)} entries on a rank or rows, above "
+                f"{name} has {max(block.nnz, *shape)} rows, columns or entries on one rank, above "
                 f"{np.iinfo(PETSc.IntType).max}: use more ranks, or PETSc with 64-bit indices"
             )
         return block
@@ -410,7 +410,7 @@ def reorder(matrix: sparse.spmatrix, dofs: np.ndarray) -> sparse.csr_matrix:
         wrong = [*named[uses > 1], *np.setxor1d(named, np.arange(size))][0]
         raise StructureError(
             f"dofs must have each of the {size} row numbers once, but row {wrong} is missing, "
-            "repeated or not a row"
+            "repeated or not in the matrix"
         )
     order = sparse.csr_matrix((np.ones(len(free)), (free, flat[free])), shape=(len(flat), size))
     held = np.ones(len(flat))
@@ -571,8 +571,8 @@ class MassOperator:
     def free_matrix(self) -> None:
         """Free the memory of M if its products need only m.
 
-        Only the function that made M may do so. An empty matrix takes the place of M, with which
-        PETSc refuses to work.
+        Only the function that made M may call this method. M is then an empty matrix, and PETSc
+        raises an error if M is used.
         """
         if self._nodal is not None:
             comm = self._mass.comm

@@ -94,17 +94,17 @@ PATTERNS = {
 class SmoothResponses(NamedTuple):
     """Static responses of a mesh to smooth pressures and to unit forces.
 
-    The loads are s smooth pressures, `SMOOTH` in each bore, then forces along x and y on each of a
+    The loads are s smooth pressures, `SMOOTH` in each bore, then forces along x and y on each of b
     boundary points, in the order of their names.
 
     Attributes
     ----------
     compliance
         Work of each smooth pressure (rows) on the displacement under each load (columns), shape
-        (s, s + 2 a) [J/Pa^2], [J/(Pa N)].
+        (s, s + 2 b) [J/Pa^2], [J/(Pa N)].
     outward
         Outward displacement of the nodes of all bores (rows) under each load (columns), shape
-        (m, s + 2 a) [m/Pa], [m/N].
+        (m, s + 2 b) [m/Pa], [m/N].
     """
 
     compliance: np.ndarray

@@ -283,7 +283,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
 
 
 def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
-    """Boundary point in a group of the file: nodes with weights; else `matrix`, a matrix's path."""
+    """Nodes and weights of a boundary point, if its group has them, else the path `matrix`."""
     if "nodes" not in group:
         return matrix
     if "weights" not in group:

@@ -253,7 +253,7 @@ def edges_text(edges: Mapping[str, Sequence[float]]) -> str:
 
 
 def _rounded(heights: Sequence[float]) -> list[float]:
-    """Distinct heights to a nanometre, ascending."""
+    """Distinct heights in ascending order, rounded to a nanometre."""
     return sorted({round(float(height), 9) for height in heights})
 
 
@@ -266,13 +266,13 @@ def edges_of(text: str) -> dict[str, tuple[float, ...]]:
 def missing_edges(
     provenance: Mapping[str, str], edges: Mapping[str, Sequence[float]]
 ) -> dict[str, list[float]]:
-    """Heights of films' edges that the pressure family of a body does not have, by bore [m].
+    """Heights of film edges for which the pressure family of a body was not made, by bore [m].
 
     Parameters
     ----------
     provenance
-        Provenance of the body. If it has no level, the family consists of all nodal pressures, as
-        for M4 in version 0.3.
+        Provenance of the body. Without an entry ``pressure_level``, the family consists of all
+        nodal pressures, as for M4 in version 0.3.
     edges
         Heights of the edges of the films in the body's bores, by the name of the bore [m].
     """

@@ -167,14 +167,14 @@ def _inventory(
 class StaticResponses:
     """Static responses ``X = G L`` of (29), from which the share of known modes is subtracted (30).
 
-    The columns of the loads L are a fields of nodal forces, then p pressure patterns (33).
+    The columns of the loads L are f fields of nodal forces, then p pressure patterns (33).
 
     Parameters
     ----------
     solver
         Static solver of the part.
     fields
-        Nodal forces, rows of this rank, shape (owned dofs, a) [N].
+        Nodal forces, rows of this rank, shape (owned dofs, f) [N].
     pressures
         Pressure patterns ``P_c``, the same on every rank, shape (k, p) [Pa].
     angular, modes
@@ -184,7 +184,7 @@ class StaticResponses:
     Attributes
     ----------
     count
-        Number a + p of responses.
+        Number f + p of responses.
     stiffness
         Work of every load on every response, ``L^T X = X^T K X``, shape (count, count).
     nodal_work
@@ -362,7 +362,7 @@ class Reductor:
 
     @property
     def measure(self) -> np.ndarray:
-        """Orthonormal pressures over which flexibilities are compared, as traces, (k, r) [Pa]."""
+        """Orthonormal pressures over which traces of flexibilities are computed, (k, r) [Pa]."""
         known = self._family_responses
         if known is not None and not self._every_pressure:
             return known.up_to(0).pressures
@@ -417,7 +417,8 @@ class Reductor:
     ) -> ReducedBody:
         """Make the reduced body from a basis, by projection of all matrices of the part.
 
-        For the parameters see `ReducedBody` and `load_dependent`. A clamped part has no `frame`.
+        For the parameters see `ReducedBody` and `load_dependent`. For a clamped part, `frame`
+        is not used.
         """
         structure = self.structure
         mass = self.mass

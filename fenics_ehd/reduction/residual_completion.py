@@ -7,6 +7,9 @@ displacement of the bores is
 
     u_bore = Psi q + S_res w,   S_res = G_c - T K_r^-1 T^T J,   w + zeta dw/dt = P.
 
+Psi are the rows of T at the bores, and K_r is the reduced stiffness. The damping matrix is the
+stiffness times zeta, so that the pressures w, which act on S_res, lag behind P.
+
 For all nodes of a part and any load f, the static response that a basis does not contain is
 
     (G - T K_r^-1 T^T) f.
@@ -103,7 +106,7 @@ def missing_fields(
     forces: np.ndarray,
     speeds: np.ndarray,
 ) -> np.ndarray:
-    """Static displacements that a basis does not contain, under forces on bores and rotation.
+    """Static displacements that a basis does not contain, due to bore forces and to rotation.
 
     Forces on boundary points need no such displacement, because every basis contains the response
     to them. Two loads are neglected: the rigid inertia that balances these forces in the frame of
@@ -269,7 +272,10 @@ def residual_flexibility(
 
 
 def _basis(reductor: Reductor, n_vibration: int, centrifugal: bool) -> Basis:
-    """Basis of vibration modes and static responses to forces on boundary points and rotation."""
+    """Basis of vibration modes and of static responses to forces on boundary points.
+
+    With `centrifugal`, the basis also has the static response to rotation.
+    """
     fields = reductor.points
     if centrifugal:
         fields = np.hstack([fields, centrifugal_load(reductor.structure, reductor.mass)])
@@ -306,7 +312,7 @@ class Remainder:
         self._forms: dict[int, FlexibilityForm] = {}
 
     def _coordinates(self, pressures: np.ndarray) -> np.ndarray:
-        """Static coordinates of the basis under r pressures Q, ``K_r^-1 T^T J Q``, shape (n, r)."""
+        """Coordinates of the static response to r pressures Q, ``K_r^-1 T^T J Q``, shape (n, r)."""
         return np.linalg.solve(self._basis.stiffness, self._load @ pressures)
 
     def _displacement(self, responses: Responses) -> np.ndarray:

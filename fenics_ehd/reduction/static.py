@@ -538,7 +538,7 @@ class StaticSolver:
         Raises
         ------
         VerificationError
-            If the dimensionless compliance exceeds `COMPLIANCE_LIMIT`.
+            If the compliance times the mean diagonal entry of K exceeds `COMPLIANCE_LIMIT`.
         """
         structure = self.structure
         first = structure.stiffness.getOwnershipRange()[0]

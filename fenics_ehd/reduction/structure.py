@@ -306,7 +306,7 @@ def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
     Raises
     ------
     StructureError
-        If the array has the shape of neither of them.
+        If the array has neither of these two shapes.
     """
     positions = np.asarray(coordinates, dtype=float)
     first, last = (row // 3 for row in stiffness.getOwnershipRange())
@@ -360,7 +360,7 @@ def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
     diagonal = structure.stiffness.getDiagonal().array
     bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
     if not bound.all():
-        raise StructureError("all nodes lie at the origin or on one axis: are there coordinates?")
+        raise StructureError("all nodes lie at the origin or on one axis: were coordinates given?")
     fields /= bound
     energy = inner(fields, multiply(structure.stiffness, fields), comm)
     ratios = np.diag(energy)
@@ -747,7 +747,8 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
 def _check_load(structure: Structure, bore: Bore, name: str) -> None:
     """Refuse a load matrix with forces off the bore, or with a wrong sum of outward forces.
 
-    If the radius grows, the work of a uniform pressure must be the pressure times the area.
+    For a unit growth of the radius, the work of a uniform pressure must be the pressure times the
+    area.
     """
     columns = bore.load.size[1]
     pressures = len(bore.pressure_coordinates)

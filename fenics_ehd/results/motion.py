@@ -23,7 +23,7 @@ def between_steps(history: History, time: np.ndarray) -> History:
 
     Coordinates are interpolated by cubic polynomials through the values and rates at two steps, so
     that joints remain closed between steps. All other quantities are interpolated by monotone
-    cubics, or linearly if a value is unknown.
+    cubics, or linearly if the quantity is unknown (NaN) at some step.
     """
     clock = np.asarray(history.run.time)
 

@@ -145,7 +145,8 @@ def parts_of_bases(bodies: Mapping[str, Body], bases: Sequence[str]) -> dict[str
         if not fitting:
             sizes = ", ".join(f"{name} of {part.modes} modes" for name, part in reduced.items())
             raise SettingsError(
-                f"--basis {path}: the basis fits no flexible body of the run ({sizes or 'none'})"
+                f"--basis {path}: the basis fits no flexible body of the run; flexible bodies: "
+                f"{sizes or 'none'}"
             )
         parts |= fitting
     return parts
@@ -195,7 +196,9 @@ class Block:
 def moved_along(
     poses: np.ndarray, points: np.ndarray, displacement: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Transform points and displacements from a moving frame to space, both (t, p, 3) [m].
+    """Transform points and displacements from a moving frame to space.
+
+    Both results have the shape (t, p, 3) [m].
 
     Parameters
     ----------
@@ -270,9 +273,10 @@ def film_block(replay: RecordedMotion, binding: FilmBinding, film: FilmResult) -
 
 
 def height_at(replay: RecordedMotion, name: str, point: str) -> float:
-    """Height of a point of a body [m]: 0, or the distance from the first end of a shaft.
+    """Height of a point of a body [m]: on a shaft, the distance from its first end, otherwise 0.
 
-    If the height of a bore is known, the heights of the shaft in it are shifted to agree with it.
+    If the height of a bore is known, all heights on the shaft in it are shifted by the same length,
+    so that the journal is at the height of the bore's centre.
     """
     body = replay.bodies[name]
     if not isinstance(body, ShaftBody):

@@ -8,8 +8,8 @@ these files replace the former files as soon as the run is complete. Therefore, 
 killed at any instant, the folder has a complete result, a run to resume, or both.
 
 A checkpoint is one file with the history so far and the state that rows of the history do not
-contain: points of the integrator's formula, the search for a cycle, times. The steps of a resumed
-run are bitwise those of an uninterrupted run.
+contain: points of the integrator's formula, the search for a cycle, computing times. The steps of a
+resumed run are bitwise those of an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -486,8 +486,9 @@ def recorded_steps(
     run, directory, fields
         As for `save_run_state`.
     interval
-        Time between two checkpoints [s]; at least `REST` times the time to write one. The first
-        checkpoint is written after the first step.
+        Time between two checkpoints [s]. If it is below `REST` times the time that the last
+        checkpoint took to write, that time is used instead. The first checkpoint is written after
+        the first step.
     """
     table = CsvFile(directory / CSV_NAME, run.counts["steps"])
     due = -inf
@@ -577,8 +578,8 @@ def record_run(
     directory
         Folder for ``history.csv``, ``history.h5``, ``summary.json`` and the checkpoint.
     about
-        Further entries of the summary. A resumed run keeps the entries in `BEGAN` of its first
-        start.
+        Further entries of the summary. A resumed run keeps the entries named in `BEGAN` as they
+        were at its first start.
     fingerprints
         Checksums of the inputs by file name; they must be the same as at the first start.
     interval

@@ -42,8 +42,8 @@ class CycleStress:
         Index of the node with the largest half-range, and index of the node with the largest
         principal stress.
     half_range_around, principal_around
-        Half-range at `half_range_node`, and principal stress at `principal_node`, before averaging
-        over cells: least and largest value of the cells around the node [Pa].
+        Least and largest value of the cells around a node, before averaging over these cells:
+        half-range at `half_range_node`, and principal stress at `principal_node` [Pa].
     """
 
     nodes: np.ndarray
@@ -67,9 +67,9 @@ def cycle_stress(
 ) -> CycleStress:
     """Extreme stresses of a part over a cycle, from its coordinates; on one rank.
 
-    Stresses are linear in the modes and the residual patterns. They are computed for every mode and
-    pattern; if there are fewer instants than modes and patterns, for the displacements at every
-    instant. Blocks of cells are processed one by one.
+    Stresses are linear in the modes and the residual patterns. They are therefore computed for
+    every mode and pattern. If there are fewer instants than modes and patterns, they are computed
+    for the displacements at every instant instead. Blocks of cells are processed one by one.
 
     Parameters
     ----------
@@ -81,8 +81,9 @@ def cycle_stress(
         Coordinates q, shape (t, n), and amplitudes of residual patterns, shape (t, r), at the
         instants, see `RecordedMotion.in_equilibrium`.
     loads
-        Forces and speeds, see `missing_fields`, from which the displacements that the basis does
-        not contain are computed. None: these displacements are those of the residual patterns.
+        Forces and speeds, see `missing_fields`. The displacements that the basis does not contain
+        are computed from them. If None, the residual patterns with their `amplitudes` are used as
+        these displacements.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Machines: each scene is a short file that puts the parts together."""
+"""Scenes: short files that each describe a machine by its parts."""

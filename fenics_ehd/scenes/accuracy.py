@@ -9,7 +9,7 @@ the largest error components are refined by their orders of convergence. The err
                 orders of the nodal pressures and of their interpolation between the nodes,
     basis       1 / modes,
     part mesh   cells^-2,
-    start       periodicity: largest change of a film over a cycle.
+    start       periodicity, the limit of the change of a film over a cycle.
 
 The components are reduced to a common level, at which their sum leaves a margin to the accuracy.
 The next run is judged in the same way.
@@ -176,7 +176,9 @@ def start_search(scene: Scene) -> tuple[Scene, Search | None]:
     if not asked:
         return scene, None
     if not scene.films:
-        raise SettingsError(f"output.accuracy = {asked:g}: scene {scene.name} has no film")
+        raise SettingsError(
+            f"output.accuracy = {asked:g} needs a film: scene {scene.name} has none"
+        )
     if not output.error_budget:
         raise SettingsError(f"output.accuracy = {asked:g} needs output.error_budget = true")
     if asked < LEAST:
@@ -379,8 +381,8 @@ def _errors(
                     parts[key] = search.asked  # the films repeat by coincidence: run again
                 elif value != NOT_APPLICABLE and key != "part_mesh":
                     raise AccuracyError(
-                        f"output.accuracy = {search.asked:g}: the error of joints.{joint} by "
-                        f"{key.replace('_', ' ')} is {value}: {notes.get(key, 'drop the key')}"
+                        f"output.accuracy = {search.asked:g}: the error of joints.{joint} due to "
+                        f"{key.replace('_', ' ')} is {value}: {notes.get(key, 'drop accuracy')}"
                     )
     return errors
 

@@ -160,10 +160,10 @@ def build(
 
 
 def _lacking_edges(name: str, part: ElasticPart) -> Iterator[str]:
-    """Notices, one line each, on edges of films for which a body was not reduced.
+    """Notices, one line each, on film edges that the pressures of a body's reduction lack.
 
-    The pressures of a reduction have edges along z at the edges of supplies, see
-    `Scene.film_edges`. A body from a file may lack some of them.
+    A part is reduced for pressures that change abruptly at the heights `Scene.film_edges`. A body
+    from a file may have been reduced without some of these heights.
     """
     from fenics_ehd.reduction.pressure_family import missing_edges
 
@@ -202,7 +202,7 @@ def unassembled(scene: Scene, film_meshes: Mapping[str, MeshMaker]) -> Mechanism
 
 
 def _require_period(scene: Scene, inputs: Inputs) -> None:
-    """Refuse a period after which a load, drive or supply does not have its value at the start."""
+    """Refuse a period at whose end a load, drive or supply differs from its value at the start."""
     if scene.time.periodic:
         loaded = Mechanism(_stiff(scene), {}, inputs.drives, inputs.forces)
         check_period(loaded, scene.span, scene.time.periodicity, inputs.supply_curves)

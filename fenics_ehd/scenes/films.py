@@ -136,8 +136,8 @@ def _in_hole(supply: Supply, key: str, holes: Sequence[BoreHole]) -> Supply:
         return supply
     if not holes or supply.on_journal:
         raise SettingsError(
-            f"{key}.diameter is missing [m]: give it, since this {supply.on} has no hole in a mesh "
-            "from which it could be taken"
+            f"{key}.diameter is missing [m], and this {supply.on} has no hole in a mesh whose "
+            "diameter could be used: give a diameter"
         )
 
     def distance(hole: BoreHole) -> float:
@@ -191,7 +191,7 @@ def check_fit(scene: Scene, name: str, bore: BoreSurface | None) -> None:
             if written and not abs(written - value) <= FIT * value:
                 raise SettingsError(
                     f"{key}.{size} = {written:g} m must be that of the bore {joint.bore}, "
-                    f"{value:g} m, within {100 * FIT:g} %: drop it or change the part's "
+                    f"{value:g} m, within {100 * FIT:g} %: drop the key or change the part's "
                     f"bodies.{joint.bore.partition('.')[0]}.geometry"
                 )
     require_thin_film(joint.clearance, radius, f"{key}.clearance")

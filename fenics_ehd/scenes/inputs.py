@@ -204,7 +204,7 @@ def _pressure_curve(supply: Supply, key: str, *, periodic: bool) -> Curve | None
     if values.min() < 0.0:
         raise SettingsError(
             f"{key}.table {path} has a pressure of {values.min():g} Pa: pressures must be at least "
-            "0, where the film cavitates"
+            "0, the cavitation pressure"
         )
     if periodic:
         ends = values[[0, -1]][:, None]

@@ -7,9 +7,9 @@ bit the body that a new reduction would give. An entry has two files:
     NAME.h5         the body, see `fenics_ehd.reduction.body`; its date is that of the last use
     NAME.basis.h5   the basis of its displacement fields, see `fenics_ehd.reduction.part_files`
 
-The basis is written first: an entry without a body does not exist. Both files are sealed. An entry
-that cannot be read is made again. A file ``NAME.lock`` exists while the body is reduced, so that
-other processes wait for it instead of reducing the same part.
+The body is written last, so that every entry with a body is complete. Both files are sealed. An
+entry that cannot be read is made again. A file ``NAME.lock`` exists while the body is reduced, so
+that other processes wait for it instead of reducing the same part.
 
 The folder is ``fenics_ehd`` in the user's cache, or the folder that `CACHE_VARIABLE` names. A
 folder that another user owns or can write to is not used, because that user could have replaced the
@@ -110,9 +110,10 @@ def checksum(values: Mapping[str, str], digits: int = 16) -> str:
 
 
 def content_of(name: str) -> str | None:
-    """Name of a file with a checksum of its content, or of the history in a folder, as text.
+    """Text with the name of a file and a checksum of its content.
 
-    The result is None if there is no such file.
+    For the folder of a run, the checksum is that of the history in it. The result is None if there
+    is no such file.
     """
     path = Path(name, FIELDS_NAME) if Path(name).is_dir() else Path(name)
     if not path.is_file():
@@ -345,8 +346,8 @@ class Entry:
     comm
         Ranks that share the part.
     with_mesh_error
-        Name of another entry, which has the same body with its mesh error; used if the body is
-        read without a mesh error, else empty.
+        Name of the entry that has the same body with an estimated mesh error. It is read, too, if
+        this entry is for a body without a mesh error; else empty.
     """
 
     name: str = ""
@@ -440,7 +441,9 @@ class Entry:
         return None if path is None else act(path)
 
     def _read_body(self, path: Path) -> ReducedBody | None:
-        """Read the body of this entry, or that of the entry with a mesh error, without the error.
+        """Read the body of this entry, or else that of the entry `with_mesh_error`.
+
+        The mesh error is then removed from the body.
 
         The result is None if neither can be used.
         """
@@ -504,7 +507,7 @@ def _lock(path: Path) -> int | None:
     """Lock a file, if necessary after waiting for another process; return the file's descriptor.
 
     The result is None if the file cannot be locked. A process that releases its lock removes the
-    file. A lock of a file that was removed in the meantime is therefore tried again.
+    file. If that happens before this process has locked the file, it tries again with a new file.
     """
     began = time.monotonic()
     silent = True

@@ -153,8 +153,8 @@ def require_snapshots(part: schema.FlexibleSettings, section: str) -> None:
 def reduce_structure(part: Structure | Reductor, reduction: ReductionSettings) -> ReducedBody:
     """Reduce a part by the method in its settings.
 
-    The columns of the body are displacement fields of the complete part. A `Reductor` has a solver;
-    for a `Structure` the setting `solver` is used.
+    The attribute `columns` of the body has the displacement fields of the complete part. The
+    setting `solver` is used for a `Structure`; a `Reductor` has its solver already.
     """
     if isinstance(part, Structure):
         part = Reductor(part, solver=reduction.solver)
@@ -354,8 +354,8 @@ def require_provenance(
 ) -> None:
     """Refuse a body from a file if its settings differ from those in a scene file.
 
-    A body that was not made from the model of a scene is accepted. A body of version 0.3 is
-    accepted for any tolerance of M4: its flexibility was computed from all nodal pressures.
+    A body whose provenance names no model is accepted without a comparison. A body of version 0.3
+    is accepted for any tolerance of M4: its flexibility was computed from all nodal pressures.
 
     Parameters
     ----------

@@ -215,8 +215,8 @@ def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
     if len(set(rotating.values())) > 1:
         listed = ", ".join(f"{name} ({speed:g} rad/s)" for name, speed in rotating.items())
         raise SettingsError(
-            f"bodies rotate at different speeds: {listed}: name the one whose speed is varied "
-            "with --of; the others keep their speeds"
+            f"bodies rotate at different speeds: {listed}: give --of the name of the body whose "
+            "speed is varied; the other bodies keep their speeds"
         )
     return tuple(rotating)
 
@@ -243,8 +243,8 @@ def _unbalances(
         require_point("unbalance", each.point, points)
         if each.rotates_with not in rotating:
             raise SettingsError(
-                f"unbalance of {each.point}: body {each.rotates_with} does not rotate at the "
-                f"speeds of the map, {', '.join(rotating)} does: choose it with --of, or drop the "
-                "unbalance"
+                f"unbalance of {each.point}: body {each.rotates_with} does not have the speed of "
+                f"the map, which is that of {', '.join(rotating)}: choose the body of the "
+                "unbalance with --of, or drop the unbalance"
             )
     return tuple(unbalances)

@@ -137,8 +137,8 @@ def _require_same(scene: Scene, directory: Path) -> None:
         if asked.get(key) != recorded.get(key):
             raise SettingsError(
                 f"{key} = {asked.get(key)!r}, but the run in {directory} has "
-                f"{recorded.get(key)!r}: resume it with read_scene of its {SCENE_NAME}, or choose "
-                "another folder"
+                f"{recorded.get(key)!r}: resume the run with the scene in its {SCENE_NAME}, or "
+                "choose another folder"
             )
 
 
@@ -316,7 +316,7 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
 def _fingerprints(scene: Scene, built: Machine) -> dict[str, str]:
     """Checksums of scene, tables and bodies, by file name.
 
-    A run is resumed only if they equal those at its start.
+    A run is resumed only if these checksums equal those at its start.
     """
     hashes = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
     for path in dict.fromkeys(csv_files(scene.tables)):

@@ -390,7 +390,7 @@ def _check_oil(scene: Scene, name: str, joint: schema.LubricatedSettings) -> Non
     if massless and joint.initial_filling < 1.0:
         raise SettingsError(
             f"{key}.initial_filling = {joint.initial_filling:g}: no force holds the massless body "
-            f"{body} until the gap is full: set it to 1, or give the body a mass"
+            f"{body} until the gap is full: set the key to 1, or give the body a mass"
         )
 
 

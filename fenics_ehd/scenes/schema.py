@@ -5,7 +5,8 @@ Angles are measured from the x axis, positive from x to y. A body's angle is tha
 axis. A crank whose pin lies on its x axis has its outer (top) dead centre at angle 0, if the
 piston is on the positive x axis.
 
-Longer than other modules, because it is one list in the order of the reference made from it.
+This module is longer than others, because the reference of settings is made from it as one list, in
+the same order.
 """
 
 from __future__ import annotations
@@ -200,7 +201,7 @@ class FlexibleSettings(Pose):
 
 @attrs.frozen(kw_only=True)
 class ContactSettings(Roughness):
-    """Roughness and contact of a journal and its bore; without a roughness they are smooth."""
+    """Roughness and contact of a journal and its bore; surfaces without a roughness are smooth."""
 
     asperity_density: float = only_with(
         only_if_rough(

@@ -75,7 +75,7 @@ def read_shape_table(path: str | Path, key: str) -> ShapeTable:
         angles = angles[:-1]
         values = values[:-1]
     elif span > 360.0:
-        raise SettingsError(f"{where}: the angles span {span:g} deg, but 360 deg at most are valid")
+        raise SettingsError(f"{where}: the angles span {span:g} deg, but at most 360 deg are valid")
     try:
         return ShapeTable(np.radians(angles), levels * largest, values)
     except SettingsError as error:

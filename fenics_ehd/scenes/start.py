@@ -81,7 +81,7 @@ def _require_passage(system: System, z: np.ndarray, span: float) -> None:
             z, _ = assemble(system, time, z)
         except SettingsError as error:
             angles = ", ".join(f"{n} {np.degrees(d(time)[0]):.0f}" for n, d in drives.items())
-            raise SettingsError(f"at angles of {angles} degrees: {error}") from None
+            raise SettingsError(f"at drive angles {angles} degrees: {error}") from None
 
 
 def _with_start(body: Body, z: np.ndarray, rates: np.ndarray) -> Body:

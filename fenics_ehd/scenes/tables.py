@@ -97,8 +97,8 @@ def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
             continue
         if ";" in line or "\t" in line:
             raise SettingsError(
-                f"{line_name}, has {line.strip()[:40]!r}: separate entries by commas, and use "
-                "decimal points"
+                f"{line_name}: {line.strip()[:40]!r}: separate entries by commas, and use decimal "
+                "points"
             )
         lines.append((line_name, [entry.strip(' "') for entry in line.split(",")]))
     return lines
@@ -188,7 +188,7 @@ def _columns(
         name, unit = match.groups() if match else (title, "")
         if name not in units or name in columns:
             reason = "appears twice" if name in columns else f"is not one of {', '.join(units)}"
-            raise SettingsError(f"{line_name}: column {title!r} {reason}: give {wanted}")
+            raise SettingsError(f"{line_name}: column {title!r} {reason}: give columns {wanted}")
         if unit not in units[name]:
             known = " or ".join(f"{name}_{known}" for known in units[name])
             raise SettingsError(f"{line_name}: column {title!r} needs a unit: give {known}")
@@ -214,7 +214,7 @@ def require_closed(where: str, values: np.ndarray, remedy: str) -> None:
         closing, opening = (", ".join(f"{value:g}" for value in row) for row in (last, first))
         raise SettingsError(
             f"{where}: the last row ({closing}) differs from the first ({opening}) by "
-            f"{gap:.3g}, above {CLOSING_TOLERANCE:g} of the largest: {remedy}"
+            f"{gap:.3g}, above {CLOSING_TOLERANCE:g} of the largest row: {remedy}"
         )
 
 
@@ -263,7 +263,7 @@ def limited(slopes: np.ndarray, chords: np.ndarray) -> np.ndarray:
 
 
 def _with_last_row(rows: np.ndarray) -> np.ndarray:
-    """Append the first row at the end of the period if the spacing shows that it is missing."""
+    """Append the first row as last row of the period if the spacing shows that one is missing."""
     angles = rows[:, 0]
     for period in PERIODS:
         missing = period - (angles[-1] - angles[0])
@@ -413,7 +413,7 @@ def read_load(
     if times[0] != 0.0:
         raise SettingsError(f"{row_names[0]}: the first time is {times[0]:g} s: it must be 0")
     if not forces.any():
-        raise SettingsError(f"{where}: the load is 0 in all rows: give one that is not")
+        raise SettingsError(f"{where}: the load is 0 in all rows: at least one row needs a force")
     if period:
         if not period > times[-1]:
             raise SettingsError(
