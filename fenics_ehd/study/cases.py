@@ -265,7 +265,7 @@ def _range(key: str, item: str, unit: str | None = None) -> list[float]:
             f"{key} = {item!r}: count = {counted[0]} must be a whole number from 2 to {MOST_CASES}"
         )
     if logarithmic and not (first > 0 and last > 0):
-        raise SettingsError(f"{key} = {item!r}: first and last of a log range must be above 0")
+        raise SettingsError(f"{key} = {item!r}: first and last must be above 0 for log ranges")
     numbers = (np.geomspace if logarithmic else np.linspace)(first, last, count)
     # Numbers are rounded to the digits that a scene file stores: 2e-05, not its neighbour.
     return [first, *(float(f"{number:.12g}") for number in numbers[1:-1]), last]
