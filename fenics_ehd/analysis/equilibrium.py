@@ -17,7 +17,9 @@ force f. On the motions that the joints allow, spanned by the columns of Z, it i
     C(s)^-1 = s^2 M + s D + K.
 
 Mass M, damping D and stiffness K contain all films. They are exact derivatives of the discrete
-equations with fixed active sets.
+equations with fixed active sets. If an elastic bore has residual patterns, the dynamic stiffness
+``H(s) = C(s)^-1`` has poles. D and K are then its expansion for slow motions, and modes and
+vibrations are those of H itself (`fenics_ehd.analysis.film_memory`).
 
 The force of a film on the journal changes by ``-(k_f q + d_f q')``. Its coefficients k_f and d_f
 follow from the same response: the film force is the multiplier of the constraint between the
@@ -47,6 +49,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.analysis.film_memory import SampledStiffness, sampled_shifts
 from fenics_ehd.base.arguments import require_class, require_number
 from fenics_ehd.base.errors import HeatError, SettingsError, SolverError
 from fenics_ehd.base.renamed import renamed_arguments
@@ -178,6 +181,9 @@ class Linearisation:
     films
         Coefficients ``(k_f, d_f)`` of every film by the name of its joint, shape (2, 2, k): the
         force on the journal in the frame at rest is ``-(k_f q + d_f q')``.
+    sampled
+        Dynamic stiffness of a machine with residual patterns of elastic bores, for which M, D, K
+        and the coefficients of the films hold for slow motions only; None without patterns.
     """
 
     basis: np.ndarray
@@ -185,6 +191,20 @@ class Linearisation:
     damping: np.ndarray
     stiffness: np.ndarray
     films: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sampled: SampledStiffness | None = None
+
+    def dynamic_stiffness(self, s: complex) -> np.ndarray:
+        """Dynamic stiffness H(s) of motions ``q exp(s t)`` with complex s, shape (k, k)."""
+        if self.sampled is not None:
+            return np.asarray(self.sampled.at(s) + s**2 * self.mass)
+        return np.asarray(self.stiffness + s * self.damping + s**2 * self.mass)
+
+    def film_stiffness(self, name: str, s: complex) -> np.ndarray:
+        """Negative force of a film on its journal per motion ``q exp(s t)``, shape (2, k)."""
+        if self.sampled is not None:
+            return self.sampled.film(name, s)
+        stiffness, damping = self.films[name]
+        return np.asarray(stiffness + s * damping)
 
     def along(self, places: np.ndarray) -> Linearisation:
         """The same linearisation, in which q are k of the coordinates z.
@@ -201,14 +221,17 @@ class Linearisation:
             turn.T @ self.damping @ turn,
             turn.T @ self.stiffness @ turn,
             {name: film @ turn for name, film in self.films.items()},
+            None if self.sampled is None else self.sampled.with_coordinates(turn),
         )
 
     @property
     def roots(self) -> np.ndarray:
         """Eigenvalues of the motions [1/s]; the equilibrium is stable if no real part is positive.
 
-        The mass matrix M must not be singular.
+        The mass matrix M must not be singular, unless the dynamic stiffness is `sampled`.
         """
+        if self.sampled is not None:
+            return self.sampled.modes(self.mass)[0]
         unit = np.eye(len(self.mass))
         zero = np.zeros_like(self.mass)
         motion = np.block([[zero, unit], [-self.stiffness, -self.damping]])
@@ -589,6 +612,8 @@ def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
     SettingsError
         The cavitation is mass-conserving, so that the response of the film depends on the
         frequency; or a motion has no stiffness, such as a shaft that turns freely.
+    SolverError
+        The dynamic stiffness of a machine with residual patterns cannot be interpolated.
     """
     if isinstance(rest, Mechanism):
         rest = equilibrium(rest)
@@ -603,6 +628,8 @@ def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
     jacobian = Instant(system, 0.0, rest.z).jacobian
     basis = linalg.null_space(jacobian)
     mass = basis.T @ rest.state.motion.derivatives().acceleration @ basis
+    if solver.equations.most_patterns:
+        return _with_memory(rest, jacobian, basis, mass)
     slow = SLOW * _rate(system)
     still, still_forces = _dynamic_stiffness(rest, jacobian, basis, 0.0)
     moving, moving_forces = _dynamic_stiffness(rest, jacobian, basis, slow)
@@ -612,6 +639,23 @@ def linearise(rest: Equilibrium | Mechanism) -> Linearisation:
         for name, force in still_forces.items()
     }
     return Linearisation(basis, mass, damping, still, films)
+
+
+def _with_memory(
+    rest: Equilibrium, jacobian: np.ndarray, basis: np.ndarray, mass: np.ndarray
+) -> Linearisation:
+    """Linearise a mechanism with residual patterns, from its dynamic stiffness at real shifts."""
+    shifts = sampled_shifts(_rate(rest.system))
+    samples = [_dynamic_stiffness(rest, jacobian, basis, shift) for shift in shifts]
+    sampled = SampledStiffness(
+        shifts,
+        np.array([matrix for matrix, _ in samples]) - shifts[:, None, None] ** 2 * mass,
+        {name: np.array([films[name] for _, films in samples]) for name in samples[0][1]},
+    )
+    stiffness = sampled.values[0]
+    return Linearisation(
+        basis, mass, sampled.damping, stiffness, sampled.film_coefficients, sampled
+    )
 
 
 def _dynamic_stiffness(

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation
+from fenics_ehd.analysis.film_memory import SampledStiffness
 
 #: Number of cells around the bearing by which each mesh exceeds the one before.
 CELLS_APART = 2
@@ -63,19 +64,21 @@ def mean_linearisation(parts: Sequence[Linearisation]) -> Linearisation:
     Returns
     -------
     Linearisation
-        Means of mass, damping, stiffness and coefficients of the films; its basis is that of the
-        first mesh.
+        Means of mass, damping, stiffness, coefficients of the films, and samples of the dynamic
+        stiffness; its basis is that of the first mesh.
     """
     first = parts[0]
     if len(parts) == 1:
         return first
     alike = [first, *(in_basis(part, first.basis) for part in parts[1:])]
+    sampled = [part.sampled for part in alike if part.sampled is not None]
     return Linearisation(
         first.basis,
         np.mean([part.mass for part in alike], axis=0),
         np.mean([part.damping for part in alike], axis=0),
         np.mean([part.stiffness for part in alike], axis=0),
         {name: np.mean([part.films[name] for part in alike], axis=0) for name in first.films},
+        SampledStiffness.combined(sampled, [1 / len(sampled)] * len(sampled)) if sampled else None,
     )
 
 

@@ -9,6 +9,11 @@ with right and left eigenvectors X and Y, scaled so that ``Y^H B X = 1``. If M i
 massless journals, some roots are infinite and are not included. Real roots belong to motions
 without oscillation; a pair of real roots belongs to an overdamped motion.
 
+The dynamic stiffness H(s) of a machine with residual patterns of elastic bores is interpolated, and
+its roots and null vectors x and y are those of `fenics_ehd.analysis.film_memory`. States of a mode
+are ``X = (x, lambda x)`` and ``Y = (Y_1, y)`` with ``Y_1^H = y^H (H'(lambda) - lambda M)``. For
+``H = s^2 M + s D + K`` these are the eigenvectors of the pencil.
+
 - Damping ratio ``-sigma / |lambda|``, logarithmic decrement ``-2 pi sigma / |nu|``.
 - Whirl direction of the deflections (u, v) of k points, u along x and v along y, at nu > 0:
   ``kappa = -2 Im sum conj(u) v / sum (|u|^2 + |v|^2)`` times the sign of the speed. It is +1 if all
@@ -30,6 +35,7 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.analysis.equilibrium import Linearisation
+from fenics_ehd.analysis.film_memory import SampledStiffness
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.joints import require_point
 from fenics_ehd.multibody.mechanism import System
@@ -87,7 +93,9 @@ class Modes:
 
 
 def modes_of(linear: Linearisation) -> Modes:
-    """Compute the modes of small motions about an equilibrium, from their matrices M, D and K."""
+    """Compute the modes of small motions about an equilibrium."""
+    if linear.sampled is not None:
+        return _with_memory(linear.sampled, linear.mass)
     size = len(linear.mass)
     # In units of time at which mass and stiffness have the same size, the pencil is well scaled.
     rate = float(np.sqrt(np.linalg.norm(linear.stiffness) / np.linalg.norm(linear.mass)))
@@ -115,6 +123,25 @@ def modes_of(linear: Linearisation) -> Modes:
     y = y / (sizes * np.exp(-1j * np.angle(products)))
     order = np.lexsort((-roots.imag, -roots.real))
     return Modes(roots[order], x[:, order], y[:, order], linear.mass)
+
+
+def _with_memory(sampled: SampledStiffness, mass: np.ndarray) -> Modes:
+    """Modes of small motions with an interpolated dynamic stiffness; `mass` is the matrix M."""
+    roots, x, y = sampled.modes(mass)
+    roots = np.where(np.abs(roots.imag) > REAL * np.abs(roots), roots, roots.real)
+    slopes = [sampled.derivative(mass, root) for root in roots]
+    products = np.array([y[:, i].conj() @ slope @ x[:, i] for i, slope in enumerate(slopes)])
+    sizes = np.sqrt(np.abs(products))
+    x = x / sizes
+    y = y / (sizes * np.exp(-1j * np.angle(products)))
+    upper = [
+        (slope - root * mass).conj().T @ y[:, i]
+        for i, (slope, root) in enumerate(zip(slopes, roots, strict=True))
+    ]
+    order = np.lexsort((-roots.imag, -roots.real))
+    right = np.vstack([x, roots * x])
+    dual = np.vstack([np.stack(upper, axis=1), y])
+    return Modes(roots[order], right[:, order], dual[:, order], mass)
 
 
 def damping_ratio(root: complex) -> float:

@@ -8,16 +8,20 @@ rotation ``s = Omega / |Omega|`` it is the real part of ``F exp(i omega t)``,
 
 About an equilibrium with the motions ``z = Z q`` and ``M q'' + D q' + K q = Z^T f`` the response is
 
-    q = (K + i omega D - omega^2 M)^-1 Z^T F.
+    q = H(i omega)^-1 Z^T F,    H(i omega) = K + i omega D - omega^2 M,
+
+where H of a machine with residual patterns of elastic bores is interpolated
+(`fenics_ehd.analysis.film_memory`).
 
 A point moves on an ellipse, whose larger half axis is the amplitude of the point. A part of the
 deflection rotates with the body. The phase is the angle of this part from the body's x axis,
-positive from x to y like phi. The force of a film on its journal is ``-(k_f + i omega d_f) q``.
+positive from x to y like phi. The force of a film on its journal is ``-(k_f + i omega d_f) q``, or
+its interpolated share of H.
 
 The amplification factor of a resonance at the speed Omega_r is ``Omega_r / (Omega_2 - Omega_1)``
 (API 617). At the speeds Omega_1 and Omega_2, on both sides of the resonance, the amplitude is lower
-by 3 dB, a factor of ``sqrt(1/2)``. Resonances are located on a finer grid of speeds, for which M, D
-and K are interpolated.
+by 3 dB, a factor of ``sqrt(1/2)``. Resonances are located on a finer grid of speeds, for which
+M, D, K and samples of H are interpolated.
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation
+from fenics_ehd.analysis.film_memory import SampledStiffness
 from fenics_ehd.multibody.forces import Unbalance
 
 #: Number of intervals between two neighbouring speeds in which resonances are located.
@@ -166,18 +171,19 @@ def response(linear: Linearisation, force: np.ndarray, frequency: float) -> np.n
     `force` is the complex amplitude of the force on the coordinates z, shape (n,); `frequency` is
     its angular frequency [rad/s].
     """
-    dynamic = linear.stiffness + 1j * frequency * linear.damping - frequency**2 * linear.mass
+    dynamic = linear.dynamic_stiffness(1j * frequency)
     return np.asarray(np.linalg.solve(dynamic, linear.basis.T @ force))
 
 
-def film_force(film: np.ndarray, motion: np.ndarray, frequency: float) -> np.ndarray:
+def film_force(
+    linear: Linearisation, name: str, motion: np.ndarray, frequency: float
+) -> np.ndarray:
     """Complex amplitude of the force of a film on its journal, shape (2,) [N].
 
-    `film` has stiffness and damping of the film, see `Linearisation.films`; `motion` is the complex
-    amplitude of q, and `frequency` its angular frequency [rad/s].
+    `name` is that of its joint, `motion` the complex amplitude of q, and `frequency` its angular
+    frequency [rad/s].
     """
-    stiffness, damping = film
-    return np.asarray(-(stiffness + 1j * frequency * damping) @ motion)
+    return np.asarray(-linear.film_stiffness(name, 1j * frequency) @ motion)
 
 
 def blended(first: Linearisation, second: Linearisation, share: float) -> Linearisation:
@@ -193,7 +199,12 @@ def blended(first: Linearisation, second: Linearisation, share: float) -> Linear
     films = {
         name: (1 - share) * film + share * second.films[name] for name, film in first.films.items()
     }
-    return Linearisation(mean("basis"), mean("mass"), mean("damping"), mean("stiffness"), films)
+    sampled = None
+    if first.sampled is not None and second.sampled is not None:
+        sampled = SampledStiffness.combined((first.sampled, second.sampled), (1 - share, share))
+    return Linearisation(
+        mean("basis"), mean("mass"), mean("damping"), mean("stiffness"), films, sampled
+    )
 
 
 def unbalance_response(
@@ -226,8 +237,8 @@ def unbalance_response(
             loads = [unbalance_force(unbalance, along, speed) for unbalance, along in pairs]
             motion = response(linear, np.sum(loads, axis=0), abs(speed))
             deflections.append(point_rows @ linear.basis @ motion)
-            for name, film in linear.films.items():
-                forces[name].append(film_force(film, motion, abs(speed)))
+            for name in linear.films:
+                forces[name].append(film_force(linear, name, motion, abs(speed)))
         arrays = {name: np.array(force) for name, force in forces.items()}
         return SteadyVibration(np.array([s for s, _ in each]), np.array(deflections), arrays)
 

@@ -527,7 +527,8 @@ class CoupledSteps:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Changes of coordinates and multipliers due to small generalised forces.
 
-        Changes are those from the last solution, for each of k sets of forces.
+        Changes are those from the last solution, for each of k sets of forces. The derivatives
+        retain all residual patterns, because substitution has an error of `REFINED`.
 
         Parameters
         ----------
@@ -547,6 +548,8 @@ class CoupledSteps:
         past = rate - shift * x, -shift * rate
         step = ImplicitStep(0.0, shift, *past, x, x, (x, x), self._tolerance)
         self.equations.begin(step)
+        retained = self._factors.patterns
+        self._factors.retain_patterns(max(retained, self.equations.most_patterns))
         self.function(self._solution)
         self._factors.forget()
         self._factors.factorise(self._point, self._full)
@@ -556,6 +559,8 @@ class CoupledSteps:
             rest = np.zeros(self.equations.rest_size)
             rest[: len(force)] = force
             responses.append(self._factors.solve(self._point, films, rest).rest)
+        self._factors.retain_patterns(retained)
+        self._factors.forget()
         changes = np.stack(responses, axis=-1)
         n = self.system.n
         return changes[:n], changes[n : n + self.system.m]

@@ -19,6 +19,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation, SearchStart
+from fenics_ehd.analysis.film_memory import SampledStiffness
 from fenics_ehd.analysis.modes import damping_ratio, log_decrement
 from fenics_ehd.analysis.rotor_map import MapPoint, RotorMap
 from fenics_ehd.analysis.unbalance import UnbalanceResponse
@@ -97,6 +98,11 @@ def _content(point: MapPoint) -> bytes:
         "figures": np.array(list(point.figures.values()), dtype=float),
     }
     arrays |= {f"film_{n}": film for n, film in enumerate(linear.films.values())}
+    sampled = linear.sampled
+    arrays["shifts"] = np.zeros(0) if sampled is None else sampled.shifts
+    if sampled is not None:
+        arrays["sampled"] = sampled.values
+        arrays |= {f"sampled_film_{n}": sampled.films[name] for n, name in enumerate(linear.films)}
     for n, start in enumerate(point.starts):
         arrays |= {
             f"x_{n}": start.x,
@@ -128,7 +134,12 @@ def _read_point(path: Path) -> MapPoint | None:
         return MapPoint(
             float(arrays["speed"]),
             Linearisation(
-                arrays["basis"], arrays["mass"], arrays["damping"], arrays["stiffness"], films
+                arrays["basis"],
+                arrays["mass"],
+                arrays["damping"],
+                arrays["stiffness"],
+                films,
+                _read_sampled(arrays, list(films)),
             ),
             _by_name(arrays["columns"], arrays["figures"]),
             arrays["growth"],
@@ -136,6 +147,17 @@ def _read_point(path: Path) -> MapPoint | None:
         )
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None
+
+
+def _read_sampled(
+    arrays: Mapping[str, np.ndarray], joints: Sequence[str]
+) -> SampledStiffness | None:
+    """Samples of the dynamic stiffness in the file of a point; None without samples."""
+    shifts = arrays["shifts"]
+    if not len(shifts):
+        return None
+    films = {joint: arrays[f"sampled_film_{n}"] for n, joint in enumerate(joints)}
+    return SampledStiffness(shifts, arrays["sampled"], films)
 
 
 def _by_name(names: np.ndarray, values: np.ndarray) -> dict[str, float]:
