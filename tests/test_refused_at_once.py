@@ -96,7 +96,7 @@ COMMANDS = [
     # Studies.
     ("study loaded-journal -o out", "scene loaded-journal cannot be studied"),
     ("study four-bar -o out", "scene four-bar cannot be studied"),
-    ("study slider-crank-paper --start 1 -o out", "errors start at 1 s"),
+    ("study slider-crank-paper --start 1 -o out", "errors are evaluated after 1 s"),
     ("study gearbox -o out", "scene 'gearbox'"),
     ("study slider-crank-paper --workers 0 -o out", "--workers"),
 ]

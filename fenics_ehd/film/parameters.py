@@ -87,8 +87,9 @@ class FilmParameters:
             require_number(name, getattr(self, name), above=0)
         if not np.finfo(float).tiny < self.pressure_scale < np.inf:
             raise SettingsError(
-                f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s: pressures "
-                f"of the order of {self.pressure_scale:g} Pa cannot be computed: check the units"
+                f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s gives "
+                f"pressures of the order of {self.pressure_scale:g} Pa, which cannot be computed: "
+                "check the units"
             )
         if not self.clearance < self.grid.radius:
             raise SettingsError(
