@@ -215,7 +215,7 @@ def test_a_number_that_breaks_the_period_is_refused_before_the_run(key, off, tmp
     arguments = ("--of", "left.min_film_thickness", "--to", key, "--to", "left.clearance")
     status, out, err = exit_of(capfd, "sensitivity", path, *arguments)
     assert (status, out) == (2, "")
-    assert f"{key}: if it changes alone, {off} " in err
+    assert f"{key}: if only this parameter changes, {off} " in err
 
 
 def test_a_temperature_in_celsius_has_no_elasticity():

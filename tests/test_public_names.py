@@ -74,8 +74,8 @@ def test_what_would_be_left_out_in_python_is_refused():
     fed = ehd.HoleSupply(diameter=5e-3, name="oil", table="pressure.csv")
     for make, message in (
         (lambda: ehd.Shape(barrel=3e-6), r"barrel = 3e-06 m, taper = 0 m need half_width"),
-        (lambda: ehd.Shape(table="shape.csv"), r"table = 'shape\.csv' is read with a scene only"),
-        (lambda: film(feeds=(fed,)), r"oil: table = 'pressure\.csv' is read with a scene only"),
+        (lambda: ehd.Shape(table="shape.csv"), r"table = 'shape\.csv' is read only for scenes"),
+        (lambda: film(feeds=(fed,)), r"oil: table = 'pressure\.csv' is read only for scenes"),
         (
             lambda: ehd.bearing(load="5 kg"),
             "load = '5 kg' must be a number in N, or a number with a unit of",

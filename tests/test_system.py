@@ -202,7 +202,7 @@ def test_a_table_of_a_scene_is_none_of_a_mechanism():
         {"drives": {"wheel": ehd.Speed(table="speed.csv")}},
         {"forces": {"motor": ehd.Torque("wheel", table="torque.csv")}},
     ):
-        with pytest.raises(ehd.errors.SettingsError, match="with a scene only: give a curve"):
+        with pytest.raises(ehd.errors.SettingsError, match=r"only for scenes: .* a curve"):
             run({"wheel": ehd.RigidBody(1.0, 1e-3)}, {}, **loads)
 
 

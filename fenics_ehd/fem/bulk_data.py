@@ -235,7 +235,7 @@ def _materials(
 
 
 def _problem(text: str) -> dict[str, str]:
-    """Problems of a material that has none of its values, each with the same text as reason."""
+    """Problems of a material without usable values, see `FileMaterial`: one reason for them all."""
     return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
 
 

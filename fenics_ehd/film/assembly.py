@@ -46,17 +46,17 @@ class Pattern:
         self._template = sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), shape)
 
     def matrix(self, entries: np.ndarray) -> sparse.csr_matrix:
-        """Sparse matrix with the given entries, shape (n, n)."""
+        """Sparse matrix with this pattern and the given `entries`, shape (n, n)."""
         return with_data(self._template, entries)
 
     def multiply(self, entries: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Product of the matrix with the given entries and the vector `values`, shape (n,)."""
+        """Multiply the matrix that has the given `entries` by the vector `values`, shape (n,)."""
         self._template.data = entries
         return self._template @ values
 
 
 def with_data(template: sparse.spmatrix, data: np.ndarray) -> sparse.spmatrix:
-    """Copy of a sparse matrix with other entries, without the checks of scipy's constructor."""
+    """Make a matrix with the sparsity of `template` and other entries, without SciPy's checks."""
     matrix = copy(template)
     matrix.data = data
     return matrix
@@ -78,7 +78,7 @@ class Assembly:
     reference
         Coordinates of the Gauss points in the unit cell, shape (q, 2).
     area
-        Area over R^2 that belongs to each Gauss point in integrals over the bore, shape (c, q).
+        Weight of each Gauss point in integrals over the bore: an area over R^2, shape (c, q).
     size
         Number of nodes.
     tested
@@ -86,8 +86,9 @@ class Assembly:
         c * q). As in all matrices of this shape, a column has one entry for each of the k nodes of
         its cell, with rows ascending.
     drag
-        Contribution of a unit of the dragged flow ``rho H V`` at every Gauss point to the weak form
-        of the Reynolds equation, shape (c, q, k): entries of a matrix of the shape of `tested`.
+        Derivative of the weak form of the Reynolds equation with respect to the dragged flow
+        ``rho H V`` (density, gap, mean velocity of the surfaces) at every Gauss point: entries of a
+        matrix of the shape of `tested`, shape (c, q, k).
     """
 
     def __init__(self, grid: FilmGrid):
@@ -127,22 +128,23 @@ class Assembly:
         )
 
     def source(self, source: np.ndarray) -> np.ndarray:
-        """Integral of a source times the shape function of every node, shape (nodes,).
+        """Integral over the bore of a field times the shape function of every node, shape (nodes,).
 
-        `source` has the values at the Gauss points. The integrals are divided by the squared bore
-        radius.
+        `source` has the values of the field at the Gauss points, for example the source of the
+        Reynolds equation. The integrals are divided by the squared bore radius.
         """
         return self.tested @ source.ravel()
 
     def by_nodes(self, nodal: np.ndarray) -> np.ndarray:
         """Values of a nodal field at the k nodes of every cell, in ascending order of the nodes.
 
-        The shape is (c, 1, k), in which the middle axis stands in for the Gauss points of a cell.
+        The shape is (c, 1, k), so that products with arrays (c, q, k) repeat the values for the q
+        Gauss points of a cell.
         """
         return nodal[np.sort(self.grid.cell_nodes, axis=1)][:, None, :]
 
     def mass(self, nodes: np.ndarray) -> sparse.csr_matrix:
-        """Mass matrix of the given nodes: integrals of products of shape functions, over R^2."""
+        """Mass matrix of the given nodes, in units of R^2: integrals ``int N_i N_j dA``."""
         mass = (self.tested @ self._values).tocsr()[nodes][:, nodes]
         mass.sort_indices()
         return mass
@@ -154,10 +156,10 @@ class Assembly:
 
 
 def with_weights(columns: sparse.csc_matrix, weights: np.ndarray) -> sparse.csc_matrix:
-    """Copy of a matrix of the shape of `Assembly.tested` with its entries multiplied by weights.
+    """Multiply the entries of a matrix with the pattern of `Assembly.tested` by weights; a copy.
 
-    Weights have the shape (c, q, k): cells, Gauss points, nodes of a cell; q and k may be 1
-    instead.
+    Weights have the shape (c, q, k), for the k nodes of c cells with q Gauss points each. Weights
+    that do not depend on the Gauss point or on the node may have the length 1 in that axis.
     """
     entries = columns.data.reshape(len(weights), -1, columns.nnz // columns.shape[1])
     return with_data(columns, (entries * weights).ravel())

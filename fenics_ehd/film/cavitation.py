@@ -1,4 +1,4 @@
-"""Cavitation complementarity (8), (11) by PETSc SNES-VI, which changes active sets until one fits.
+"""Cavitation as a complementarity problem (8), (11), solved by PETSc's active-set method SNES-VI.
 
 An active set contains the nodes at which the film is full (pressure unknown, equation holds). The
 film cavitates at the other nodes (pressure zero, defect unknown). SNES-VI cuts the block of the
@@ -9,9 +9,10 @@ ordering and symbolic factorisation are done once for a film.
 The problem: find ``p >= 0`` with ``y = r(p) >= 0`` and ``p . y = 0``, component by component, where
 ``r(p) = A p - b`` for an oil of constant properties. With weights W the defect is ``y = W^-1 r``. W
 is the consistent mass matrix of (11), which the 8-node element needs: the shape functions of its
-corners have a negative integral, and the sign of r there is not the sign of the flux. The blocks of
-SNES-VI are solved by `ActiveSetSystem`; its options have the prefix of SNES-VI followed by
-``linear_``. (The mass-conserving condition is in `fenics_ehd.film.oil_balance`.)
+corners have a negative integral, and the sign of r there is not the sign of the flux.
+`ActiveSetSystem` solves the linear systems with the blocks. The prefix of its PETSc options is the
+prefix of SNES-VI followed by ``linear_``. (The mass-conserving condition is in
+`fenics_ehd.film.oil_balance`.)
 """
 
 from __future__ import annotations
@@ -369,7 +370,7 @@ class _Callbacks:
 
 
 class _Jacobian:
-    """Python context of a PETSc matrix that stores the indices of its unknowns and no entries."""
+    """Python context of a PETSc matrix without entries, with the indices of its unknowns."""
 
     def __init__(self, nodes: np.ndarray):
         self.nodes = nodes
@@ -400,7 +401,8 @@ class CavitationResult:
     pressure
         Nodal pressure, shape (n,), >= 0.
     flux
-        Defect y, ``r(p)`` or with weights ``W^-1 r(p)``, shape (n,); >= 0 at cavitated nodes.
+        Defect y, shape (n,): ``y = r(p)``, or ``y = W^-1 r(p)`` if the problem has weights W. It is
+        >= 0 at cavitated nodes.
     full_film
         Indices of the full nodes, at which the equation holds and the pressure is unknown.
     iterations
@@ -449,15 +451,15 @@ class Complementarity:
 
     @cached_property
     def scale(self) -> float:
-        """Norm of the source, divided by the diagonal of the weights, for relative tolerances."""
+        """Scale of the defect, for relative tolerances: 2-norm of `source` / `diagonal`."""
         return max(float(np.linalg.norm(self.source / self.diagonal)), self.smallest)
 
     @cached_property
     def unit(self) -> float:
-        """Scale of the pressure: largest source over the largest entry of the derivative.
+        """Scale of the pressure: largest `source` over the largest entry of the derivative of r.
 
-        It is the pressure that the source builds up over one cell, at most of the size of the
-        solution.
+        The source builds up a pressure of this size over one cell. The largest pressure of the
+        solution is of the same size or larger.
         """
         largest = max(float(np.abs(self.source).max()), self.smallest)
         return largest / float(self.entries(self.zero).max())
@@ -606,7 +608,7 @@ def verify_complementarity(
     for name, value in violations.items():
         if not value <= tolerance:
             raise CavitationError(
-                f"the film solution violates complementarity: {name} {value:.2e} "
-                f"above {tolerance:.0e}",
+                f"the film solution violates complementarity: {name} is {value:.2e}, "
+                f"above the limit of {tolerance:.0e}",
                 state={"pressure": pressure, "flux": flux},
             )

@@ -1,6 +1,7 @@
 """Oil film of one bore: the Reynolds equation, solved for the pressure, and its power losses.
 
-Imports inside functions: the equation imports dolfinx, which plots of films do not need.
+Imports inside functions: the module of `ReynoldsEquation` imports dolfinx, which plots of films do
+not need.
 """
 
 from __future__ import annotations
@@ -159,10 +160,11 @@ class Film:
         return FilmState(pressure, gap, result)
 
     def _from_either_end(self, problem: Complementarity, start: np.ndarray) -> CavitationResult:
-        """Solve a complementarity problem from a start; on failure, from a full film.
+        """Solve a complementarity problem from `start`; if that fails, from a completely full film.
 
-        The second start is for 8-node cells, whose matrix is no M-matrix: from few full nodes
-        active sets may cycle (seen at eccentricities of the size of round-off, on some processors).
+        The second attempt is made only for 8-node cells, whose matrix is no M-matrix: if few nodes
+        of the start are full, the active sets may cycle. This occurred at eccentricities of the
+        size of round-off, on some processors.
         """
         try:
             return self.cavitation.solve(problem, start)
@@ -255,8 +257,8 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
         if thickness < DEEPEST_ITERATE * surfaces.roughness:
             raise GapClosedError(
                 f"the surfaces overlap by {-thickness * 1e6:.3g} um, "
-                f"{-thickness / surfaces.roughness:.3g} times their combined roughness: at most "
-                f"{-DEEPEST_ITERATE:g} times are allowed"
+                f"{-thickness / surfaces.roughness:.3g} times their combined roughness, above the "
+                f"limit of {-DEEPEST_ITERATE:g} times"
             )
     elif not thickness > 0.0:
         raise GapClosedError(
@@ -265,7 +267,7 @@ def check_gap(gap: Gap, surfaces: RoughSurfaces | None = None) -> None:
         )
     for name in ("thickness", "thickness_rate", "mean_velocity"):
         if not np.isfinite(getattr(gap, name).sum()):
-            raise SettingsError(f"the {name} of the film is not a finite number everywhere")
+            raise SettingsError(f"{name} of the film has values that are not finite numbers")
 
 
 #: Weight gamma of the defect in the complementarity condition of the pressures, see

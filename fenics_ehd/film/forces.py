@@ -35,7 +35,8 @@ bore (``d e_phi / dphi = -e_r``),
 
 exactly, for the film is periodic. With ``tau_1 + tau_2 = -h dp/dy`` the two bodies then receive
 opposite forces, and opposite moments about any one point. By the same integration the torque on the
-shaft about its own axis is ``R_1 int tau_1 dA`` up to c / R.
+shaft about its own axis is ``R_1 int tau_1 dA`` up to a relative error c / R, with the radial
+clearance c.
 
 Flow through the borders of a film is evaluated from the discrete equation. The weak form of
 (1) tested with the shape function of a node is zero in the full film, the growth of the cavities at
@@ -154,8 +155,9 @@ def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
 def _behind(thickness: np.ndarray, fed: np.ndarray) -> np.ndarray:
     """Sheared fraction ``h_rupture / h`` at rows of points, shape (heights, points).
 
-    The points of a row are in the order in which oil passes them. `thickness` is the gap h, and
-    `fed` is True at points from which oil flows; h_rupture is the gap at the last such point.
+    The points of a row are in the order in which oil passes them. `thickness` is the gap h. `fed`
+    is True at points that feed oil to those downstream of them; h_rupture is the gap at the last
+    point that feeds oil.
     """
     # Two turns, so that the points upstream of the first one are the last ones of the row.
     count = fed.shape[1]
@@ -217,7 +219,10 @@ class FlowBalance:
 
 
 class FilmFlows:
-    """Oil flows of a solved film at steady pressure, and their powers, each evaluated on access.
+    """Oil flows of a solved film, and the powers of these flows, each computed on access.
+
+    Without mass-conserving cavitation, the rate of the density is neglected, as if the pressure
+    were steady.
 
     Parameters
     ----------
@@ -324,9 +329,9 @@ class FilmFlows:
     def refill_work(self) -> float:
         """Power of the pressure on oil that fills voids where the film forms again [W].
 
-        This power closes the energy balance, which is the weak form tested with its own pressure.
-        It arises in cells that contain the edge of the full film, vanishes as the mesh is refined,
-        and is zero without voids.
+        The energy balance is the weak form with the pressure of the film as test function; it
+        closes only if it contains this power. The power arises in cells that contain the edge of
+        the full film, vanishes as the mesh is refined, and is zero without voids.
         """
         if not self._lumped:
             return 0.0
@@ -385,7 +390,7 @@ class FilmFlows:
 
 
 def under_pressure(film: Film) -> bool:
-    """Whether oil flows in or out at supplies, or at nodes above the cavitation pressure."""
+    """Whether a film has supplies, or nodes with a given pressure above the cavitation pressure."""
     return bool(film.parameters.feeds) or bool(np.any(film.equation.given))
 
 

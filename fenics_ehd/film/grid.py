@@ -123,7 +123,10 @@ class FilmGrid:
 
     @cached_property
     def rows(self) -> FilmRows:
-        """Nodes in rows around the bore; extremes are interpolated between nodes of a row."""
+        """Indices, angles and heights of the nodes, arranged in rows around the bore.
+
+        Extremes of nodal fields are interpolated between the nodes of a row.
+        """
         return FilmRows.of(*self.node_positions.T)
 
     @property
@@ -373,8 +376,8 @@ def film_layout(nodes: np.ndarray) -> tuple[tuple[int, int], str]:
     counts = {full: "lagrange", full - around * along: "serendipity"}
     if around < 2 or along < 1 or len(nodes) not in counts:
         raise InterfaceMismatchError(
-            f"{len(nodes)} bore nodes are not those of a structured quadratic mesh "
-            f"({around} x {along} cells would have {' or '.join(map(str, sorted(counts)))})"
+            f"the {len(nodes)} bore nodes do not form a structured quadratic mesh: {around} x "
+            f"{along} cells would have {' or '.join(map(str, sorted(counts)))} nodes"
         )
     return (around, along), counts[len(nodes)]
 
@@ -393,7 +396,7 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
     """
     require_class("nodes", nodes, np.ndarray)
     if nodes.ndim != 2 or nodes.shape[1] != 3:
-        raise SettingsError(f"nodes of shape {nodes.shape} must be positions, shape (m, 3)")
+        raise SettingsError(f"nodes of shape {nodes.shape} must be positions of shape (m, 3)")
     cells, family = film_layout(nodes)
     radius = float(np.linalg.norm(nodes[:, :2], axis=1).mean())
     angle = np.mod(np.arctan2(nodes[:, 1], nodes[:, 0]), TURN / cells[0])
@@ -407,9 +410,10 @@ def film_grid(nodes: np.ndarray) -> FilmGrid:
         if match(grid.nodes, nodes) is not None:
             return grid
     raise InterfaceMismatchError(
-        f"{len(nodes)} bore nodes are not those of {cells[0]} x {cells[1]} equal cells (largest "
-        f"distance {cKDTree(nodes).query(grid.nodes)[0].max():.2e} m): set the film's number of "
-        f"cells, for example cells = [{cells[0]}, {cells[1]}]"
+        f"the {len(nodes)} bore nodes are no mesh of {cells[0]} x {cells[1]} equal cells (a node "
+        f"of such a mesh is {cKDTree(nodes).query(grid.nodes)[0].max():.2e} m from the nearest "
+        "bore node), so that the film needs its own mesh: set its number of cells, for example "
+        f"cells = [{cells[0]}, {cells[1]}]"
     )
 
 

@@ -9,8 +9,8 @@ and has the viscosity of an effective temperature between those of supply and ou
 
     T = T_supply + outlet_weight (T_out - T_supply).
 
-Design calculations use their mean, ``outlet_weight = 0.5`` (DIN 31652 as explained at
-inggo.com/teachnet/53-waermebilanz.html). Q is the flow of the oil that leaves
+Design calculations use the mean of these two temperatures, ``outlet_weight = 0.5`` (DIN 31652 as
+explained at inggo.com/teachnet/53-waermebilanz.html). Q is the flow of the oil that leaves
 (`FilmFlows.leaving`); the same flow enters at the supply temperature. rho is the density at the
 effective temperature, and c the specific heat.
 
@@ -139,18 +139,19 @@ def require_cycle(periodic: bool, key: str) -> None:
 class TemperatureSearch(Stateful):
     """Search for the effective temperature of a film, by power and flow at trial temperatures.
 
-    Between two temperatures the ratio of power to flow is assumed to be a power of the viscosity,
-    whose dependence on temperature is known. The exponent changes little even if the viscosity
-    changes a thousandfold.
+    The ratio of dissipated power to flow is assumed to be proportional to ``viscosity^n`` between
+    two temperatures. The viscosity at every temperature is known. The exponent n changes little
+    even if the viscosity changes a thousandfold.
 
     Parameters
     ----------
     heat, oil
         Settings of the heat balance, and oil of the film.
     name
-        Name of the film or key of its heat, for messages.
+        Name of the film, or key of the settings of its heat balance, for messages.
     least_change
-        Change of ln(viscosity) above which the exponent is computed from two temperatures.
+        Change of ln(viscosity) between two trial temperatures above which the exponent n is
+        computed from the results at both.
 
     Attributes
     ----------
@@ -161,7 +162,7 @@ class TemperatureSearch(Stateful):
     without_balance
         True if no temperature balances this power and flow.
     exponent
-        Exponent n of the power law.
+        Exponent n of the viscosity.
     last
         Natural logarithms of viscosity [Pa s] and of the balanced temperature rise [K] at the last
         temperature, shape (2,); None at first.
@@ -261,7 +262,7 @@ class TemperatureSearch(Stateful):
         self.temperature = _root(excess, supply, hottest)
 
     def cause_of(self, error: Exception) -> HeatError | None:
-        """Heat error that explains an error of the film; None if its heat can be balanced."""
+        """Make the heat error that explains an error of the film; None if heat can be balanced."""
         return self._run_away(f" ({error})") if self.without_balance else None
 
     def _run_away(self, last: str) -> HeatError:
@@ -275,8 +276,8 @@ class TemperatureSearch(Stateful):
         return HeatError(
             f"{self._name}: the oil cannot carry away the heat: a flow of "
             f"{1e6 * self.flow:.3g} cm3/s does not remove {self.power:.3g} W at any effective "
-            f"temperature up to {self.temperature:.4g} C{last}: raise the clearance, the supply or "
-            "conducted_share, or lower supply_temperature or the speed"
+            f"temperature up to {self.temperature:.4g} C{last}: raise the clearance, the flow of "
+            "oil or conducted_share, or lower supply_temperature or the speed"
         )
 
     def _learn(self, viscosity: float, rise: float) -> None:
@@ -292,9 +293,9 @@ class TemperatureSearch(Stateful):
 
 
 def _thinner(oil: TemperatureLaw, temperature: float, hottest: float) -> float:
-    """Temperature at which an oil is thinner than at `temperature` by the factor `THINNER` [C].
+    """Temperature [C] at which the viscosity is `THINNER` times lower than at `temperature` [C].
 
-    It is at most `hottest`.
+    The result is at most `hottest` [C].
     """
     wanted = oil.viscosity(temperature) / THINNER
     if oil.viscosity(hottest) >= wanted:

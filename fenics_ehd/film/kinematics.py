@@ -35,7 +35,7 @@ the product of tangential bore velocity and bore slope, and the axial velocity o
 a tilted shaft (w in (6), which the paper neglects too).
 
 Imports inside functions: SciPy's splines take a tenth of a second to import, and round surfaces
-need none.
+need no splines.
 """
 
 from __future__ import annotations
@@ -73,9 +73,10 @@ ROUNDED = 0.165
 class ShapeTable:
     """Table of measured deviations: a periodic cubic spline around, linear along the axis.
 
-    Beyond the first and last height the deviation is constant. At a height at which the spline
-    overshoots its rows (a step of the surface), a monotone cubic curve (PCHIP) replaces the spline:
-    its slope is continuous, too, and its values stay within the range of the two adjacent rows.
+    A row of the table has the deviations at one angle. Beyond the first and last height the
+    deviation is constant. Next to a step of the surface, the spline may exceed the range of the two
+    adjacent rows. At the heights where it does, a monotone cubic curve (PCHIP) replaces the spline:
+    the slope of this curve is continuous, too, and its values stay within that range.
 
     Attributes
     ----------
@@ -103,7 +104,7 @@ class ShapeTable:
             array = np.asarray(getattr(self, name))
             if array.ndim != dimensions or array.dtype.kind not in "iuf":
                 raise SettingsError(
-                    f"{name} of a shape must be numbers in {dimensions} dimension"
+                    f"{name} of a shape must be an array of numbers with {dimensions} dimension"
                     f"{'s' * (dimensions > 1)}"
                 )
             object.__setattr__(self, name, array.astype(float))
@@ -134,9 +135,9 @@ class ShapeTable:
 
     @cached_property
     def overshoot(self) -> np.ndarray:
-        """Largest overshoot of the spline at each height, shape (k,) [m].
+        """Largest overshoot of the spline beyond two adjacent rows, at each height, shape (k,) [m].
 
-        Accepted overshoots (`ROUNDED`) do not count.
+        Overshoots at extremes between two rows count as 0 if `ROUNDED` accepts them.
         """
         spline = self._spline
         rows = self.deviations
@@ -187,11 +188,11 @@ class ShapeTable:
 
 
 def _outer_steps(rows: np.ndarray) -> np.ndarray:
-    """Size of the smaller step of a table before or after each of its intervals, shape (n,) [m].
+    """Smaller of the two steps that precede and follow each interval of a table, shape (n,) [m].
 
-    `rows` are the n values of a periodic table. The result is 0 unless the values rise before the
-    interval and fall after it, or the reverse: then a smooth curve has an extreme within the
-    interval.
+    `rows` are the n values of a periodic table; a step is the difference of two adjacent values. If
+    the values rise before the interval and fall after it, or the reverse, a smooth curve has an
+    extreme within the interval. In all other cases the result is 0.
     """
     before = rows - np.roll(rows, 1)
     after = np.roll(rows, -1) - np.roll(rows, -2)
@@ -200,22 +201,24 @@ def _outer_steps(rows: np.ndarray) -> np.ndarray:
 
 
 def require_read(table: str, read: object, key: str = "table", given: str = "a curve") -> None:
-    """Refuse settings that name a table but lack its data: only scenes read tables.
+    """Refuse settings that name the file of a table, if this file was not read.
+
+    Files are read together with a scene. In Python the data are given as an argument instead.
 
     Parameters
     ----------
     table, read
-        Name of the table in the settings, and the data read from it; None if it was not read.
+        Name of the file in the settings, and the data read from it; None if it was not read.
     key, given
-        Key of the table, and the argument to use in Python, for the message.
+        Key of the table, and the data to give in Python, for the message.
 
     Raises
     ------
     SettingsError
-        If the table was not read; the message names the key and the argument.
+        If the file was not read; the message contains `key` and `given`.
     """
     if table != NONE and read is None:
-        raise SettingsError(f"{key} = {table!r} is read with a scene only: give {given} in Python")
+        raise SettingsError(f"{key} = {table!r} is read only for scenes: in Python, give {given}")
 
 
 def require_inside(
@@ -250,8 +253,8 @@ class Shape(Deviations):
     """Radial deviation of a bore or a journal from a cylinder, positive outward.
 
     It is the sum of four parts: the waves ``ovality cos(lobes (phi - ovality_angle))``; the profile
-    ``(barrel s + taper) s`` along the axis, with the height z over half the width, s; the tilt ``z
-    (psi_y cos(phi) - psi_x sin(phi))`` of an axis with the misalignment (psi_x, psi_y); and the
+    ``(barrel s + taper) s`` along the axis, with ``s = z / half_width``; the tilt
+    ``z (psi_y cos(phi) - psi_x sin(phi))`` of an axis with the misalignment (psi_x, psi_y); and the
     deviations of a table.
     """
 
@@ -264,7 +267,7 @@ class Shape(Deviations):
         require_class("measured", self.measured, ShapeTable, optional=True)
         if self.half_width != np.inf:
             require_number("half_width", self.half_width, above=0)
-        require_read(self.table, self.measured, given="it as measured")
+        require_read(self.table, self.measured, given="the argument measured")
         if (self.barrel or self.taper) and self.half_width == np.inf:
             raise SettingsError(
                 f"barrel = {self.barrel:g} m, taper = {self.taper:g} m need half_width, half the "
@@ -329,7 +332,10 @@ class SurfacePoints:
 
     @cached_property
     def rows(self) -> FilmRows:
-        """Points in rows around the bore; extremes are interpolated between points of a row."""
+        """Indices, angles and heights of the points, arranged in rows around the bore.
+
+        Extremes of fields are interpolated between the points of a row.
+        """
         return FilmRows.of(self.angle.ravel(), self.height.ravel())
 
 
@@ -401,11 +407,11 @@ class ShaftMotion:
 
 
 def _local(points: SurfacePoints, pair: Pair, tilt: Pair) -> tuple[np.ndarray, np.ndarray]:
-    """Components e_r and e_t (3) of the shaft's centre, toward each point and at right angles.
+    """Components of the shaft's centre (3): e_r toward each point, e_t at right angles to it.
 
-    The centre of a tilted shaft is the one in the plane of the point. `pair` is the centre at
-    mid-width, and `tilt` the rotation of the axis. If both are rates, the components are those of
-    the centre's velocity.
+    On a tilted shaft, the centre in the plane of the point is used. `pair` is the centre at
+    mid-width, and `tilt` the rotation of the axis. If both arguments are rates, the results are
+    components of the centre's velocity.
     """
     cosine, sine = points.normal
     x = pair[0] + points.height * tilt[1]
@@ -445,8 +451,8 @@ def shaft_gap(points: SurfacePoints, radius: float, clearance: float, motion: Sh
     off = np.abs(e_t).max(initial=0.0)
     if not off < shaft_radius:
         raise SettingsError(
-            f"the shaft's centre is displaced by {off:.3g} m: it must be less than the shaft's "
-            f"radius, {shaft_radius:.3g} m"
+            f"the shaft's centre is displaced by {off:.3g} m at right angles to the direction of a "
+            f"bore point: this must be less than the shaft's radius, {shaft_radius:.3g} m"
         )
     # The half chord of (4).
     s = np.sqrt(shaft_radius**2 - e_t**2)

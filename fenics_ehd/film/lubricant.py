@@ -252,8 +252,8 @@ class Functions(NamedTuple):
     exp, erf
         Exponential and error function.
     where
-        Function of a condition, the value if it is true, and the value if not. Both values are
-        evaluated, so that both must be defined.
+        Function ``where(condition, a, b)``: a if the condition is true, else b. Both are evaluated,
+        so that both must be defined.
     """
 
     exp: Callable[[Any], Any]
@@ -288,8 +288,8 @@ class Law:
         """Viscosity or density over its value at ambient pressure or at rest [-].
 
         `at` are pressures [Pa] or shear rates [1/s], which are not negative; `numbers` are the
-        coefficients of the law. Both are numeric or symbols of UFL, and `f` has the functions for
-        that kind.
+        coefficients of the law. `at` and `numbers` are either numbers and arrays, or symbols of
+        UFL; `f` has the functions that accept them.
         """
         raise NotImplementedError
 
@@ -373,7 +373,7 @@ def _plain(name: str) -> str:
 
 
 def _spoken(name: str) -> tuple[str, ...]:
-    """Spellings of a grade's name that are accepted, plain: SAE5W30 and 5W30 for SAE 5W-30."""
+    """Accepted spellings of a grade's name, in the form of `_plain`: SAE5W30 and 5W30."""
     full = _plain(name)
     short = full.removeprefix("ISO").removeprefix("SAE")
     return (full, short) if not short.isdigit() else (full,)
@@ -571,8 +571,8 @@ class Lubricant:
         """
         if self.oil is None:
             raise SettingsError(
-                f"the lubricant has a constant viscosity of {self.viscosity:g} Pa s, not one that "
-                f"is known at {temperature:g} C: give a grade, or viscosity_40 and viscosity_100"
+                f"the lubricant has only a viscosity of {self.viscosity:g} Pa s; its viscosity at "
+                f"{temperature:g} C is unknown: give a grade, or viscosity_40 and viscosity_100"
             )
         there = self.of(self.oil, temperature)
         law = self.viscosity_law
@@ -648,7 +648,7 @@ def _oil(settings: OilSettings) -> TemperatureLaw | None:
         return law(grade.viscosity_40, grade.viscosity_100, **properties)
     if not all(kinematic):
         missing = "viscosity_40" if settings.viscosity_100 else "viscosity_100"
-        raise SettingsError(f"{missing} is missing: kinematic viscosities come in pairs [mm2/s]")
+        raise SettingsError(f"{missing} is missing [mm2/s]: give both kinematic viscosities")
     return law(*kinematic, **properties)
 
 

@@ -61,9 +61,9 @@ on the full nodes I and the other nodes C. It is one sparse system with one patt
 For fixed ratios ``c / s_u``, t is linear. No entry off the diagonals of A and t is positive,
 and no column sum is negative. The same holds for every matrix that consists of the columns of A for
 full nodes and of t for the others. All these matrices are M-matrices, so that theta is never
-negative. For A this requires bilinear cells, strictly no longer than 1.4 times their width; in
-practice cells 9 times as long have theta > 0, too. 9-node cells are excluded: theta is -0.1 next to
-the ends of a short groove.
+negative. For A the proof requires bilinear cells that are at most 1.4 times as long as wide; in
+practice theta is positive on cells 9 times as long as wide, too. 9-node cells are excluded: theta
+is -0.1 next to the ends of a short groove.
 
 Nodes with a given pressure above cavitation, and grooves and holes at any pressure, are reservoirs:
 theta = 1, and oil flows in or out. A side at cavitation pressure is no reservoir: the unknown of
@@ -123,18 +123,18 @@ class Strips:
         Index of the next node, the previous node and the node after the next one in the strip of
         every node, shape (nodes,) each.
     passing
-        Index of the node at which the flow past every node of a cell starts: that through the
-        cell's lower half for lower nodes, through its upper half for upper nodes. Shape (c, k), for
-        the k nodes of c cells in ascending order.
+        For every node of a cell: index of the node at which the flow through the cell in the strip
+        of that node starts. Shape (c, k), for the k nodes of c cells in ascending order.
     ratio
-        Two arrays, shape (nodes,): length of the cell after every node over the length of the cell
-        upstream, for flow to the following node and for flow from the following node.
+        Length of the cell between every node and the following one, over the length of the next
+        cell upstream. Two arrays, shape (nodes,): for flow to the following node, and for flow from
+        it.
     pattern
         Sparsity pattern of the derivative of t on the unknown nodes, second neighbours included.
     entry_indices
         Indices in `pattern` of the derivatives of the flow after every node, shape (2, 4, nodes).
         The rows are those of the node and of the following node. The columns are those of the
-        preceding node, the node, the following node and the second node. Entries that the pattern
+        preceding node, the node, the following node and the node after it. Entries that the pattern
         does not have get the index after the last entry.
     """
 
@@ -271,9 +271,10 @@ class OilStep:
         Nominal gap at the end of the step.
     flow
         Oil and its flow at the end of the step in a film without pressure.
-    driven, inputs
-        Data of the weak form without oil contents, for flows; and with oil contents, for
-        derivatives.
+    driven
+        Data of the weak form without a source, for the flows through the film.
+    inputs
+        Data of the weak form whose source is the rate of the oil content, for derivatives.
     length
         Length of the step; for a multistep formula, the inverse of the derivative of the rate with
         respect to the oil content.

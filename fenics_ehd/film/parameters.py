@@ -6,10 +6,11 @@ per area is
 
     w kappa (p_s - p)
 
-with the supply pressure p_s and the covered share w. No pressure is imposed at nodes, so that load
-and flow are continuous functions of the position of a moving region. w is 1 within the region and 0
-outside. Its edge is blurred over a width d of `BLUR` cells by the cubic ``t^2 (3 - 2 t)``: w is
-continuously differentiable with respect to the journal's angle.
+with the supply pressure p_s and the share w to which the region covers a point: 1 within the region
+and 0 outside. The edge of the region is blurred over a width d of `BLUR` cells by the cubic
+``t^2 (3 - 2 t)``, so that w is continuously differentiable with respect to the journal's angle. No
+pressure is imposed at nodes: load and flow are continuous functions of the position of a moving
+region.
 
 Without a resistance, kappa is the film's own conductance on the scale of the blur, ``kappa = C rho
 h^3 / (12 eta d^2)``. C is such that the pressure next to a straight edge is that of a region with p
@@ -87,8 +88,9 @@ class FilmParameters:
             require_number(name, getattr(self, name), above=0)
         if not np.finfo(float).tiny < self.pressure_scale < np.inf:
             raise SettingsError(
-                f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s: pressures "
-                f"of the order of {self.pressure_scale:g} Pa cannot be computed: check the units"
+                f"viscosity = {self.lubricant.viscosity:g} Pa s at {self.rate:g} rad/s gives "
+                f"pressures of the order of {self.pressure_scale:g} Pa, which cannot be computed: "
+                "check the units"
             )
         if not self.clearance < self.grid.radius:
             raise SettingsError(

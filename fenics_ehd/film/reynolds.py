@@ -62,7 +62,7 @@ class ReynoldsEquation:
         Entries of the mass matrix N of the complementarity problem (11), in the order of `pattern`;
         None unless the film has 8-node cells.
     laws
-        Combination of laws of the film.
+        Element family and laws of the film, which determine its compiled forms.
     feeds
         Supplies that conduct oil into the film; None without supplies.
     """
@@ -219,7 +219,7 @@ class ReynoldsEquation:
         return self.forms.vector(inputs, nodal)
 
     def problem(self, gap: Gap) -> Complementarity:
-        """Complementarity problem (11) for a gap; its functions assemble when they are called."""
+        """Complementarity problem (11) for a gap; its functions assemble the forms when called."""
         inputs = self.inputs(gap)
 
         def residual(pressure: np.ndarray) -> np.ndarray:

@@ -2,9 +2,9 @@
 
 **Asperity contact** (Greenwood and Tripp 1970). Asperities are paraboloids of radius beta, with eta
 of them per area and Gaussian heights; the combined roughness of both surfaces is sigma. The mean
-planes of the surfaces are at the distance h. The mean planes of the asperities' tips lie higher, on
-both surfaces together by ``d sigma``. Elastic contact of pairs of asperities gives the contact
-pressure
+planes of the surfaces are at the distance h. The mean planes of the asperities' tips are closer to
+each other, at the distance ``h - d sigma``. Elastic contact of pairs of asperities gives the
+contact pressure
 
     p_c = (16 sqrt(2) pi / 15) (eta beta sigma)^2 sqrt(sigma / beta) E' F_5/2(h / sigma - d),
     1 / E' = (1 - nu_1^2) / E_1 + (1 - nu_2^2) / E_2,
@@ -423,9 +423,10 @@ class RoughSurfaces(Roughness):
 
         Patir and Cheng's stress on a surface does not contain the force of the pressure on the
         slopes of its roughness. A smooth surface has no slopes: the stress of sliding on it,
-        ``phi_f + |w| phi_fs``, acts on both surfaces. The stress of the pressure on both surfaces
-        together is ``-h dp/dy``. Its part above ``phi_fp h / 2`` for each surface acts on the
-        slopes of both, in proportion to the squared roughness of each.
+        ``phi_f + |w| phi_fs``, acts on both surfaces. The stresses of the pressure gradient on the
+        two surfaces have the sum ``-h dp/dy``. Patir and Cheng's stresses are ``-phi_fp (h / 2)
+        dp/dy`` on each surface. The remainder of the sum acts on the slopes of both surfaces, in
+        proportion to the squared roughness of each.
         """
         ratio = gap.thickness / self.roughness
         if not self.flow_factors:

@@ -3,8 +3,8 @@
 A `Surface` is a mesh of a full cylinder, unwrapped to the plane (phi, z) and periodic in phi. It
 may have holes. Points are located in cells, and nodal values are interpolated there. Within a hole
 the interpolation is extended from the rim by mean value coordinates (K. Hormann and M. S. Floater,
-ACM Transactions on Graphics 25, 2006). They reproduce linear functions, and the extension is
-continuous except for the curvature of the edges of the rim.
+ACM Transactions on Graphics 25, 2006). They reproduce linear functions. The extension is continuous
+at the rim if its edges are straight: curved edges are replaced by straight ones.
 
 **Transfer.** Section 2.2 of the paper has two ways from a film pressure to nodal forces. The mortar
 (14) gives pressures at the nodes of the bore, whose forces are (15). The conservative transfer
@@ -90,9 +90,9 @@ class Surface:
         defect = off.max()
         if not defect <= SHAPE_TOLERANCE:
             raise InterfaceMismatchError(
-                f"a surface node lies {defect:.1e} cell sizes from its position, above "
-                f"{SHAPE_TOLERANCE:.0e}: quadrilaterals must be parallelograms in (phi, z), with "
-                "mid-side nodes at the middle of the edges"
+                f"a surface node lies {defect:.1e} cell sizes from its position in an affine cell, "
+                f"above the limit of {SHAPE_TOLERANCE:.0e}: quadrilaterals must be parallelograms "
+                "in (phi, z), with mid-side nodes at the middle of the edges"
             )
 
     @classmethod
@@ -188,7 +188,7 @@ BLOCK = 20_000
 
 
 def near_pairs(surface: Surface, points: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a cell and a point so close that the cell may overlap an object at the point.
+    """Find pairs of a cell and a point for which the cell may overlap an object around the point.
 
     Parameters
     ----------
@@ -412,8 +412,9 @@ def overlay(structure: Surface, film: Surface) -> Overlay:
     defect = abs(result.areas.sum() / area - 1)
     if not defect <= AREA_TOLERANCE:
         raise InterfaceMismatchError(
-            f"the area of the intersections of film and bore cells differs from the cylinder's by "
-            f"{defect:.1e} (relative), above {AREA_TOLERANCE:.0e}: cells of one mesh overlap"
+            f"the area of all intersections of film and bore cells has a relative difference of "
+            f"{defect:.1e} from the area of the bore, above the limit of {AREA_TOLERANCE:.0e}: "
+            "cells of one mesh overlap"
         )
     return result
 
@@ -422,8 +423,9 @@ def _check_ends(structure: Surface, film: Surface) -> None:
     ends = np.array([structure.bounds, film.bounds])
     if not np.abs(ends[1] - ends[0]).max() <= WIDTH_TOLERANCE * structure.width:
         raise InterfaceMismatchError(
-            f"the film mesh is {film.width:.9g} m wide (z from {ends[1, 0]:.9g} m), the bore mesh "
-            f"{structure.width:.9g} m (from {ends[0, 0]:.9g} m): give the film the bore's width"
+            f"the film mesh is {film.width:.9g} m wide, from z = {ends[1, 0]:.9g} m, but the bore "
+            f"mesh is {structure.width:.9g} m wide, from z = {ends[0, 0]:.9g} m: give the film the "
+            "same ends"
         )
 
 
@@ -562,7 +564,7 @@ def _coupling(structure: Surface, film: Surface) -> sparse.csr_matrix:
 
 
 def solid_share(structure: Surface, film: Surface, points: np.ndarray) -> np.ndarray:
-    """Factor on the weight of each Gauss point of a film so that integrals omit holes of a bore.
+    """Factors on the weights of a film's Gauss points that exclude holes of a bore from integrals.
 
     With these factors the Gauss rule integrates all biquadratic functions exactly over the part of
     a film cell outside the holes. The pressure of the film then acts on the remaining surface.

@@ -185,9 +185,9 @@ class Numbers:
 
     @classmethod
     def spread(cls, layout: Sequence[int | None], constants: Iterable[Any]) -> Numbers:
-        """Make `Numbers` from the lengths of its attributes and constants in the order of `flat`.
+        """Make `Numbers` from all constants, in the order of `flat`.
 
-        `layout` has the lengths, see `Numbers.layout`.
+        `layout` has the length of each attribute, see `Numbers.layout`.
         """
         rest = iter(constants)
         return cls(*(next(rest) if n is None else tuple(islice(rest, n)) for n in layout))

@@ -1,7 +1,7 @@
 """Variable-step backward differentiation of implicit second-order systems.
 
-The system is ``r(t, x, x', x'') = 0``. The formula `tabulated.blended` gives the rate of ``x``, and
-applied again the rate of ``x'``.
+The system is ``r(t, x, x', x'') = 0``. The formula `tabulated.blended` gives ``x'`` from values of
+x, and ``x''`` from values of ``x'``.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class ImplicitStep:
     observed
         Observed quantities (`Observed.observe`) at the start, and extrapolated to the end.
     tolerance
-        Tolerance of the last update of an iteration, in the norm of the problem.
+        Largest accepted size of the last Newton update, in the norm of the problem.
     error_share
-        Local error of the formula over the distance of the solution from the extrapolation.
+        Ratio of the local error of the formula to the distance between solution and extrapolation.
     """
 
     time: float
@@ -107,7 +107,7 @@ class Attempt(Generic[Solution, Carried]):
     cause
         Error that made the attempt fail, or None.
     work
-        Other work of the attempt by name, as counts that depend on the solver.
+        Counts of other work of the attempt by name; the solver defines the names.
     """
 
     iterations: int
@@ -137,7 +137,7 @@ NEWTON_FRACTION = 1e-2
 
 
 class Observed(Protocol):
-    """Problem that defines the quantities whose errors control the step, and their norm."""
+    """Problem that defines observed quantities and the norm of their errors for step control."""
 
     def observe(self, x: np.ndarray) -> np.ndarray:
         """Observed quantities, whose errors control the step: an affine function of x."""
@@ -160,7 +160,8 @@ class IntegratorOptions:
     first, smallest
         First and smallest step [s].
     largest
-        Largest step [s]; for a run of a mechanism, over the time to simulate or the cycle [-].
+        Largest step [s]; for a run of a mechanism, relative to the time to simulate or to the
+        length of the cycle [-].
     blend
         Share b of the formula of order k + 1, for k > 1; with 0 the formula is plain backward
         differentiation.
@@ -272,7 +273,7 @@ class IntegratorState(Generic[Carried]):
         solver
             State of the step solver.
         keep
-            Largest number of points to keep, with the new one.
+            Largest number of points to keep, including the new one.
         """
 
         def rows(first: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -311,7 +312,7 @@ class IntegratorState(Generic[Carried]):
     ) -> bool:
         """Whether a step that ends at `time` with the solution x misses a row of a table.
 
-        See `rows_missed`, which has the arguments.
+        See `rows_missed` for `loads` and `nearest`.
         """
         return bool(loads) and rows_missed(loads, *self._ahead(time, x), nearest)[1]
 
@@ -330,8 +331,8 @@ class IntegratorState(Generic[Carried]):
     ) -> float:
         """Latest time at which a step may end without missing a row of a table [s].
 
-        It is `time`, if a step to this time misses no row. If it misses one, it is the time of the
-        last row at which a step may end.
+        The result is `time` if a step to this time misses no row, else the time of the last row at
+        which a step may end.
         """
         if not loads:
             return time
@@ -380,8 +381,9 @@ def advance(
 ) -> tuple[Step[Solution], IntegratorState[Carried]]:
     """Take steps until one is accepted, and return this step with the state after it.
 
-    The local error is estimated from the distance between the solution and the extrapolation of
-    the last k + 1 points. No step misses a row of a table.
+    The local error is estimated from the distance between the solution and the extrapolation of the
+    last k + 1 points. Steps end at rows of tables that past loads do not predict, see
+    `rows_missed`.
 
     Parameters
     ----------
@@ -396,7 +398,7 @@ def advance(
     solve
         Function that solves the equations of one step.
     tables
-        Loads from tables, none of whose rows a step may miss.
+        Loads from tables; no step may miss a row, see `rows_missed`.
 
     Raises
     ------

@@ -232,7 +232,8 @@ def with_total(
     """Inertia integrals with another total mass, inertia and centre of mass.
 
     An argument that is None keeps the value of the integrals. The elastic part of the integrals
-    does not change: the inertia of a rigid body that is fixed to the frame is added to them.
+    does not change, because the difference is added as the inertia of a rigid body that is fixed to
+    the frame.
     """
     present = rigid_integrals(
         integrals.total_mass, integrals.polar_inertia, integrals.centre_of_mass
@@ -331,7 +332,7 @@ class Body(ABC):
 
     @property
     def mobility(self) -> np.ndarray:
-        """Compliance of each of the body's coordinates when the mechanism is assembled, (n,)."""
+        """Compliance of each coordinate in assembly, which changes compliant ones most, (n,)."""
         return self.weights
 
     @property
@@ -350,11 +351,11 @@ class Body(ABC):
         """
 
     def surface(self, point: str, side: Side) -> Surface:
-        """Make the body's surface at a point, on one side of a film; it is rigid by default."""
+        """Make the surface of the body at a point, on one side of a film; by default rigid."""
         return Surface(side)
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the undeformed surface that is named `point`."""
+        """Name of the point at the undeformed centre of the surface with the name `point`."""
         return point
 
     @abstractmethod
@@ -398,7 +399,7 @@ ELASTIC_SHARE = 1e-3
 
 @attrs.frozen(eq=False, slots=False, kw_only=True)
 class Pose:
-    """Rough position, angle and velocities of a body at the start; assembly closes the joints."""
+    """Rough position, angle and velocities of a body at the start, before `assemble`."""
 
     position: tuple[float, float] = place("origin at the start, roughly [m]")
     angle: float = number(0.0, "at the start, of the body's x axis from x, + from x to y [degrees]")
@@ -499,7 +500,7 @@ class PlanarBody(Pose, Body):
     def _with_frame(self, values: np.ndarray, frame: np.ndarray | float = 0.0) -> np.ndarray:
         """Values for ``(x, y, theta, q)`` from values for the body's coordinates.
 
-        A held body has the coordinates q only: `frame` has its values for ``(x, y, theta)``.
+        A held body has only the coordinates q; `frame` gives the values for ``(x, y, theta)``.
         """
         if not self.held:
             return values
@@ -728,7 +729,7 @@ class FlexibleBody(PlanarBody):
         return points | {self.at_rest(name): field for name, field in bores.items()}
 
     def at_rest(self, point: str) -> str:
-        """Name of the point at the centre of the undeformed bore that is named `point`."""
+        """Name of the point at the undeformed centre of the bore with the name `point`."""
         moves = point in self.reduced.bores and point in self.reduced.points
         return f"{point}.at_rest" if moves else point
 

@@ -1,4 +1,4 @@
-"""Linear systems of Newton's method for films and motion, by factors of every film's own matrix.
+"""Linear systems of Newton's method for films and motion, solved with factors of film matrices.
 
 With pressures P_f of film f at its full nodes, and all other unknowns x (coordinates, their
 multipliers, amplitudes of the retained residual patterns), the system is
@@ -29,8 +29,9 @@ class FilmBlock:
     Attributes
     ----------
     pattern, entries, weights
-        Sparsity pattern and entries of the film matrix A, shape (m, m), and entries of the mass
-        matrix W of 8-node cells, or of the transport of void fractions; None without weights.
+        Sparsity pattern and entries of the film matrix A, shape (m, m), and entries of the matrix W
+        in the same pattern: mass matrix of 8-node cells, or transport of void fractions. `weights`
+        is None if W is the identity.
     inputs
         Derivatives B of the film's equations with respect to its b inputs, shape (m, b).
     spread
@@ -73,8 +74,8 @@ class FilmBlock:
     def on(self, full: np.ndarray) -> FilmBlock:
         """Return the derivatives with the outputs of full nodes only.
 
-        In the solution of a system with weights W, nodes that are not full have defects in place of
-        pressures, which exert no forces. Without W the derivatives are returned unchanged.
+        In a system with weights W, the solution has defects in place of the pressures of nodes that
+        are not full, and defects exert no forces. Without W the derivatives are returned unchanged.
         """
         if self.weights is None:
             return self
@@ -198,8 +199,9 @@ class BorderedSystem:
 class ChangedSystem:
     """Linear system of films and motion after a few nodes have filled or emptied.
 
-    It uses the factors of a `BorderedSystem` for the full nodes I before. Additional unknowns are
-    the pressures P_a of nodes that filled, and the defects y_r of nodes that emptied:
+    It uses the factors of a `BorderedSystem` for the nodes I that were full before the change.
+    Additional unknowns are the pressures P_a of nodes that filled, and the defects y_r of nodes
+    that emptied:
 
         [ A_II  A_Ia  E_r ] [P_I]
         [ A_aI  A_aa   0  ] [P_a]

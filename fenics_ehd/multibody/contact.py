@@ -189,7 +189,7 @@ class Contacts:
         Areas of the Gauss points of all films, one film after the other [m2]; 0 at points without
         contact or without residual patterns.
     coupled
-        Whether contact deforms a bore through residual patterns: an area is above 0.
+        Whether contact deforms a bore through residual patterns (an area is above 0).
 
     Raises
     ------
@@ -225,9 +225,9 @@ class Contacts:
         self._known_changes = np.zeros((len(self.areas), 0))
 
     def at_gaps(self, gaps: list[Gap]) -> list[AsperityContact | None]:
-        """Contact of all films for their gaps; None for smooth surfaces.
+        """Asperity contact of every film at its gap; None for smooth surfaces.
 
-        Entries of the list `gaps` are replaced by the gaps with the deformation due to contact.
+        Entries of the list `gaps` are replaced by gaps that include the deformation due to contact.
         """
         if self.coupled:
             self._solve_coupled(gaps)
@@ -304,7 +304,7 @@ class Contacts:
     def forces(self, thickness: Sequence[np.ndarray]) -> np.ndarray:
         """Normal forces of contact at the Gauss points of all films [N], from their gaps [m].
 
-        Forces count only at points of bores that contact deforms; at others they are 0.
+        Forces are 0 at points of bores that contact does not deform through residual patterns.
         """
         if not self.coupled:
             return self.areas
@@ -397,7 +397,7 @@ class ContactColumns:
     def extend(self, i: int, block: FilmBlock, model: FilmModel[Any]) -> FilmBlock:
         """Return the derivatives of film i, extended by inputs and outputs for contact pressures.
 
-        Contact pressures deform the bore of the film, and depend on its pressures.
+        Contact pressures deform the bore of the film, and depend on the film's pressures.
         """
         if not self._responses.bodies_of(i) or not len(self._points):
             return block

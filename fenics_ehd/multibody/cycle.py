@@ -191,7 +191,7 @@ class Cycle:
 
     @classmethod
     def of_summary(cls, summary: Mapping[str, Any]) -> Self | None:
-        """Last complete cycle from the entries of a summary of any version; None without them."""
+        """Last complete cycle from a summary of any version; None if the summary has no cycle."""
         names = ("cycle_start_s", "cycle_end_s", "cycle_used")
         if not summary.keys() >= set(names):
             return None

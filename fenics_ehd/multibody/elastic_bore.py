@@ -2,8 +2,8 @@
 
 If the meshes of a body's bore and of its film match, shape functions of the bore are evaluated at
 the Gauss points of the film. If they do not match, pressures are transferred to the bore in one of
-two ways: conservatively, ``F = int N_s n p``, with the resultants of the film; or by the paper's
-mortar (14) and the body's load matrix.
+two ways: conservatively, ``F = int N_s n p``, with the resultants of the film; or by the mortar,
+equation (14) of the paper, with the body's load matrix.
 
 A bore may have holes. The gap in a hole is that of the bore surface extended from the rim
 (`fenics_ehd.film.transfer`). Pressure in a hole does not load the elastic modes, as in the body's
@@ -180,7 +180,7 @@ class BoreFilm:
     def structure_pressure(self, pressure: np.ndarray) -> np.ndarray:
         """Pressures at the body's k pressure nodes from those at the film's nodes, (k,) [Pa].
 
-        Between meshes that do not match they are projected by the mortar (14).
+        Between meshes that do not match, pressures are projected by the mortar, equation (14).
         """
         if self._mortar is not None:
             return self._mortar.to_structure(pressure)
@@ -196,9 +196,9 @@ class BoreFilm:
             defect = np.abs(of_film - expected).max() / np.abs(expected).max()
             if not defect <= LOAD_TOLERANCE:
                 raise InterfaceMismatchError(
-                    "the resultant of a film pressure, by the matrices of film and body, differs "
-                    f"by {defect:.1e} (relative, component {component}), above "
-                    f"{LOAD_TOLERANCE:.0e}: the body's load matrix does not belong to its bore"
+                    "the resultants of a smooth pressure by the film's matrix and by the body's "
+                    f"load matrix differ by {defect:.1e} (relative, pressure {component} of 2), "
+                    f"above {LOAD_TOLERANCE:.0e}: the load matrix does not belong to the bore"
                 )
 
 

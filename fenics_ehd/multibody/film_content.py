@@ -6,8 +6,9 @@ like coordinates: a film returns values and rates at the end of a step, and rece
 at the start of the next one.
 
 **Oil content.** With mass-conserving cavitation (JFO) the stored values follow from the oil
-contents ``M = int rho h N (1 - s)`` of all nodes, with the void fraction s. A stored value is the
-full content of that part of the gap which is affine in z and y, less M. It is the sum of
+contents ``M = int rho h N (1 - s)`` of all nodes, with the void fraction s. The gap has a part that
+is affine in z and y. The stored value of a node is the oil content of this part if it is full, less
+M. The stored value is the sum of
 
 - the void volume ``int rho h N s``;
 - the volume by which a turning surface reduces the gap;
@@ -138,7 +139,7 @@ class OilContent(FilmContent):
         return self._film.assembly.source(self._film.equation.factors[1] * thickness)
 
     def _beyond_affine(self, z: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-        """Oil content of the gap's affine part less that of the gap itself, if both are full.
+        """Oil content of the affine part of the gap less that of all the gap, if both are full.
 
         The affine part is affine in the coordinates z. The gap differs from it by the shape of a
         turning surface, and between rough surfaces by the excess of the average gap over the
@@ -161,7 +162,7 @@ class OilContent(FilmContent):
         return self.of_void_fractions(void, z, gap.thickness.ravel())
 
     def begin(self, step: ImplicitStep) -> None:
-        """Start a time step: store the shift of its formula, and the past of the stored volumes."""
+        """Start a time step: store the formula's shift, and its constant for the stored volumes."""
         self._shift = step.shift
         #: Constant of the stored volumes in the formula ``x' = shift x + past`` [m^3/s].
         self.past = step.past_x[self.indices]
@@ -203,7 +204,7 @@ class OilContent(FilmContent):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Oil content of all nodes if the gap is full, in ``c R^2``, and void volumes [m^3].
 
-        Void volumes are those of the nodes with unknowns, for a state with the gap `observed`.
+        The gap in this state is `observed`. Void volumes are those of the nodes with unknowns.
         """
         gap, full = self._gap_and_full(observed)
         beyond = self._beyond_affine(state, gap)

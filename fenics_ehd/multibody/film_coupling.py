@@ -168,8 +168,8 @@ class FilmCoupling:
     ) -> sparse.csc_matrix:
         """Derivative of the film's equations with respect to the rate of the gap, (nodes, g).
 
-        `along_gap` is the derivative with respect to the gap if the gap's rate grows by `shift` per
-        gap. It is linear in the shift: the result is its slope.
+        `along_gap` is the derivative with respect to the gap h if its rate changes by ``shift dh``.
+        It is linear in `shift`, and its slope is the result.
         """
         rate = self.model.film.parameters.rate
         return (self.model.along_gap(point, shift + rate)[0] - along_gap) / rate
@@ -181,7 +181,8 @@ class FilmCoupling:
     def add_turning_stiffness(self, point: FilmPoint, core: np.ndarray) -> None:
         """Add the stiffness of pressure forces on a turning surface to the matrix `core`.
 
-        It is their derivative with respect to the coordinates of the surface at constant pressure.
+        The stiffness is the derivative of these forces with respect to the coordinates of the
+        surface, at constant pressure.
         """
         if point.turning is None:
             return

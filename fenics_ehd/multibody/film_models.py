@@ -227,17 +227,18 @@ class FilmModel(ABC, Generic[PointT]):
         """
 
     def rows(self, nodal: np.ndarray) -> np.ndarray:
-        """Select and scale the rows of the linear system from values for all nodes' equations.
+        """Rows of the linear system: values for its nodes, divided by `scale`.
 
-        `nodal`, shape (nodes, ...), is not scaled.
+        `nodal` has the values for the equations of all nodes, without scaling, shape (nodes, ...).
         """
         return nodal[self.nodes] / self.scale
 
     def columns(self, per_pressure: np.ndarray) -> np.ndarray:
-        """Effects of unit values of the m unknown pressures, shape (..., m).
+        """Convert derivatives with respect to nodal pressures to those with respect to m unknowns.
 
-        `per_pressure` has the effects of nodal pressures of 1 Pa, shape (..., nodes); the unknown
-        pressures are dimensionless.
+        `per_pressure` has the derivatives with respect to nodal pressures [Pa], shape (..., nodes).
+        The unknown pressures are dimensionless. The result has the shape (..., m), and is 0 for
+        unknowns that are not pressures.
         """
         scale = self.film.parameters.pressure_scale
         return scale * per_pressure[..., self.nodes] * self.inside
@@ -294,7 +295,8 @@ class ReynoldsFilm(FilmModel[FilmPoint]):
     binding
         Binding of the film to the mechanism.
     first
-        Index in the state of the integration at which its content, which is empty, begins.
+        Index at which the values of the film begin in the state of the integration; this film has
+        none.
     """
 
     nearly_linear = True
@@ -367,7 +369,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
     binding
         Binding of the film to the mechanism.
     first
-        Index in the state of the integration at which its oil content begins.
+        Index at which the oil content of the film begins in the state of the integration.
 
     Attributes
     ----------
@@ -405,7 +407,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         return np.maximum(unknowns, 0.0)
 
     def begin(self, step: ImplicitStep, past_gap: np.ndarray) -> None:
-        """Start a time step with the past of oil contents and gap, see `FilmModel.begin`."""
+        """Start a time step with past oil contents and past gaps, see `FilmModel.begin`."""
         self.content.begin(step)
         joint = self.binding.film
         rate = self.film.parameters.rate
@@ -495,7 +497,7 @@ class MassConservingFilm(FilmModel[OilPoint]):
         excess = float(point.void.max(initial=0.0)) - 1.0
         if not excess <= UNDERSHOOT:
             raise CavitationError(
-                f"a fluid fraction is {-excess:.2g}: at least {-UNDERSHOOT} is accepted"
+                f"the fluid fraction of a node is {-excess:.2g}, below the limit of {-UNDERSHOOT}"
             )
         outflow = balance.outflow(step, point.nodal, point.pressures, point.transport)
         content = balance.volume_scale * step.length * step.full - self.content.void_volumes(point)
@@ -517,7 +519,7 @@ MODELS: Mapping[str, Callable[[FilmBinding, int], FilmModel[Any]]] = {
 def film_models(bindings: Sequence[FilmBinding], first: int) -> list[FilmModel[Any]]:
     """Make the models of all films.
 
-    Their values in the state of the time integration begin at index `first`.
+    The values of the films in the state of the time integration begin at index `first`.
     """
     models = []
     for binding in bindings:

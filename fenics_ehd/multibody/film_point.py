@@ -24,8 +24,8 @@ class FilmPoint:
     Attributes
     ----------
     pressures
-        Dimensionless pressures of the m nodes with unknowns, shape (m,); at dry sides dimensionless
-        outflows.
+        Dimensionless pressures of the m nodes with unknowns, shape (m,). The unknowns of nodes at
+        dry sides are dimensionless outflows in place of pressures.
     nodal
         Dimensionless pressures of all nodes, shape (nodes,).
     gap
@@ -74,7 +74,7 @@ class OilPoint(FilmPoint):
     step
         Data of the oil balance for the time step.
     transport
-        Transport of the void fractions.
+        Transport of the void fractions by the flow of the oil.
     """
 
     void: np.ndarray
@@ -90,7 +90,8 @@ class OilPoint(FilmPoint):
     def weights(self) -> np.ndarray:
         """Entries of the derivative of the transport of void with respect to void fractions.
 
-        They are those of the matrix W of the film's equations, in the model's pattern.
+        This derivative is the matrix W of the film's equations; its entries are in the model's
+        pattern.
         """
         return self.transport.entries
 

@@ -125,7 +125,7 @@ class PointForce(Force):
 
 @attrs.frozen
 class Torque(Force):
-    """Torque on a body; at the start, the body has the angle and the speed of its pose.
+    """Torque on a body, which starts with the angle and the speed of its pose.
 
     Attributes
     ----------

@@ -6,8 +6,8 @@ Meshes of films, ``joints/NAME/film/angle``, ``height`` and ``cells``, do not ch
 ``history.csv`` is a quantity of a joint, a body or the run with one number per step; its name ends
 with its unit.
 
-`History.with_start` adds a row at the start of a periodic cycle: the state at the end of the cycle,
-less a period and whole turns.
+`History.with_start` adds a row at the start of a periodic cycle: the row at the end of the cycle,
+with a period subtracted from the time and whole turns from angles. Works begin at zero.
 
 Imports inside functions: figures need matplotlib, which is loaded when one is drawn.
 """
@@ -475,8 +475,8 @@ class History(Described):
     def last_cycle(self) -> History:
         """Return a history of the last complete cycle (`cycle`), or all steps if there is none.
 
-        Entries ``cycle_...`` of the summary are those of this cycle. The step at its start belongs
-        to it if the history has this step.
+        Entries ``cycle_...`` of the summary are those of this cycle. The step at the start of the
+        cycle is included if the history has this step.
         """
         numbers = self.values.get("run/cycle")
         rows = self.cycle.rows_from_start(np.asarray(self.values["time"]), numbers)
@@ -595,7 +595,7 @@ def _wanted(package: str, method: str) -> Any:
     except ImportError:
         raise InputError(
             f"{method} needs {package}, which is not installed (python3-{package} on Debian): "
-            "install it, or use columns, a dictionary of arrays"
+            "install it, or use History.columns, a dictionary of arrays"
         ) from None
 
 
@@ -608,7 +608,7 @@ def _text(value: str | list[str]) -> np.ndarray:
 
 
 def missing(path: Path, lacks: str) -> str:
-    """Reason why a file of a run is missing: `lacks` and the file's name, or no such folder."""
+    """Reason for a missing file: ``no such folder``, or else `lacks` and the name of the file."""
     return f"{lacks} {path.name}" if path.parent.is_dir() else "no such folder"
 
 
@@ -619,7 +619,8 @@ def opened_history(path: Path, refused: str) -> Iterator[h5py.File]:
     Raises
     ------
     InputError
-        If the file is no history, or reading it fails; the message has `refused` and the reason.
+        If the file is no history, or reading it fails; the message has the path, `refused` and the
+        reason.
     """
     remedy = f"run the scene anew, or read {CSV_NAME} in its folder"
     with (
@@ -658,8 +659,8 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
     Returns
     -------
     History
-        Steps up to the last checkpoint. A search for a periodic solution has only its last cycle
-        if it is complete, else its last two cycles.
+        Steps up to the last checkpoint. Of a search for a periodic solution, steps of the last
+        cycle if the search is complete, else of the last two cycles.
 
     Raises
     ------
@@ -720,7 +721,9 @@ def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
         nodes = len(arrays[path.replace("/cells", "/angle")])
         used = np.unique(cells)
         if cells.shape[1] not in FAMILIES or not np.array_equal(used, np.arange(nodes)):
-            raise ValueError(f"/{path}: shape {cells.shape} or indices do not fit {nodes} nodes")
+            raise ValueError(
+                f"/{path} has the shape {cells.shape}, or indices that do not fit {nodes} nodes"
+            )
 
 
 #: Allowed types of the entries that are read from a summary.

@@ -101,8 +101,8 @@ class LubricatedJoint:
     eccentricity, eccentricity_rate
         Eccentricity of the journal in the bore's frame and its rate, at the start [m], [m/s].
     smallest_film
-        Film thickness over clearance below which a run ends. For values up to 0.01 the limit is at
-        most 0.2 um (`fenics_ehd.multibody.run.touching_film`).
+        Ratio of film thickness to clearance below which a run ends. A ratio up to 0.01 ends a run
+        only below 0.2 um (`fenics_ehd.multibody.run.touching_film`).
     bore_shape, journal_shape
         Radial deviations of both surfaces in the frames of their bodies; None for round surfaces.
     shear_rule
@@ -116,8 +116,8 @@ class LubricatedJoint:
         Fluid fraction of the gap at the start, 0 to 1, with mass-conserving cavitation.
     ambient
         Medium outside the sides, ``"air"`` or ``"oil"``, with mass-conserving cavitation. Oil can
-        flow back into the film, air cannot. Outside a side above cavitation pressure it is always
-        oil.
+        flow back into the film, air cannot. At a side with a pressure above cavitation pressure the
+        medium is always oil.
     """
 
     journal: str
@@ -255,7 +255,8 @@ class JointFilm:
     Attributes
     ----------
     film
-        Film of the joint. If its heat is balanced, it is a copy with its own temperature.
+        Film of the joint; if the heat of the joint is balanced, a copy of the film with a
+        temperature of its own.
     surfaces
         Surfaces of bore and journal.
     turning
@@ -356,9 +357,9 @@ class JointFilm:
         return np.linalg.solve(weighted @ waves.T, weighted)[1:]
 
     def lengths(self, thickness: np.ndarray) -> np.ndarray:
-        """Lengths to which changes of the gaps `thickness` are relative [m].
+        """Lengths by which changes of the gaps `thickness` are divided to make them relative [m].
 
-        They are the gaps themselves, unless surfaces are rough.
+        The lengths are the gaps; for rough surfaces, those of `RoughSurfaces.length`.
         """
         surfaces = self.film.parameters.surfaces
         return thickness if surfaces is None else surfaces.length(thickness)

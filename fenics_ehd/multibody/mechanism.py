@@ -341,9 +341,10 @@ class System:
         return name, self._bodies[name], point
 
     def each_body(self, *values: np.ndarray) -> Iterator[tuple[slice, Body, list[np.ndarray]]]:
-        """Yield every body that has coordinates, with their indices in z.
+        """Yield indices in z, body, and entries of `values`, for every body that has coordinates.
 
-        The third item is a list of the parts of `values`, arrays in the order of z, for this body.
+        `values` are arrays in the order of z. The third item is a list of the body's entries in
+        each array.
         """
         for name, body in self._bodies.items():
             dofs = self.bodies[name]
@@ -571,7 +572,7 @@ class Motion:
         return self.instant.rate_derivative(self.rates)
 
     def on_points(self, name: str, points: Collection[str]) -> np.ndarray:
-        """Forces of joints and loads on some points of a body, two components for each point [N].
+        """Forces that joints and loads exert on points of a body, two components per point [N].
 
         `name` is that of the body, `points` are the names of its points. The components are x and y
         in the frame of the body, for points in the order of their names.
@@ -652,7 +653,7 @@ def assemble(
     rough: np.ndarray | None = None,
     rates: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and rates that satisfy all constraints, near to rough ones, shape (n,) each.
+    """Coordinates and rates near to rough values that satisfy all constraints, shape (n,) each.
 
     Frames of bodies move, and shafts move as rigid bodies. Eccentricities and elastic coordinates
     change as little as possible. The rough coordinates and rates are those of the bodies unless

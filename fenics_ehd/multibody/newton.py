@@ -17,12 +17,13 @@ Full updates may cycle between two active sets: a few residual patterns with lit
 short step far more than the oil does. A failed step is repeated with half of every update as long
 as the active set changes.
 
-Oil whose viscosity grows with pressure without bound has its own error. Between rigid surfaces a
-film of Barus' oil carries only a finite load, however fast the gap closes: with the ratio r of
-viscosities and ``dq = dp / r(p)``, Reynolds' equation for q is that of a constant viscosity, and q
-remains below ``int_0^inf dp / r(p) = 1 / alpha``. Close to this limit pressures grow without bound
-within a short time, no step is short enough, and errors of the solver vary from step to step. A
-coarse mesh does not resolve the peak, and the run continues with wrong pressures.
+Failures with an oil whose viscosity grows with pressure without bound have an error of their own,
+`ViscosityError`. Between rigid surfaces a film of Barus' oil carries only a finite load, however
+fast the gap closes: with the ratio r of viscosities and ``dq = dp / r(p)``, Reynolds' equation for
+q is that of a constant viscosity, and q remains below ``int_0^inf dp / r(p) = 1 / alpha``. Close to
+this limit pressures grow without bound within a short time, no step is short enough, and the solver
+fails with another error at every step. A coarse mesh does not resolve the peak, and the run
+continues with wrong pressures.
 """
 
 from __future__ import annotations
@@ -207,7 +208,7 @@ class StepFactors:
 
     @property
     def patterns_wanted(self) -> int:
-        """Number of residual patterns to retain in the next step: half of them if these suffice."""
+        """Number of residual patterns to retain next: half as many if substitution is fast."""
         patterns = self.patterns // 2 if self._reduction < FAST else self.patterns
         return max(patterns, FEWEST_PATTERNS)
 
@@ -232,10 +233,9 @@ class StepFactors:
         return self._factored is not None
 
     def change(self, full: Sequence[np.ndarray]) -> bool:
-        """Change the full nodes of every film, with the same derivatives and bordered factors.
+        """Change the full nodes of every film: border the factors, and keep the derivatives.
 
-        Nothing is changed, and False is returned, if this is impossible or a new factorisation is
-        cheaper.
+        If this is impossible, or a new factorisation is cheaper, change nothing and return False.
         """
         derivative = self._derivative
         changes = []
@@ -518,7 +518,7 @@ class CoupledSteps:
         return Attempt(iterations, solved, work=self._work_since(before))
 
     def _work_since(self, before: Mapping[str, int]) -> dict[str, int]:
-        """Counts of the work in the current step; `before` are the counts of factors before it."""
+        """Counts of the work in the current step; `before` are the factors' counts at its start."""
         done = {name: count - before[name] for name, count in self._factors.work.items()}
         return {"evaluations": self._evaluations, **done}
 
@@ -527,7 +527,7 @@ class CoupledSteps:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Changes of coordinates and multipliers due to small generalised forces.
 
-        They are those at the last solution, for k sets of forces.
+        Changes are those from the last solution, for each of k sets of forces.
 
         Parameters
         ----------

@@ -91,7 +91,7 @@ def _of_rigid(key: str, body: RigidBody) -> list[str]:
 
 
 def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
-    """Notices, one line each, of measured shapes whose spline would overshoot its rows."""
+    """Notices, one line each, of measured shapes whose spline would overshoot the measured rows."""
     lines = []
     for name, joint in joints.items():
         if isinstance(joint, LubricatedJoint):
@@ -101,7 +101,7 @@ def stepped_shapes(joints: Mapping[str, object]) -> list[str]:
 
 
 def stepped_shape(key: str, shape: Shape | None) -> list[str]:
-    """Notice of a measured shape whose spline would overshoot its rows; an empty list if none."""
+    """Notice of a measured shape whose spline would overshoot the measured rows; else empty."""
     table = getattr(shape, "measured", None)
     if table is None or not table.stepped.any():
         return []

@@ -81,7 +81,7 @@ SUBHARMONIC = (2, 3)
 
 
 def repeating(mechanism: Mechanism) -> tuple[float, str]:
-    """Time from which all loads and drives are periodic [s], and key of the last to become so."""
+    """Time from which all loads and drives are periodic [s], and key of the one that is last."""
     over_time = ((key, each) for key, each in mechanism.variations() if not each.angle_of)
     return max([(0.0, ""), *((each.settled, key) for key, each in over_time)])
 
@@ -193,12 +193,12 @@ class FilmTemperatures(Stateful):
     Attributes
     ----------
     thinning
-        Estimated relative decrease of the thickness of each of the `count` films by the last change
-        of its temperature, shape (count,). The thickness is assumed to change as the square root of
-        the viscosity.
+        Estimated relative decrease of the film thickness due to the last change of temperature, for
+        each of the `count` films, shape (count,). The thickness is assumed to change as the square
+        root of the viscosity.
     times, rates
-        Times [s] of the k steps of the current cycle and of three steps before it, shape (k,); and
-        power [W] and flow [m3/s] of every film at these times, shape (k, 2 count).
+        Times [s] of k steps, up to three of the former cycle and then those of the current cycle,
+        shape (k,); power [W] and flow [m3/s] of every film at these times, shape (k, 2 count).
     first
         Index of the step at the start of the cycle in `times`.
     """
@@ -228,7 +228,7 @@ class FilmTemperatures(Stateful):
         self._resume()
 
     def _resume(self) -> None:
-        """Set the temperatures of the films to those of the searches."""
+        """Set the temperature of each film to the present estimate of its `TemperatureSearch`."""
         for binding in self._bindings.values():
             binding.film.film.set_temperature(self.searches[binding.name].temperature)
 
@@ -301,7 +301,7 @@ class FilmTemperatures(Stateful):
         self._resume()
 
     def failed(self, error: Exception) -> HeatError | None:
-        """Heat error that explains an error during a cycle; None if every heat can be balanced."""
+        """Heat error that explains an error in a cycle; None if the heat can be balanced."""
         causes = (search.cause_of(error) for search in self.searches.values())
         return next(filter(None, causes), None)
 
@@ -442,13 +442,13 @@ class PeriodicSolver(Stateful):
         HeatError
             If no temperature balances the heat of a film.
         StepSizeError, FilmTooThinError
-            If `Run.until` raises it.
+            If `Run.until` raises one of them.
         """
         if self._counted > self.most:
             raise PeriodicityError(
                 f"{self._changing} changes until {self._repeats:g} s, so that cycle {self._counted}"
-                f" of {self.period:g} s is the first that could repeat, above cycles = "
-                f"{self.most}: allow more cycles, or let {self._changing} end sooner"
+                f" is the first that can repeat (a cycle takes {self.period:g} s), "
+                f"above cycles = {self.most}: allow more cycles, or let {self._changing} end sooner"
             )
         while True:
             yield from self._steps()
@@ -510,9 +510,9 @@ class PeriodicSolver(Stateful):
             if change <= self.periodicity:
                 what = "half-frequency whirl" if k == 2 else "whirl at a third of the frequency"
                 raise PeriodicityError(
-                    f"the films change by {self.defect:.2g} from cycle to cycle, and repeat every "
-                    f"{k} cycles of {self.period:g} s to {change:.1e}, as {what} does: make "
-                    f"time.revolutions or time.period {k} times as long"
+                    f"the films change by {self.defect:.2g} from cycle to cycle, but repeat every "
+                    f"{k} cycles of {self.period:g} s with a change of {change:.1e}, as in {what}: "
+                    f"make time.revolutions or time.period {k} times as long"
                 )
 
     def _compare(self, ends: np.ndarray, lengths: np.ndarray) -> None:

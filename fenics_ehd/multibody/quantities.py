@@ -143,7 +143,7 @@ class JointStep:
 
     @cached_property
     def rubbed(self) -> float:
-        """Power lost to boundary friction, even if it does not act on the bodies [W]."""
+        """Power lost to boundary friction, even if this friction does not act on the bodies [W]."""
         if self.contact is None:
             return 0.0
         return self.contact.friction_power(self.touch, self.state.gap)
@@ -342,7 +342,7 @@ def max_pressure(joint: JointStep) -> float:
 
 @quantity("min_film_thickness", "m")
 def min_film_thickness(joint: JointStep) -> float:
-    """Minimum oil film thickness (MOFT), interpolated between the nodes; nominal gap if rough."""
+    """Minimum oil film thickness (MOFT), interpolated over nodes; nominal gap in rough joints."""
     return -joint.rows.largest(-joint.gap[None, -len(joint.nodes) :])[0][0]
 
 
@@ -585,7 +585,7 @@ def supply_flow(joint: JointStep) -> float:
 
 
 def upper_most(positions: np.ndarray, values: np.ndarray) -> tuple[float, float]:
-    """Angle [rad] and height [m] of the point with the smallest value, the upper of equal ones.
+    """Angle [rad] and height [m] of the point with the smallest value, the highest if several.
 
     Parameters
     ----------
@@ -632,8 +632,8 @@ def oil_balance(start: float, end: float, totals: Mapping[str, float]) -> dict[s
 
     `start` and `end` are the oil contents at the start and the end of the time span [m^3], `totals`
     the integrals of the flows over it by column [m^3]. The defect is the change of the content less
-    the net inflow, over the sum of the larger content and the supplied oil. It is the error of the
-    integrals over time, because every step conserves oil.
+    the net inflow, divided by the sum of the supplied oil and the larger one of the two contents.
+    It is the error of the integrals over time, because every step conserves oil.
     """
     # The column of all supplies exists only with a supply of given pressure.
     fed = sum(flow for name, flow in totals.items() if name.endswith(f".{FLOW}"))

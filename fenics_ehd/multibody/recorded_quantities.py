@@ -120,7 +120,7 @@ class JointResult(Quantities):
             If the nodal fields were not read.
         """
         if self.nodal is None:
-            raise InputError("the films were not read: load_history(DIR, films=True)")
+            raise InputError("the films were not read: use load_history(DIR, films=True)")
         return self.nodal
 
     @property

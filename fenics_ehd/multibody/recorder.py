@@ -151,8 +151,8 @@ def _require_alike(row: Row, stored: Row) -> None:
     for name in dict.fromkeys([*row, *stored]):
         if name not in row or name not in stored or np.shape(row[name]) != np.shape(stored[name]):
             raise InputError(
-                f"the stored history is not of this scene: {name} is missing or has another shape: "
-                "run the scene again"
+                "the stored history does not belong to this scene, because "
+                f"{name} is missing or has another shape: run the scene again"
             )
 
 
@@ -269,7 +269,10 @@ class Recorder(Stateful):
         return Cycle.of_columns(columns, self.recurrence) if columns else None
 
     def known_sizes(self) -> Sizes:
-        """Known sizes of the arrays of a stored state by name: the number of unknowns of a step."""
+        """Sizes of arrays in a stored state, by name of the size.
+
+        Every size is the number of unknowns of a step.
+        """
         owners = ("/integrator", "/cycles/began")
         return dict.fromkeys(
             (f"{owner} unknowns" for owner in owners), len(self.run.equations.lower)
@@ -368,7 +371,7 @@ class Recorder(Stateful):
     def _joints(self, step: MechanismStep, size: float) -> dict[str, float]:
         """Columns of the lubricated joints at a step of length `size` [s].
 
-        The step is also added to wear and to the estimates of the basis error.
+        Wear and the estimates of the basis error are updated by the step.
         """
         row: dict[str, float] = {}
         responses = self.run.equations.responses

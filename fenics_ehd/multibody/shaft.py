@@ -11,8 +11,8 @@ bending to shear stiffness, ``Phi = 12 E I / (kappa G A h^2)``. At ``Phi = 0`` t
 polynomials of a Bernoulli beam; the element does not lock (J. S. Przemieniecki, Theory of Matrix
 Structural Analysis, 1968). Rotary inertia is that of psi.
 
-Frequencies converge with order 4 without shear, and with order 2 in the share of shear, with the
-error ``(k h)^2 / 24`` of it at the wave number k.
+Without shear, frequencies converge with order 4. The effect of shear on a frequency converges with
+order 2: its relative error is ``(k h)^2 / 24`` at the wave number k.
 
 A round shaft has the same matrices in both planes, so that only one plane is assembled, with two
 degrees of freedom per node. Only the gyroscopic matrix G couples the planes. At the angular speed
@@ -20,9 +20,9 @@ Omega about z
 
     M u'' + Omega G v' + K u = f_x,      M v'' - Omega G u' + K v = f_y,
 
-where dashes are derivatives by time. G is the sum of the polar inertia of the disks and twice the
-rotary inertia of the shaft, because the polar inertia of a circular section is twice the diametral
-one.
+where dashes are, from here on, derivatives with respect to time. G is the sum of the polar inertia
+of the disks and twice the rotary inertia of the shaft, because the polar inertia of a circular
+section is twice the diametral one.
 
 Both planes use the mass-normalised modes of one plane. Coordinates are the angle theta about the
 axis and the amplitudes ``(a, b)`` of the deflections ``u = Phi a`` along x and ``v = Phi b`` along
@@ -164,7 +164,7 @@ class BeamPlane:
     gyroscopic: np.ndarray
 
     def point(self, position: float) -> np.ndarray:
-        """Rows that give deflection and rotation at a position on the axis, shape (2, d).
+        """Matrix from degrees of freedom to deflection and rotation at a position, shape (2, d).
 
         The position is relative to the length, from 0 to 1. The rows are also the generalised
         forces of a unit force and of a unit moment at this position.
@@ -217,7 +217,7 @@ def shear_ratio(shaft: Shaft) -> float:
 
 
 def _element(h: float, phi: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stiffness over E I, and integrals of N N and P P over a beam element, shape (4, 4) each.
+    """Stiffness over E I, and integrals of ``N^T N`` and ``P^T P`` over an element, (4, 4) each.
 
     N are the shape functions of the deflection, P the shape functions of the rotation, see
     `_shape_functions`.
@@ -332,7 +332,7 @@ class ModalRotor:
         return cls(beam, shapes[:, ::-1] * np.sqrt(squares), angular)
 
     def motion(self, position: float) -> np.ndarray:
-        """Rows that give ``(u, v, psi_x, psi_y)`` at a position on the axis, shape (4, 2 m).
+        """Matrix from ``(a, b)`` to ``(u, v, psi_x, psi_y)`` at a position, shape (4, 2 m).
 
         The position is relative to the length, from 0 to 1. Small rotations about x and y are
         ``psi_x = -dv/dz`` and ``psi_y = du/dz``. The rows are also the generalised forces of unit
@@ -345,7 +345,7 @@ class ModalRotor:
 
 
 def _shares(help_text: str) -> Any:
-    """Make a setting for a table of names and shares of the length."""
+    """Make a setting for a table of positions by name, as shares of the shaft's length."""
     check = unless(
         lambda n: isinstance(n, float) and 0.0 <= n <= 1.0, "a share of the length, 0 to 1"
     )
@@ -445,7 +445,11 @@ class ShaftBody(Shaft, Body):
 
     @cached_property
     def _shapes(self) -> dict[str, np.ndarray]:
-        """Derivative of every point's values with respect to the n coordinates, (5, n), by name."""
+        """Derivatives of the values of every point's marker, shape (5, n) each, by name.
+
+        The values are ``(x, y, angle, psi_x, psi_y)``; they are differentiated with respect to the
+        n coordinates.
+        """
         shapes = {"": np.zeros((5, self.size))}
         for name, share in self.points.items():
             motion = self.rotor.motion(share)

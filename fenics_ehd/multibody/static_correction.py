@@ -68,11 +68,12 @@ class _Body:
 
     @cached_property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Two matrices from l loads to r amplitudes, and from these to u static displacements.
+        """Matrices from l loads to r amplitudes, and from r amplitudes to u static displacements.
 
-        With a mortar they are `amplitudes` and `shapes`. Without one, loads are forces on the
-        nodes, and the response is symmetric: the matrices are the transpose of one array, and this
-        array, because reading the entries takes most of the time of a product.
+        With a mortar they are `amplitudes` and `shapes`. Without a mortar, loads are forces on the
+        nodes, and the response is symmetric. Amplitudes are then scaled so that the first matrix is
+        the transpose of the second: both use one array, because reading its entries takes most of
+        the time of a product.
         """
         if self.mortar:
             return self.amplitudes, self.shapes
@@ -191,7 +192,7 @@ class PatternResponses:
         """Static gap change at the Gauss points of all films due to residual patterns [m].
 
         `loads` has the l loads of all surfaces, shape (l,), or several sets of them, shape (l, k).
-        Patterns of a body with a number below `first` do not respond.
+        The first `first` patterns of every body do not respond.
         """
         displacement = np.zeros((self._to_gap.shape[1], *loads.shape[1:]))
         for body in self.bodies.values():
@@ -205,7 +206,7 @@ class PatternResponses:
     ) -> np.ndarray:
         """Gap change at the Gauss points in this step due to nodal pressures of all films [Pa].
 
-        Patterns of a body with a number below `first` do not contribute.
+        The first `first` patterns of every body do not contribute.
         """
         loads = self._from_pressure @ np.concatenate(pressures)
         return self.share * self._static_response(loads, first)
@@ -415,5 +416,5 @@ def _of_film(
 
 
 def _indices(slices: Sequence[slice], chosen: Sequence[int]) -> np.ndarray:
-    """Indices of several chosen slices, one slice after the other, in one array."""
+    """Indices in the slices with the numbers `chosen`, one slice after the other, in one array."""
     return np.concatenate([np.arange(slices[i].start, slices[i].stop) for i in chosen])

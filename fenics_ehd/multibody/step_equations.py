@@ -18,10 +18,11 @@ dissipates: with ``U = v_1 - v_2``
 
 The power depends on relative motion alone, so that action equals reaction: -T acts on the body with
 the bore. T is the shaft's friction torque of `fenics_ehd.film.forces` up to c / R. The resultant on
-the body with the bore is ``-int tau_1 t dA``; ``int tau_2 t dA`` would belong to a gap that keeps
-the terms with e_t. The difference is c / R of the resultant of the pressure, as are these terms.
-The derivatives of the shear are neglected, because they are c / R of those of the pressure, too:
-every iteration still reduces the error by a factor of about 1e-3.
+the body with the bore is ``-int tau_1 t dA``; ``int tau_2 t dA`` would belong to a gap with the
+terms of the tangential eccentricity e_t, which are neglected here. The difference is c / R of the
+resultant of the pressure, like the forces of these terms. The derivatives of the shear are
+neglected, because they are c / R of those of the pressure, too: every iteration still reduces the
+error by a factor of about 1e-3.
 """
 
 from __future__ import annotations
@@ -213,9 +214,9 @@ class StepEquations:
             coupling.retain_patterns(gap, amplitudes)
 
     def resting(self, z: np.ndarray) -> np.ndarray:
-        """Part of the initial state that follows the coordinates z.
+        """Entries of the initial state after those of the coordinates z.
 
-        It has zeros for the amplitudes of the residual patterns, and the initial oil contents.
+        They are zeros for the amplitudes of the residual patterns, and the initial oil contents.
         """
         contents = [film.content.initial(z) for film in self.films]
         return np.concatenate([np.zeros(self.responses.size), *contents])

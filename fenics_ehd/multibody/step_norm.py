@@ -48,8 +48,9 @@ class StepNorm:
     def _turning_coordinates(self, films: Sequence[FilmBinding], size: int) -> np.ndarray:
         """Rows that select the coordinates of all turning surfaces from a state.
 
-        The method also sets `_turning`. It has, for every turning surface, the indices of its gaps
-        and of its coordinates among the observed values, and its coordinates at zero state.
+        The method also sets `_turning`: for every turning surface, the indices of its gaps and of
+        its coordinates among the observed values, the values of its coordinates if the state is
+        zero, and the surface.
         """
         self._turning: list[tuple[slice, slice, np.ndarray, Surface]] = []
         rows = [np.zeros((0, size))]
@@ -87,7 +88,7 @@ class StepNorm:
         return gaps
 
     def lengths(self, gaps: np.ndarray) -> np.ndarray:
-        """Lengths to which gap changes are relative [m]: the gaps, unless surfaces are rough."""
+        """Divisors [m] that make gap changes relative, see `JointFilm.lengths`."""
         if not self._rough:
             return gaps
         each = zip(self._joints, self._films, strict=True)

@@ -184,7 +184,7 @@ class RunSummary:
     def peaks(self) -> dict[str, float]:
         """Largest pressure of every film by name of the joint [Pa].
 
-        It is that over the current cycle of a search for a periodic solution, or over the run.
+        Pressures are those of the current cycle of a search for a periodic solution, or of the run.
         """
         return {name: extremes["max_pressure"][0] for name, extremes in self.extremes.items()}
 

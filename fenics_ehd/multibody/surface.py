@@ -98,8 +98,8 @@ class SurfaceRows:
     load
         Generalised forces on the modes for unit nodal pressures, shape (n, nodes).
     resultant
-        Force of unit nodal pressures on the surface along x and y, shape (2, nodes); None if it is
-        the integral over the film.
+        Force of unit nodal pressures on the surface along x and y, shape (2, nodes); None if this
+        force is the integral of the pressure over the film.
     """
 
     gap: np.ndarray
@@ -341,7 +341,7 @@ class Surface:
         return None
 
     def loads(self, pressure: np.ndarray, angle: float) -> np.ndarray | None:
-        """Loads of the body due to film pressures, for which the missing flexibility is given.
+        """Loads of the body due to film pressures, as in `MissingFlexibility.flexibility`.
 
         Parameters
         ----------
@@ -449,7 +449,8 @@ class Surface:
     def turning_rows(self, coordinates: np.ndarray, rates: np.ndarray) -> TurningRows:
         """Derivatives of the gap with respect to the coordinates ``(q, alpha)`` of this surface.
 
-        It turns through the film. `rates` are the rates of the coordinates, see `turning_gap`.
+        The surface turns through the film. `rates` are the rates of the coordinates, see
+        `turning_gap`.
         """
         inside = slice(self._inside)
         sign = self.side.sign

@@ -124,7 +124,8 @@ class Curve:
         Whether the values recur. If not, values before the first row are those of the first row,
         and values after the last row those of the last row.
     scale
-        Value with which differences of values are compared; 0 for the largest value of the rows.
+        Value by which differences of values are divided before they are compared with `MISSED`; 0
+        for the largest absolute value of the rows.
     """
 
     curve: PPoly
@@ -165,7 +166,7 @@ class Curve:
 
     @cached_property
     def largest(self) -> float:
-        """Value, above 0, with which differences of the curve's values are compared."""
+        """Value, above 0, by which differences of the curve's values are divided, see `scale`."""
         largest = self.scale or float(np.abs(self.curve(self.curve.x)).max())
         return max(largest, float(np.finfo(float).tiny))
 
@@ -311,7 +312,8 @@ def rows_missed(
     times, states
         Points of the integration, see `TabulatedLoad.missed`.
     nearest
-        Rows closer than this to the start of the step belong to a jump and do not count [s].
+        Distance from the start of the step within which rows belong to a jump, and do not count
+        [s].
 
     Returns
     -------

@@ -123,8 +123,9 @@ def step_powers(equations: StepEquations, step: MechanismStep) -> dict[str, floa
     oil. The last two are losses in the films and in the structure of the bodies.
 
     Without friction the loss of a film is that of its pressure flow, and the drag is an external
-    power. With friction the loss is all that the film dissipates, and the drag is internal: zero.
-    The power of oil that is supplied under pressure is added to the drag.
+    power. With friction the loss is all power that the film dissipates, and the drag is an internal
+    power, which is set to zero. The power of oil that is supplied under pressure is added to the
+    drag.
     """
     system = equations.system
     motion = step.solution.motion

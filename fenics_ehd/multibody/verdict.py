@@ -72,7 +72,7 @@ def _energy_defect(summary: RunSummary) -> str:
 def reported_error(error_budget: Mapping[str, Any], component: str) -> float | None:
     """Largest error due to one component of the error budget, over the cycle and all joints.
 
-    It is relative [-], and None if this error of a joint is not known.
+    The error is relative [-]. The result is None if the error of a joint is not known.
     """
     errors = [
         budget["largest_over_cycle"][quantity][component]

@@ -452,7 +452,7 @@ def draw_run(
         )
     if joint is not None and joint not in pressures:
         known = ", ".join(pressures) or "none"
-        raise SettingsError(f"--joint {joint}: the run has the lubricated joints {known}")
+        raise SettingsError(f"--joint {joint}: the lubricated joints of the run are {known}")
     name = joint or max(pressures, key=lambda name: pressures[name].max(), default="")
     complete_parts = parts_of_bases(run.bodies, bases)
     shapes = {name: shape_of_part(part) for name, part in complete_parts.items()}

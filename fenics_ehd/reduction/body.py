@@ -134,7 +134,8 @@ class ModeRecord:
     kind
         Kind of the mode, one of `ReducedBody.kinds`.
     frequency
-        Natural frequency of the mode taken alone [Hz]; infinite for a mode without mass.
+        Natural frequency of the mode with all other modes held at zero [Hz]; infinite for a mode
+        without mass.
     participation
         Share of the mode in the flexibility ``J^T G J`` of the bores, both measured by the trace
         over the pressures `Reductor.measure`. If the flexibility of the bores was not computed,
@@ -179,7 +180,7 @@ class ReducedBody(Described):
         Reduced stiffness ``T^T K T`` [N/m] and mass ``T^T M T`` [kg], shape (n, n). The damping
         matrix is the stiffness times ``zeta``, a setting of the scene.
     frequencies
-        Natural frequency of each coordinate taken alone [Hz], shape (n,).
+        Natural frequency of each coordinate with the others held at zero [Hz], shape (n,).
     kinds
         Kind of each coordinate: ``"vibration"``, ``"fixed-boundary"``, ``"constraint"`` or
         ``"static"``.
@@ -684,7 +685,7 @@ def export_npz(body: ReducedBody, path: str | Path) -> Path:
     ``stiffness``, ``mass``
         Reduced stiffness ``T^T K T`` [N/m] and mass ``T^T M T`` [kg], shape (n, n).
     ``frequencies``
-        Natural frequency of each coordinate taken alone, shape (n,) [Hz].
+        Natural frequency of each coordinate with the others held at zero, shape (n,) [Hz].
     ``bore_names``, ``bore_radius``, ``bore_width``, ``bore_centre``, ``bore_sizes``
         Data of every bore: name, radius [m], width [m], centre relative to the origin, shape (3,)
         [m], and numbers of its nodes and pressure nodes. Bores follow one another in arrays over

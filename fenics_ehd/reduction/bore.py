@@ -188,7 +188,7 @@ def surface_layout(number: str, *, attribute: bool) -> dict[str, Value]:
 
 
 def only(bores: Mapping[str, B], of: str) -> B:
-    """Return the bore of a part that has exactly one.
+    """Return the only bore of a part; refuse another number of bores.
 
     Parameters
     ----------

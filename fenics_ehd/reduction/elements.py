@@ -260,7 +260,7 @@ def package_order(positions: np.ndarray, faces: np.ndarray, element: str) -> np.
 
 
 def _placed(x: np.ndarray, corners: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order of the nodes of faces whose corners come first, and how well it fits.
+    """Sort the nodes of faces whose corners come first; return the order and its misfit.
 
     Parameters
     ----------

@@ -229,7 +229,8 @@ def largest_error(responses: Responses, body: ReducedBody) -> float:
 def relative_error(errors: np.ndarray, displacements: np.ndarray) -> float:
     """Largest relative error of c displacements of m nodes.
 
-    The error of a displacement is its largest error at a node, over its largest value at a node.
+    The relative error of a displacement is its largest error at any node, divided by its largest
+    magnitude at any node.
     Both arguments have the shape (m, c).
     """
     sizes = np.abs(displacements).max(axis=0, initial=np.finfo(float).tiny)

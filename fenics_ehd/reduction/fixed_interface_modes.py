@@ -282,7 +282,8 @@ class FirstStep:
     """Reduced system (22), with coordinates in the order of (21).
 
     The coordinates are v interior modes, b boundary dofs off the bores, and the 3 m bore dofs. A
-    boundary point that is the mean of a bore has no own coordinates: it follows from the bore dofs.
+    boundary point that is the mean of a bore has no coordinates of its own: its motion follows from
+    the bore dofs.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Families of nodal pressures that films make, and pressures to verify them with.
+"""Families of nodal pressures that films make, and pressures that verify such a family.
 
 A film's pressure is smooth along a bore, except at edges of the film: grooves, holes and pockets
 under given pressure, and ends of the bore that touch the journal. Jumps around the bore do no harm,
@@ -122,7 +122,7 @@ class PressureFamily:
         -------
         numpy.ndarray
             Added columns, shape (k, c). If the level would have more than the share `COMPLETE` of
-            all nodal pressures, the result adds all that are missing.
+            all nodal pressures, the result adds all missing nodal pressures.
         """
         nodes = self._nodes
         if level >= self.last:
@@ -241,7 +241,7 @@ def _rows(bore: BoreSurface) -> int:
 
 
 def _spaced(bore: BoreSurface, length: float) -> int:
-    """Twice a length on a bore over the mean spacing of its pressure nodes, rounded up."""
+    """Length on a bore in halves of the mean spacing of its pressure nodes, rounded up."""
     spacing = np.sqrt(2 * np.pi * bore.radius * bore.width / len(bore.pressure_coordinates))
     return int(np.ceil(2.0 * length / spacing))
 

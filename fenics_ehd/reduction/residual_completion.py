@@ -73,7 +73,7 @@ def missing_response(
     columns
         Basis T of the body, rows of this rank, shape (owned dofs, n).
     loads
-        Function from a range of column numbers to these load columns, rows of this rank [N].
+        Function that returns the load columns of a range of column numbers, rows of this rank [N].
     count
         Number of loads.
 

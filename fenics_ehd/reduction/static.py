@@ -568,7 +568,7 @@ def mean_diagonal(matrix: PETSc.Mat) -> float:
 
 
 def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndarray) -> None:
-    """Check that static responses x to loads f satisfy ``K x = f``, for a random combination.
+    """Check ``K x = f`` for a random combination of static responses x and of their loads f.
 
     Raises
     ------

@@ -150,7 +150,7 @@ class Recovery:
     stress
         Collective function from displacements, rows of this rank, shape (owned dofs, n) [m], to
         stresses [Pa] in these cells. It returns a `fenics_ehd.fem.stress.StressField` or an
-        object with its `shape`, `positions` and `block`. None if stresses are unknown.
+        object that also has `shape`, `positions` and `block`. None if stresses are unknown.
     """
 
     cells: np.ndarray

@@ -287,7 +287,7 @@ def _reductions(built: Machine) -> dict[str, Any]:
 
 
 def stored_scene(directory: Path, *, forces: bool = True) -> tuple[Scene, Machine]:
-    """Read scene and mechanism of a run from its folder; without `forces`, no loads act on it.
+    """Read scene and mechanism of a run from its folder, with loads only if `forces` is true.
 
     Nothing is meshed or reduced, so that a model, which is a program, is not executed.
 

@@ -1,6 +1,7 @@
 """Schema of scene files: bodies, joints, drives, forces, lubricants, supplies, output.
 
-Every kind of entry has one settings class; docstrings and help texts are the reference.
+Every kind of entry has one settings class. The reference of settings consists of the docstrings and
+help texts of these classes.
 Angles are measured from the x axis, positive from x to y. A body's angle is that of its own x
 axis. A crank whose pin lies on its x axis has its outer (top) dead centre at angle 0, if the
 piston is on the positive x axis.

@@ -393,8 +393,8 @@ def read_load(
     interpolation
         ``"cubic"`` or ``"linear"``, see `load_curves`.
     period
-        Period [s]. It must be above the last time in the file, and the load at its end is the first
-        load of the file. If it is 0, the period is the last time.
+        Period [s], above the last time in the file; at the end of the period, the load is the first
+        load of the file. With 0, the period is the last time in the file.
     section
         Section of the scene with the path of the file, for messages.
 

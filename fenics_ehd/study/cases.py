@@ -45,7 +45,7 @@ def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
 
 
 def resolve_key(scene: Scene, name: str) -> str:
-    """Full key of the only setting whose key ends with a name.
+    """Full key of the setting whose key ends with `name`, if there is only one.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def resolve_key(scene: Scene, name: str) -> str:
     candidates = _ending(values, name)
     if not candidates and _ending(free, name):
         table = _ending(free, name)[0]
-        raise SettingsError(f"key {name} is a table: write {table}.NAME for a name in it")
+        raise SettingsError(f"key {name} is a table: write {table}.NAME, the name of an entry")
     table, _, entry = name.rpartition(".")
     if not candidates and entry:
         candidates = [f"{key}.{entry}" for key in _ending(free, table)]
@@ -70,12 +70,12 @@ def resolve_key(scene: Scene, name: str) -> str:
 
 
 def _ending(keys: Any, name: str) -> list[str]:
-    """List with the key that is equal to a name; without such a key, all keys that end with it."""
+    """List with the key that is equal to `name`; if there is none, all keys that end with it."""
     return [name] if name in keys else [key for key in keys if key.endswith(f".{name}")]
 
 
 def with_values(scene: Scene, values: Mapping[str, Any], optional: Collection[str] = ()) -> Scene:
-    """Scene with other values of some settings, checked, and rounded to the digits of its text.
+    """Replace some values of a scene, check them, and round all as the text of a scene file does.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def _plain(number: float, like: object) -> float | int:
 def _range(key: str, item: str, unit: str | None = None) -> list[float]:
     """Numbers of a range ``a:b:n`` or ``a:b:n:log``; `a` and `b` are included exactly.
 
-    With a unit, `a` and `b` may have units, and the numbers are in this unit.
+    If `unit` is given, `a` and `b` may have other units, and the numbers are returned in `unit`.
     """
     first_text, last_text, *counted = [part.strip() for part in item.split(":")]
     logarithmic = counted[1:] == ["log"]
@@ -265,7 +265,7 @@ def _range(key: str, item: str, unit: str | None = None) -> list[float]:
             f"{key} = {item!r}: count = {counted[0]} must be a whole number from 2 to {MOST_CASES}"
         )
     if logarithmic and not (first > 0 and last > 0):
-        raise SettingsError(f"{key} = {item!r}: first and last must be above 0 for log")
+        raise SettingsError(f"{key} = {item!r}: first and last must be above 0 for log ranges")
     numbers = (np.geomspace if logarithmic else np.linspace)(first, last, count)
     # Numbers are rounded to the digits that a scene file stores: 2e-05, not its neighbour.
     return [first, *(float(f"{number:.12g}") for number in numbers[1:-1]), last]
@@ -307,13 +307,13 @@ def make_case(
     Raises
     ------
     SettingsError, MeshError
-        A value cannot be used, a model does not exist, or the case requires an accuracy.
+        A value cannot be used, a model does not exist, or the scene has `output.accuracy`.
     """
     varied = with_values(scene, values, optional)
     if varied.output.accuracy:
         raise SettingsError(
-            f"output.accuracy = {varied.output.accuracy:g}: cases run with the settings that they "
-            "are given, so that they can be compared: drop the key"
+            f"output.accuracy = {varied.output.accuracy:g} would choose other settings for each "
+            "case, but only cases with the given settings can be compared: drop the key"
         )
     return Case(name, varied, needed_bodies(varied), tuple(values.values()))
 
@@ -328,7 +328,7 @@ def identity(scene: Scene) -> dict[str, str]:
 
 
 def _names_file(key: str, value: object) -> bool:
-    """True if a value is the path of a file or of a run's folder; ``hex``, for instance, is not."""
+    """True if a value is the path of a file or of a run's folder, and no word such as ``hex``."""
     return key.endswith(".snapshots") or Path(str(value)).suffix in FILES
 
 

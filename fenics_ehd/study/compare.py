@@ -90,7 +90,7 @@ class StoredRun:
         return load_history(self.directory)
 
     def estimates(self) -> dict[str, float]:
-        """Largest estimate of the gap's basis error by joint [m], after the time `start`."""
+        """Largest estimated gap error due to the reduction basis, by joint, after `start` [m]."""
         joints = self.result.joints
         return {
             joint: float(joints[joint].basis_error_estimate[self.counted].max(initial=0.0))
@@ -258,7 +258,7 @@ class StudyFolder(RunsFolder):
         run = StoredRun(self.run(name), scene, self.study.start)
         if abs(run.times[-1] - scene.span) > ROUND_OFF * scene.span:
             raise InputError(
-                f"{self.run(name)}: the history ends at {run.times[-1]:g} s, but the run at "
+                f"{self.run(name)}: the history ends at {run.times[-1]:g} s, but the run ends at "
                 f"{scene.span:g} s"
             )
         self.runs[name] = run

@@ -3,8 +3,9 @@
 A variant has a name, and settings that differ from those of the scene. The scope of a study has the
 variants for methods and numbers of modes, for tolerances and for film meshes, and the reference.
 
-Numbers of modes are close to those of Krinner and Rixen, sections 4.2 and 5.2, with some added: M1
-and M2 have as many modes as M3 has vibration and residual modes together.
+Numbers of modes are close to those of Krinner and Rixen, sections 4.2 and 5.2; some numbers are
+added. Variants of M1 and M2 have as many modes as variants of M3 have vibration and residual modes
+together.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def m4(vibration_modes: int, tolerance: float = M4_TOLERANCE) -> Variant:
 
 
 def full(vibration_modes: int) -> Variant:
-    """Variant with the full interface: static modes for all columns of P_c1, equation (34)."""
+    """Variant with the full interface: a static mode for the pressure at each bore node, (34)."""
     return _reduction(f"full-{vibration_modes}", method="full", vibration_modes=vibration_modes)
 
 
@@ -156,7 +157,8 @@ class Scope:
         error. If `step_check` is None, the run of `basis_check` shows the sum of step and basis
         error.
     basis_check
-        Variant that differs from the reference in the basis of its parts, and its settings.
+        Variant whose parts have another basis than those of the reference, and settings of its run.
+        It shows the basis error of the reference.
     loose
         Further variants, which are run only with the first of the tolerances, because their errors
         are too large to need finer steps.
@@ -365,8 +367,8 @@ def make_study(
     scope = scope or usual_scope(scene, quick=quick)
     if scope.film_check.get(FILM, 1.0) < FINER:
         raise SettingsError(
-            f"film_check: {scope.film_check.get(FILM, 1.0):g} times the film cells are too few to "
-            f"show the error of the film mesh: use film({FINER:g}) or more"
+            f"film_check has film({scope.film_check.get(FILM, 1.0):g}), a film mesh that is too "
+            f"coarse to show the error of the film mesh: use film({FINER:g}) or more"
         )
     if start is None:
         start = 0.0 if scene.time.periodic else START * scene.span
@@ -397,8 +399,9 @@ def _require_long_enough(scene: Scene, start: float) -> None:
     step = time.largest_step * scene.span / (time.revolutions or 1.0)
     if not 0.0 <= start <= scene.span - LEAST_STEPS * step:
         raise SettingsError(
-            f"errors start at {start:.3g} s, a step may take {step:.3g} s, and the run ends at "
-            f"{scene.span:.3g} s: choose an earlier start or simulate more"
+            f"errors are evaluated after {start:.3g} s, a step may be {step:.3g} s long, and the "
+            f"run ends at {scene.span:.3g} s, which leaves too few steps: choose an earlier start "
+            "or simulate a longer time"
         )
 
 

@@ -395,7 +395,10 @@ class RunsFolder(ExitStack):
             yield CaseTask(case, bodies, self.command, keep)
 
     def add(self, case: Case, result: CaseResult) -> None:
-        """Store the result of a run that has ended; if its files cannot be read, it has failed."""
+        """Store the result of a run that has ended.
+
+        If the files of the run cannot be read, its outcome is stored as failed.
+        """
         outcome = result.outcome
         try:
             self._write_run(case, result.files)

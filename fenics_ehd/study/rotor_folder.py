@@ -1,9 +1,10 @@
 """Folder of a rotor map: stored points, tables of modes, films, shapes and unbalance, summary.
 
-``rotor.json`` has all data on which the points depend. Every point of the map is stored as soon as
-it is computed, in ``points/0001.npz`` and so on. Another map of the same scene, with equal or other
-speeds, or after an interruption, reads these points and computes only missing points. Tables and
-summary are written at the end.
+A point of the map is the rotor at one speed: its equilibrium and the small motions about it. Every
+point is stored as soon as it is computed, in ``points/0001.npz`` and so on. ``rotor.json`` has all
+data on which the points depend. Another map of the same scene, or the same map after an
+interruption, reads these points and computes only those that are missing. Tables and summary are
+written at the end.
 """
 
 from __future__ import annotations
@@ -258,7 +259,10 @@ def film_rows(chart: RotorMap) -> Iterator[dict[str, Any]]:
 
 
 def shape_rows(chart: RotorMap, shown: Sequence[int]) -> Iterator[dict[str, Any]]:
-    """Rows of ``shapes.csv``: complex deflections of all points in the modes at some speeds."""
+    """Rows of ``shapes.csv``: complex deflections of all points of the rotor in its modes.
+
+    `shown` are the indices of the speeds.
+    """
     stations = chart.stations
     for n in shown:
         for track in np.flatnonzero(chart.tracks[:, n] >= 0):
@@ -290,7 +294,7 @@ def unbalance_rows(response: UnbalanceResponse) -> Iterator[dict[str, Any]]:
 
 
 def figures_of_map(chart: RotorMap) -> dict[str, Any]:
-    """Entries of ``summary.json`` for a map: limits, critical speeds and resonances."""
+    """Entries of ``summary.json`` for a map: stability limits, critical speeds and resonances."""
     lost = next((limit for limit in chart.limits if limit.lost), None)
     unstable = chart.points[0].largest_real_part > 0.0
     return {

@@ -165,8 +165,8 @@ def parameter_path(scene: Scene, name: str) -> ParameterPath:
     unit = _unit(scene, key)
     if not scale or (unit in SCALES and value == NO_TEMPERATURE):
         raise SensitivityError(
-            f"{key} = {value!r} means that the setting is not used: give a value to which a small "
-            "change can be relative"
+            f"{key} = {value!r} means that the setting is not used: give it a value first, "
+            "because derivatives vary a parameter by a small share of its value"
         )
     full = key if component is None else f"{key}.{last}"
     return ParameterPath(full, numbers[component or 0], scale, key, component, unit)
@@ -198,14 +198,14 @@ def scene_sensitivity(
     announce: Announce | None = None,
     cache: bool = True,
 ) -> SceneSensitivity:
-    """Run a scene, and compute derivatives of its results; on one rank.
+    """Run a scene on one MPI rank, and compute derivatives of its results.
 
     Parameters
     ----------
     scene
         Scene as read.
     of
-        Names of the results, ``big_end.min_film_thickness``.
+        Names of the results, for example ``big_end.min_film_thickness``.
     to
         Keys of the parameters.
     bodies
@@ -218,8 +218,8 @@ def scene_sensitivity(
     Raises
     ------
     SettingsError, SensitivityError
-        A key cannot be used, which is found before any reduction; or the name of a result, which
-        is found after the first step.
+        A key or the name of a result cannot be used. Keys are checked before any reduction, names
+        of results after the first step.
     SolverError
         A run fails.
     """

@@ -102,7 +102,9 @@ def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]
 
 
 def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
-    """Cases for all combinations of values; in some cases, a value may have no effect.
+    """Cases for all combinations of values.
+
+    A combination may contain values without effect, if each has an effect in another combination.
 
     Raises
     ------

@@ -150,7 +150,10 @@ def plain_figures(axis: Axis, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
 
 
 def draw_floor(axes: Axes, floor: float, label: str = FLOOR_LABEL) -> None:
-    """Draw a grey band below the reference's own error `floor` [%]; the axis ends in the band."""
+    """Draw a grey band below the reference's own error `floor` [%].
+
+    The y axis starts within the band.
+    """
     if floor > 0:
         axes.axhspan(floor / 10, floor, color=FLOOR, zorder=0, linewidth=0, label=label)
         axes.set_ylim(bottom=floor / 1.6)
@@ -244,9 +247,10 @@ def lower_left(points: Sequence[Point]) -> list[Point]:
 
 
 def draw_cost(joints: Sequence[JointData], cost: str) -> Figure | None:
-    """Draw the errors of pressure and film against a cost: a column of time or of coordinates.
+    """Draw the errors of pressure and film thickness of all runs against their cost.
 
-    If the cost is a time, the Pareto front is drawn as well. The result is None without runs.
+    `cost` is the column of the table with a time or with the number of coordinates. If it is the
+    time of the run, the Pareto front is drawn as well. The result is None if there are no runs.
     """
     groups = ("methods", "tolerance") if cost == ONLINE else ("methods",)
 
