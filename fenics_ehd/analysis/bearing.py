@@ -334,8 +334,8 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         )
     if not load or not np.any(point.position):
         raise SettingsError(
-            "coefficients need a film with pressure and an eccentricity above 0, since the "
-            "cavitating film of a centred shaft has no derivatives"
+            "coefficients need a film with pressure and an eccentricity above 0, since the force "
+            "of the cavitating film has no derivatives at a centred shaft"
         )
     parts = [
         _film_matrices(point, settings.cells_around + extra, load)

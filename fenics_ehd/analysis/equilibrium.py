@@ -520,7 +520,8 @@ CENTRED = 1e-9
 def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterator[str]:
     """Reasons why there is no equilibrium: rotating bodies that are elastic or not balanced.
 
-    A body is not balanced if its centre of mass or a point with a joint is not on its axis.
+    A body is not balanced if its centre of mass, or one of its points with a joint, is not on its
+    axis of rotation.
     """
     carried = instant.rate_derivative(rates)[0] @ rates
     for name, marker in system.markers.items():

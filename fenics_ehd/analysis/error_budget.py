@@ -233,7 +233,7 @@ class Extreme:
     reported: np.ndarray
 
     def _outward(self, curves: np.ndarray) -> np.ndarray:
-        """Curve of this quantity and joint, shape (k,), times -1 if the extreme is a minimum."""
+        """Curve of this quantity and joint, shape (k,); multiplied by -1 for a film thickness."""
         curve = curves[QUANTITIES.index(self.quantity), :, self.joint]
         return curve if self.quantity == "max_pressure" else -curve
 

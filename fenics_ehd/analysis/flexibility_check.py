@@ -57,8 +57,8 @@ def checked_errors(
 ) -> dict[str, float]:
     """Largest relative error of a body's displacements in its bores under pressures of a run.
 
-    The errors are listed by body. Bodies whose reduction estimated no error of the flexibility are
-    not listed.
+    The errors are listed by body. Bodies are not listed if the reduction estimated no error of
+    their flexibility, or if this error is zero.
 
     Parameters
     ----------

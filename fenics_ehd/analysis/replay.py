@@ -547,7 +547,10 @@ def _between(
 
 
 class _Guess:
-    """First guess for a step of a replay: the trajectory, plus the difference at the last step.
+    """First guess for a step of a replay.
+
+    It is the trajectory at the time of the step, plus the difference between the replay and the
+    trajectory at the last step.
 
     Parameters
     ----------

@@ -235,8 +235,8 @@ class ForeignMesh:
         if len(different) > 1:
             names = ", ".join(one.name for one in different)
             raise MeshError(
-                f"{path} has solid cells of {len(different)} materials, {names}: a part has one, "
-                "export the cells of one material"
+                f"{path} has solid cells of {len(different)} materials, {names}, but a part has "
+                "one material: export the cells of one material"
             )
 
 

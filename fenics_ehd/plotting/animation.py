@@ -266,7 +266,7 @@ def _ground(axes: Axes, corners: np.ndarray) -> None:
 
 
 def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: int) -> None:
-    """Draw a sliding joint: a block on its line, between walls if the line is held."""
+    """Draw a sliding joint: a block on its line, between walls if the line is at rest."""
     body, origin = at(bodies, joint.line)
     _, position = at(bodies, joint.point)
     along = np.array(joint.direction) / np.hypot(*joint.direction)

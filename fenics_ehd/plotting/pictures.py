@@ -304,7 +304,7 @@ class Pictures:
         return "-".join([quantity, *joints, *several])
 
     def _rows(self, joints: Sequence[str]) -> Rows:
-        """Joints of the runs by name; if every run has one joint, these form a single entry."""
+        """Joints of the runs by name; if every run has only one joint, one entry for all."""
         runs = self._runs
         known = self._joints_of_runs
         for name in joints:
