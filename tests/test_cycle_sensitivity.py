@@ -315,7 +315,7 @@ def test_a_figure_that_is_no_number_is_refused():
         joints={"pin": joint}, times=np.arange(1.0, 6.0), began=0.0, period=None
     )
     figure = objective_of("pin.max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
-    with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* not a finite"):
+    with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* is not finite"):
         figure.value(course)
 
 

@@ -692,7 +692,10 @@ class Estimator:
         return errors | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
-        """Relative errors of an extreme and of its curve because the cycle is not yet periodic."""
+        """Relative errors of an extreme and of its curve, due to a cycle that is not yet periodic.
+
+        The curve is that of the quantity over the cycle. Its error is the largest at any time.
+        """
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE

@@ -467,8 +467,8 @@ class Replay(Run):
     def _next(self, times: np.ndarray, row: int, last_size: float) -> int:
         """Row of the trajectory at which the next step ends.
 
-        No row of a table, at which a load may have a corner, lies within the step. Rows of tables
-        at which the recorded run ended its steps count too.
+        The step does not pass over a corner of a load, which is at a row of the load's table. The
+        same holds for rows at which the recorded run ended a step because of such a corner.
 
         Parameters
         ----------

@@ -326,7 +326,10 @@ def _cells(text: str) -> tuple[int, int]:
     """Numbers of cells around and along the bore, from a text such as ``64x12``."""
     match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text.strip().lower())
     if not match:
-        raise SettingsError(f"--cells {text!r} must be two whole numbers, around x along: 64x12")
+        raise SettingsError(
+            f"--cells {text!r} must be two whole numbers, the cells around and along the bore, for "
+            "instance 64x12"
+        )
     return int(match[1]), int(match[2])
 
 
