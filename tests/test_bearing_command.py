@@ -152,7 +152,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--groove", "inf", 10, 1e5], "--groove: the angle of a groove = inf"),
         (["--load", 5, "--groove", 0, "nan", 1e5], "--groove: the width of a groove = nan"),
         (["--load", 5, "--groove", 0, 10, 0, "--line-at-max-film"], "exclude each other"),
-        (["--load", 5, "--groove", 0, 10, 0, "--bore-speed", 1], "shaft or bore must"),
+        (["--load", 5, "--groove", 0, 10, 0, "--bore-speed", 1], "speed or bore_speed must be 0"),
         (["--load", 2000, "--bore-speed", -500], "draw in no oil: their sum must be at least"),
         (
             ["--load", 5, "--cavitation", "mass-conserving"],

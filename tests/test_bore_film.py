@@ -138,5 +138,5 @@ def test_load_matrix_of_another_body_is_refused(rod_body, mesh):
         -rod_body.load_projection,
         rod_body.load_projection[:, ::-1],
     ):
-        with pytest.raises(ehd.errors.InterfaceMismatchError, match="of film and body, differ"):
+        with pytest.raises(ehd.errors.InterfaceMismatchError, match="give different forces"):
             ehd.BoreFilm(replace(rod_body, load_projection=load), film)

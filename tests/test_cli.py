@@ -179,7 +179,7 @@ def test_run_from_body_file_equals_run_from_mesh(tmp_path, capfd):
 WRITTEN = [
     ("bearing --load 1_0", "'1_0' must be a number in N"),
     ("bearing --load \u0663", "must be a finite number in N"),
-    ("bearing --load 1 --cells \u0661\u0666x4", "must be two whole numbers, around x along"),
+    ("bearing --load 1 --cells \u0661\u0666x4", "must be two whole numbers, the cells around"),
     ("bearing --load 1 --lobes 1_0", "'1_0' is not a whole number"),
     ("bearing --load 1 --groove nan 10 1e5", "the angle of a groove = nan must be a finite"),
     ("animate out --scale nan", "'nan' is no number"),

@@ -215,7 +215,7 @@ def test_a_number_that_breaks_the_period_is_refused_before_the_run(key, off, tmp
     arguments = ("--of", "left.min_film_thickness", "--to", key, "--to", "left.clearance")
     status, out, err = exit_of(capfd, "sensitivity", path, *arguments)
     assert (status, out) == (2, "")
-    assert f"{key}: if it changes alone, {off} " in err
+    assert f"{key}: if only this parameter changes, {off} " in err
 
 
 def test_a_temperature_in_celsius_has_no_elasticity():
@@ -315,7 +315,7 @@ def test_a_figure_that_is_no_number_is_refused():
         joints={"pin": joint}, times=np.arange(1.0, 6.0), began=0.0, period=None
     )
     figure = objective_of("pin.max_contact_pressure", ["joints/pin/max_contact_pressure_Pa"])
-    with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* not a finite"):
+    with pytest.raises(ehd.errors.VerificationError, match=r"pin\.max_contact.* is not finite"):
         figure.value(course)
 
 

@@ -241,7 +241,7 @@ def test_unit_that_a_step_file_declares(text, metres, tmp_path):
     (tmp_path / "part.stp").write_text(text)
     if metres is None:
         with pytest.raises(
-            ehd.errors.MeshError, match="no unit of length, or several, which excludes --unit"
+            ehd.errors.MeshError, match="no unit of length, or several, so that --unit"
         ):
             unit_ratio(tmp_path / "part.stp", "mm")
     else:

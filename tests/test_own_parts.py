@@ -274,7 +274,7 @@ WRITTEN = ("rod.step", "--bore", "1", "-o", "x.msh")
         (["nowhere.step"], "there is no such file"),
         (
             ["rod.step", "--bore", "20mm", "-o", "x.msh"],
-            "no face is '20mm': give a face by its number: 1 of 22.5 mm",
+            "no face matches '20mm': give a face by its number: 1 of 22.5 mm",
         ),
         (["rod.step", "--bore", "7", "-o", "x.msh"], "face 7 is a plane, not a bore"),
         (["rod.step", "--bore", "99", "-o", "x.msh"], "by its number: 1 to 8"),

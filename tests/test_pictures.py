@@ -419,7 +419,7 @@ def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):
     ("arguments", "message"),
     [
         (["--quantity", "friction"], "--quantity friction: no such quantity in"),
-        (["--quantity", "speed"], "there is max_pressure, min_film_thickness, orbit, force"),
+        (["--quantity", "speed"], "choose from max_pressure, min_film_thickness, orbit, force"),
         (["--joint", "middle"], "has no such lubricated joint: choose"),
         (["--joint", "middle"], "choose from left, right"),
         (["--difference"], "--difference needs 2 runs"),
@@ -482,7 +482,7 @@ def test_two_runs_share_their_panels(bearings, tmp_path, capsys):
     assert names == ["max_pressure-comparison.png", "max_pressure-comparison.svg"]
     assert own.read_bytes() == before
     assert plot(bearings.directory, same, "--difference", "--quantity", "bore") == 2
-    assert "no difference of it" in capsys.readouterr().err
+    assert "no difference of this quantity" in capsys.readouterr().err
 
 
 def test_runs_without_a_joint_in_common_have_no_difference(bearings, tmp_path, capsys):

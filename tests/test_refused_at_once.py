@@ -74,8 +74,8 @@ COMMANDS = [
     ("report ''", f"report {EMPTY}"),
     # Outputs of a reduction.
     ("reduce conrod -o x.h5 --residual-modes -1", "-1"),
-    ("reduce conrod -o x.npz --export npz", "--export npz would write over x.npz of -o"),
-    ("reduce conrod -o x.h5 --basis ./x.h5", "--basis would write over ./x.h5 of -o"),
+    ("reduce conrod -o x.npz --export npz", "--export npz would write over x.npz, the file of -o"),
+    ("reduce conrod -o x.h5 --basis ./x.h5", "--basis would write over ./x.h5, the file of -o"),
     ("reduce conrod -o pipe", NO_PLACE),
     ("reduce conrod -o x.h5 --basis pipe", NO_PLACE),
     ("reduce conrod -o folder.h5 --export npz", "folder.npz is a folder, but a file must"),

@@ -175,7 +175,7 @@ REFUSED = {
     ),
     "an unbalance of the ground": (
         ["--speeds", "500", "--unbalance", "ground.left=1e-4"],
-        "body ground does not have the speed",
+        "body ground does not rotate at the speeds",
     ),
     "a negative unbalance": (
         ["--speeds", "500", "--unbalance", "shaft.disk=-1"],

@@ -86,14 +86,14 @@ def _expected_attitude(settings: BearingSettings) -> float:
 
 
 def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
-    """Equilibrium under a load [N], with a film mesh for the position of the journal.
+    """Equilibrium under a load [N], with a film mesh made for the position of the journal in it.
 
     The search begins at the operating point `start`.
 
     Raises
     ------
     SolverError
-        No equilibrium was found from the start.
+        The search from `start` found no equilibrium.
     """
     meshed = start.meshed
     position = start.position
@@ -103,13 +103,14 @@ def _under_load(start: OperatingPoint, load: float) -> OperatingPoint:
         position = point.position
         if meshed.suits(position):
             return point
-    raise SolverError(f"load = {load:g} N: none of {MOST_MESHES} meshes suits its equilibrium")
+    raise SolverError(f"load = {load:g} N: none of {MOST_MESHES} film meshes suits the equilibrium")
 
 
 def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
     """Equilibrium under a load [N].
 
-    If it is not found directly, the load is approached through loads in between.
+    If the search at this load fails, equilibria are computed at intermediate loads, which approach
+    it.
 
     Raises
     ------
@@ -121,7 +122,8 @@ def _at_load(bearing: Bearing, load: float) -> OperatingPoint:
     if not point.carries:
         raise SettingsError(
             f"load = {load:g} N: the film has no pressure at speed = {settings.speed:g} rad/s, "
-            f"squeeze = {settings.squeeze[0]:g}, {settings.squeeze[1]:g} m/s: give one of them"
+            f"squeeze = {settings.squeeze[0]:g}, {settings.squeeze[1]:g} m/s: increase speed or "
+            "squeeze"
         )
     reached = float(np.hypot(*point.force_on_bore))
     aim = load
@@ -287,8 +289,8 @@ def _with_balanced_heat(
         search.move(power, flow)
     raise HeatError(
         f"supply_temperature = {supply:g} C: the effective temperature, "
-        f"{search.temperature:.6g} C, is not within {heat.tolerance:g} K of its balance "
-        f"after {MOST_POINTS} operating points"
+        f"{search.temperature:.6g} C, is not within {heat.tolerance:g} K of the temperature that "
+        f"balances the heat, after {MOST_POINTS} operating points"
     )
 
 
@@ -332,8 +334,8 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         )
     if not load or not np.any(point.position):
         raise SettingsError(
-            "coefficients need a film with pressure and an eccentricity above 0, since the "
-            "cavitating film of a centred shaft has no derivatives"
+            "coefficients need a film with pressure and an eccentricity above 0, since the force "
+            "of the cavitating film has no derivatives at a centred shaft"
         )
     parts = [
         _film_matrices(point, settings.cells_around + extra, load)
@@ -350,7 +352,10 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
 
 
 def _film_matrices(point: OperatingPoint, around: int, load: float) -> list[np.ndarray]:
-    """Stiffness and damping of the film on a mesh with `around` cells around, under a load [N]."""
+    """Stiffness and damping of the film under a load [N].
+
+    The film mesh has `around` cells around the bearing.
+    """
     finer = point.meshed.bearing.changed(cells_around=around)
     rest = MeshedBearing(finer, point.position).rest(point.position, load).rest
     linear = linearise(rest).along(rest.system.bodies["shaft"].start + np.arange(2))

@@ -112,7 +112,7 @@ class Bearing:
         if not thinnest > least:
             also = ", or the deviations of the bore" if s.bore_shape is not None else ""
             raise GapClosedError(
-                f"the film thickness is {thinnest * 1e6:.3g} um at its thinnest, it must be "
+                f"the minimum film thickness is {thinnest * 1e6:.3g} um, but must be "
                 f"{f'above {least * 1e6:.3g} um' if least else 'positive'}: "
                 f"lower the eccentricity or the tilt{also}"
             )
@@ -186,8 +186,8 @@ class MeshedBearing:
     def _profile(self, thickness: np.ndarray) -> np.ndarray:
         """Smallest film thickness along the axis at each of the `ANGLES`, shape (720,) [m].
 
-        The mesh is finer where this thickness is small. Between rough surfaces it is the length
-        scale of their contact, see `length_scale`.
+        The mesh is finer where this thickness is small. If the surfaces are rough, the result is
+        the length scale of their contact instead, see `length_scale`.
         """
         thinnest = thickness.min(axis=1)
         roughness = self.settings.roughness

@@ -129,10 +129,11 @@ class BearingSettings(OilSettings, Roughness):
         return OilSettings(**values)
 
     def relative_shape(self, angle: float = 0.0) -> Shape:
-        """Shape of the bore, in which a tilt of the shaft is the opposite misalignment of the bore.
+        """Shape of the bore relative to a shaft without tilt.
 
-        The frame of the shape is at `angle` from the load line [rad], which must be 0 for a bore
-        that is not round.
+        The tilt of the shaft is replaced by an equal and opposite misalignment of the bore. The
+        frame of the shape is at `angle` from the load line [rad], which must be 0 for a bore that
+        is not round.
         """
         from fenics_ehd.base.plane import rotation
         from fenics_ehd.film.kinematics import Shape
@@ -174,16 +175,16 @@ class BearingSettings(OilSettings, Roughness):
             self._check_shape()
         if self.grooves and self.speed and self.bore_speed:
             raise SettingsError(
-                f"bore_speed = {self.bore_speed:g} rad/s with grooves, which are at rest: the "
-                "speed of shaft or bore must be 0"
+                f"bore_speed = {self.bore_speed:g} rad/s with grooves: these belong to a part at "
+                "rest, so that either speed or bore_speed must be 0"
             )
         self._check_entrainment()
         # Without rotation, the film's only force is resistance to the motion of the shaft.
         still = not (self.speed or self.bore_speed or any(g.pressure for g in self.grooves))
         if still and any(self.squeeze) and not self.squeeze[0] > 0:
             raise SettingsError(
-                f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s at speed 0: the shaft "
-                "must move along the load: the first component must be above 0"
+                f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s at speed 0: its first "
+                "component must be above 0, so that the shaft moves along the load"
             )
 
     def _check_entrainment(self) -> None:
@@ -196,8 +197,8 @@ class BearingSettings(OilSettings, Roughness):
         if abs(self.entrainment) < least and not any(self.squeeze):
             raise SettingsError(
                 f"bore_speed = {self.bore_speed:g} rad/s and speed = {self.speed:g} rad/s draw in "
-                f"no oil: their sum must be at least {least:.3g} rad/s, their difference times "
-                "clearance / radius"
+                f"no oil: their sum must be at least {least:.3g} rad/s, which is their difference "
+                "times clearance / radius"
             )
 
     def _check_classes(self) -> None:
@@ -239,7 +240,8 @@ class BearingSettings(OilSettings, Roughness):
         if any(self.squeeze):
             raise SettingsError(
                 f"squeeze = {self.squeeze[0]:g}, {self.squeeze[1]:g} m/s: cavitation = "
-                "'mass-conserving' computes the steady film of a shaft without squeeze: set it to 0"
+                "'mass-conserving' computes the steady film of a shaft without squeeze: set "
+                "squeeze to 0"
             )
 
     @property

@@ -1,9 +1,10 @@
 """Mechanisms at rest: equilibrium under constant loads, and small motions about it.
 
 A mechanism is in equilibrium if its equations hold with constant velocities and constant
-coordinates: an implicit step of infinite length, with the shift zero. Shafts rotate, journals rest
-in their bores or have their initial velocities, and the pressure of every film balances its load.
-If a bore rotates, the eccentricity rotates backwards in the frame of the bore.
+coordinates. These are the equations of an implicit step of infinite length, in which the shift
+``s = dx' / dx`` of the formula for the rates is zero. Shafts rotate, the centres of journals are at
+rest or move with their initial velocities, and the pressure of every film balances its load. If a
+bore rotates, the eccentricity rotates backwards in the frame of the bore.
 
 A mechanism that varies with time has no equilibrium. Rotating forces are not included, and a notice
 reports them, because they excite motions about the equilibrium. A mechanism is refused if it has
@@ -29,15 +30,15 @@ If a joint has a heat balance, its film has the effective temperature at which t
 carries away the dissipated power (`fenics_ehd.film.heat`). In small motions, temperatures are
 constant.
 
-A rigid rotor of mass M with ``M x'' + b x' + k x = 0``, the stiffness and damping of its bearing,
-is at the threshold of whirl if a solution ``exp(i nu t)`` exists:
+A rigid rotor of mass M on a bearing of stiffness k and damping b moves by
+``M x'' + b x' + k x = 0``. It is at the threshold of whirl if a solution ``exp(i nu t)`` exists:
 
     M nu^2 = kappa = (k_xx b_yy + k_yy b_xx - k_xy b_yx - k_yx b_xy) / (b_xx + b_yy),
     kappa = tr k - tr (k b) / tr b,
     nu^2 = det (k - kappa) / det b.
 
-It is stable for masses below ``kappa / nu^2``, and for every mass if there is no such nu
-(``nu^2 <= 0``).
+The rotor is stable for masses below ``kappa / nu^2``. If there is no such nu (``nu^2 <= 0``), it
+is stable for every mass.
 """
 
 from __future__ import annotations
@@ -95,11 +96,12 @@ class SearchStart:
     Attributes
     ----------
     x
-        State x of the integration, which starts with the coordinates z.
+        State x of the time integration, whose first n entries are the coordinates z.
     values
         Unknowns of the step equations, shape (u,).
     patterns
-        Number of residual patterns that the derivatives retain.
+        Number of residual patterns of the elastic bodies that the derivatives of the equations
+        contain.
     temperatures
         Temperatures of films with a heat balance, by name of the joint [C].
     """
@@ -207,14 +209,17 @@ class Linearisation:
         return np.asarray(stiffness + s * damping)
 
     def along(self, places: np.ndarray) -> Linearisation:
-        """The same linearisation, in which q are k of the coordinates z.
+        """The same small motions, with k of the coordinates z in place of q.
 
-        These coordinates must determine all motions that the joints allow.
+        The k coordinates must determine all motions that the joints allow.
         """
         return self.with_coordinates(np.linalg.inv(self.basis[places]))
 
     def with_coordinates(self, turn: np.ndarray) -> Linearisation:
-        """The same motions with other coordinates p, ``q = turn p``, shape (k, k)."""
+        """The same small motions with other coordinates p, ``q = turn p``.
+
+        The matrix `turn` has the shape (k, k).
+        """
         return Linearisation(
             self.basis @ turn,
             turn.T @ self.mass @ turn,
@@ -251,13 +256,14 @@ def equilibrium(
     ----------
     mechanism
         Mechanism with approximate pose and rates, which is assembled for the start of the search.
-        The rates are kept. Rotating forces are left out, with a warning that is also in
+        The rates are not changed. Rotating forces are left out, with a warning that is also in
         `Equilibrium.notices`.
     start
-        Equilibrium of the same mechanism at another speed or load, or its `search_start`, from
-        which the search starts (continuation); by default it starts from the approximate pose.
+        Start of the search (continuation): equilibrium of the same mechanism at another speed or
+        load, or the `search_start` of this equilibrium. By default, the search starts from the
+        approximate pose.
     tolerance
-        Tolerance of the last update, relative to the gaps.
+        Tolerance of the last update of Newton's method, relative to the gaps.
 
     Raises
     ------
@@ -265,7 +271,7 @@ def equilibrium(
         The mechanism cannot be assembled or varies with time, or `start` belongs to another
         mechanism.
     SolverError
-        No equilibrium was found from the start.
+        The search found no equilibrium.
     """
     require_class("mechanism", mechanism, Mechanism)
     if start is not None:
@@ -303,7 +309,7 @@ def balanced(
     system
         Equations of the mechanism, whose approximate pose and rates are assembled.
     tolerance
-        Tolerance of the last update, relative to the gaps.
+        Tolerance of the last update of Newton's method, relative to the gaps.
     former
         Start of the search; None for the approximate pose.
 
@@ -398,7 +404,8 @@ def _temperature_searches(
 ) -> dict[str, TemperatureSearch]:
     """Searches for the temperatures of films with a heat balance, by name of the joint.
 
-    They start from the temperatures of another equilibrium [C], by default at the supply's.
+    A search starts from the temperature in another equilibrium [C]; without one, from the
+    temperature of the supply.
     """
     searches = {}
     for binding in system.films:
@@ -488,7 +495,7 @@ ROUNDING = 1e-13
 def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[str]:
     """Reasons why there is no equilibrium: drives, forces and supplies that vary with time.
 
-    Bodies move with constant rates.
+    They are evaluated at several times, while the bodies move with constant rates.
     """
     times = np.array([0.0, *SAMPLES])
     for table in system.tables:
@@ -536,7 +543,8 @@ CENTRED = 1e-9
 def _moving_parts(system: System, instant: Instant, rates: np.ndarray) -> Iterator[str]:
     """Reasons why there is no equilibrium: rotating bodies that are elastic or not balanced.
 
-    A body is not balanced if its centre of mass or a point with a joint is not on its axis.
+    A body is not balanced if its centre of mass, or one of its points with a joint, is not on its
+    axis of rotation.
     """
     carried = instant.rate_derivative(rates)[0] @ rates
     for name, marker in system.markers.items():
@@ -584,9 +592,10 @@ def _rate(system: System) -> float:
 
 
 def _start(equations: StepEquations, z: np.ndarray, rates: np.ndarray) -> SolverState | None:
-    """First guess of the unknowns, with pressures of each film alone under Reynolds' condition.
+    """First guess of the unknowns of the step equations.
 
-    The result is None if a film cannot be solved.
+    Pressures are those of each film at the given gap, with Reynolds' cavitation condition. The
+    result is None if a film cannot be solved.
     """
     values = np.zeros(len(equations.lower))
     for film, dofs in zip(equations.films, equations.film_indices, strict=True):
@@ -661,11 +670,11 @@ def _with_memory(
 def _dynamic_stiffness(
     rest: Equilibrium, jacobian: np.ndarray, basis: np.ndarray, shift: float
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Dynamic stiffness ``s^2 M + s D + K`` at the shift s, and the films' shares of it.
+    """Dynamic stiffness ``s^2 M + s D + K`` at the shift s, and the dynamic stiffness of each film.
 
-    The share of a film is its negative force on the journal for unit amplitudes of the motions
-    `basis`, shape (2, k). The multipliers of the joint balance this force, and that part of the
-    generalised forces that acts on the joint's own coordinates.
+    Columns of a film's matrix, shape (2, k), are its negative forces on the journal for unit
+    amplitudes of the k motions in `basis`. They follow from the multipliers of the joint. These
+    balance the sum of the film force and of the generalised force on the joint's own coordinates.
     """
     moved, multipliers = rest.solver.response_to_forces(rest.x, rest.rate, shift, basis)
     stiffness = np.linalg.inv(basis.T @ moved)
@@ -690,7 +699,8 @@ class DynamicCoefficients:
     critical_mass
         Mass M of a rigid rotor at the threshold [kg]; None if every mass is stable, 0 if none is.
     whirl_ratio
-        Whirl frequency nu at the threshold over the speed of the shaft [-]; None without one.
+        Whirl frequency nu at the threshold over the speed of the shaft [-]; None without a
+        threshold.
     threshold
         Stability threshold ``omega sqrt(c M / W)`` [-]: dimensionless speed above which a rotor
         whose weight is the load W is unstable; None if every mass is stable.

@@ -5,15 +5,16 @@ difference at a time:
 
 step size
     Each step is as long as two or more steps of the run. The ratio of the resulting change to the
-    error follows from the order of the formula (Richardson). Coarse steps are halved instead. A run
-    of many cycles is solved with a formula of another blend instead.
+    error follows from the order of the formula (Richardson). If the run has a coarse tolerance, its
+    steps are halved instead. The last cycle of a run of many cycles is solved with another blend of
+    the formulas of two orders instead.
 film mesh
     The steps are the same long steps, and the films have 1.5 times as many cells in both
     directions.
 basis
     The steps are the same long steps, and the gaps are changed by the flexibility that the basis
-    lacks. A basis of M4 lacks the verified error of its flexibility, if possible verified with the
-    pressures of the run, and the inertia of its residual patterns.
+    lacks. For a basis of the reduction method M4, this is the verified error of its flexibility, if
+    possible verified with the pressures of the run, and the inertia of its residual patterns.
 part mesh
     As for the basis, with the flexibility that another mesh of the part adds.
 start
@@ -24,10 +25,11 @@ start
 Errors thus grow or decay along the motion of a replay, as in the run. The replay of a cycle is
 continued into a second cycle, and the change in the second cycle is the result.
 
-A long step can end before or after an extreme, so that differences between values at steps have
-either sign there. Trajectories are therefore compared as smooth curves (`ErrorCurves`). Extremes of
-a run are interpolated between nodes and steps (`fenics_ehd.base.extremes`). The budget therefore
-has no component for the distances of nodes and steps.
+A long step can end before or after an extreme. Near an extreme, differences between values at steps
+would therefore have an arbitrary sign, so that trajectories are compared as smooth curves
+(`ErrorCurves`). Extremes of a run are interpolated between nodes and steps
+(`fenics_ehd.base.extremes`), so that the budget needs no component for the distances of nodes and
+steps.
 
 Imports inside functions: SciPy's interpolation is slow to import, and only budgets need it.
 """
@@ -121,7 +123,10 @@ class ErrorCurves:
         return np.unique(between)
 
     def _at_steps(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values at the steps of the run; a cycle starts with the values at its end."""
+        """Times and values at the steps of the run.
+
+        The start of a cycle is added, with the values at the end of the cycle.
+        """
         times = self.trajectory.times
         period = self.trajectory.period
         if period is None:
@@ -160,8 +165,8 @@ class ErrorCurves:
         before, after, factor
             Trajectories of the run and of the changed run, and the factor.
         remaining
-            Change of the difference in a cycle over its change in the cycle before, of either
-            sign; 0: the difference in the second cycle is the result.
+            Ratio r, with its sign, by which the growth of the change is multiplied from cycle to
+            cycle. With r = 0, the result is the change in the second cycle.
         """
         changes = []
         for values, changed in zip(before.extremes, after.extremes, strict=True):
@@ -228,7 +233,7 @@ class Extreme:
     reported: np.ndarray
 
     def _outward(self, curves: np.ndarray) -> np.ndarray:
-        """Curve of this quantity and joint, shape (k,), times -1 if the extreme is a minimum."""
+        """Curve of this quantity and joint, shape (k,); multiplied by -1 for a film thickness."""
         curve = curves[QUANTITIES.index(self.quantity), :, self.joint]
         return curve if self.quantity == "max_pressure" else -curve
 
@@ -306,7 +311,7 @@ def missing_gaps(
         Equations of the mechanism, and the trajectory.
     component
         ``"basis"``: flexibility that the basis of a surface's body lacks; ``"part_mesh"``:
-        flexibility that another mesh of its part adds.
+        flexibility that another mesh of the body's part adds.
     periodic
         Whether the trajectory is a cycle.
     scales
@@ -441,9 +446,9 @@ class ErrorBudget:
     Attributes
     ----------
     joints
-        Relative errors of the extremes, by joint and quantity, then by component and as sums; an
-        error that is not estimated is a word. The key ``largest_over_cycle`` of a joint has the
-        largest errors over time likewise.
+        Relative errors of the extremes, by joint and quantity, then by component and as sums. In
+        place of an error that is not estimated there is a text. The key ``largest_over_cycle`` of
+        a joint has the largest errors over time in the same form.
     curves
         Curves of the run over time.
     changes
@@ -452,7 +457,7 @@ class ErrorBudget:
     notes
         Reasons why components are not estimated, by component.
     left_out
-        Share of the simulated time in which the compared run has no solution, by component.
+        Share of the simulated time in which a replay found no solution, by component.
     iterations
         Number of Newton iterations of the estimate.
     seconds
@@ -562,9 +567,9 @@ class Estimator:
 
     @property
     def _checked_shares(self) -> dict[str, float]:
-        """Relative error of displacements under pressures of the run, over the verified error.
+        """Displacement error under pressures of the run over the verified error, by body.
 
-        The ratios are listed by body.
+        Both are relative errors of the displacements in the bores.
         """
         return {
             name: error / self._parts[name].reduced.flexibility_error
@@ -616,10 +621,11 @@ class Estimator:
         return self._curves.change(before, after, factor, self._remaining(before, after))
 
     def _remaining(self, before: Trajectory, after: Trajectory) -> float:
-        """Ratio of the change between two trajectories in their second cycle to that in the first.
+        """Ratio by which the growth of a change between trajectories is multiplied in a cycle.
 
-        The ratio has a sign, unlike the contraction of a cycle. For instance, a whirl at half the
-        speed reverses the sign of the change from cycle to cycle.
+        The ratio is the growth in the second cycle over the growth in the first cycle. It has a
+        sign, unlike the contraction of a cycle. For instance, a whirl at half the speed reverses
+        the sign of the change from cycle to cycle.
         """
         cycles = self._cycles
         norm = self._run.norm
@@ -686,7 +692,10 @@ class Estimator:
         return errors | {"largest_over_cycle": largest}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
-        """Relative errors of an extreme and of its curve because the cycle is not yet periodic."""
+        """Relative errors of an extreme and of its curve, due to a cycle that is not yet periodic.
+
+        The curve is that of the quantity over the cycle. Its error is the largest at any time.
+        """
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE

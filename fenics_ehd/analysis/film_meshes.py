@@ -25,7 +25,7 @@ CELLS_APART = 2
 
 
 def extra_cells(meshes: int) -> range:
-    """Numbers of cells by which the meshes have more cells around than the given mesh: 0, 2, ..."""
+    """Number of additional cells around the bearing in each of the meshes: 0, 2, 4, ..."""
     return range(0, CELLS_APART * meshes, CELLS_APART)
 
 
@@ -47,7 +47,7 @@ class MeshMean:
 
     @classmethod
     def of(cls, values: Sequence[np.ndarray]) -> MeshMean:
-        """Mean and scatter of the values of a quantity, one value of equal shape for each mesh."""
+        """Mean and scatter of a quantity from its values on all meshes, which have equal shapes."""
         if len(values) == 1:
             return cls(values[0], None)
         return cls(np.mean(values, axis=0), 0.5 * np.ptp(values, axis=0))

@@ -1,9 +1,10 @@
-"""Error of M4's flexibility under pressures of a run, from static responses of the part.
+"""Flexibility errors of bodies reduced by M4, under pressures of a run, from static responses.
 
-The displacements of a body that M4 reduced are exact for the film pressures of a family, and
-verified for other pressures before any run. A run has its own pressures. If the part itself is in
-memory, its static responses to eight of these pressures show the error of the body's displacements.
-This takes one factorisation of the stiffness matrix and one solve with eight right-hand sides.
+If a body was reduced by the method M4, its displacements are exact for the family of film pressures
+that the reduction used. Before any run, they are verified for other pressures. Pressures of a run
+differ from both. If the part itself is in memory, its static responses to eight pressures of the
+run show the error of the body's displacements. This takes one factorisation of the stiffness matrix
+and one solve with eight right-hand sides.
 
 Imports inside functions: runs without an elastic part do without static responses.
 """
@@ -56,7 +57,8 @@ def checked_errors(
 ) -> dict[str, float]:
     """Largest relative error of a body's displacements in its bores under pressures of a run.
 
-    The errors are listed by body. Bodies without an estimated error of their flexibility have none.
+    The errors are listed by body. Bodies are not listed if the reduction estimated no error of
+    their flexibility, or if this error is zero.
 
     Parameters
     ----------

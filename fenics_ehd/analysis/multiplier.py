@@ -129,8 +129,8 @@ def multiplier(history: History) -> Multiplier:
 class _Cycle:
     """Linear map from a change at the start of a cycle to the resulting change at its end.
 
-    A change is added to the past points of the integrator, which are states x and their rates. It
-    has the shape (2, points, n), with x and its rate along the first axis.
+    The past points of the integrator are states x and their rates. A change is added to all of
+    them; its shape is (2, points, n), with x and its rate along the first axis.
     """
 
     def __init__(self, run: Run, period: float, between: Callable[[], object]):
@@ -161,9 +161,10 @@ class _Cycle:
         return replay.state
 
     def first(self) -> np.ndarray:
-        """First change at the start of a cycle: of all coordinates, such that all joints hold.
+        """First change at the start of a cycle, from which Arnoldi's method starts.
 
-        Its scalar product with itself is 1.
+        It changes all coordinates, and satisfies the constraints of all joints. Its scalar product
+        with itself is 1.
         """
         system = self._run.equations.system
         start = self._start
@@ -190,8 +191,8 @@ class _Cycle:
     def _measured(self, change: np.ndarray) -> np.ndarray:
         """Relative changes of the k observed quantities, and of their rates, shape (2, k).
 
-        The observed quantities are gaps and others, see `StepNorm`. `change` is evaluated at the
-        newest point.
+        The observed quantities are gaps and other quantities, see `StepNorm`. `change` is evaluated
+        at the newest point.
         """
         norm = self._run.norm
         newest = self._start.x[0]

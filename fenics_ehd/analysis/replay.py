@@ -195,7 +195,7 @@ def solved_run(history: History) -> Recorder:
 
 
 def trajectory_of(solved: Recorder) -> Trajectory:
-    """Trajectory of a complete run; of a search for a periodic solution, that of its last cycle."""
+    """Trajectory of a complete run, or of the last cycle of a search for a periodic solution."""
     first = solved.first
     steps = solved.history().each(lambda values: values[first:])
     return Trajectory(**vars(steps), base=solved.run, start=solved.began, search=solved.cycles)
@@ -219,7 +219,8 @@ def recorded(
         Search for a periodic solution, which determines the end; its last cycle is recorded. None
         if the run has no search.
     look
-        Function that returns further values of a step, by the path of their column with unit.
+        Function that returns further values to record at a step, by the paths of their columns,
+        with units.
     """
     size = run.equations.system.n + run.equations.responses.size
     start = run.state
@@ -296,7 +297,8 @@ def transferred_state(state: RunState, source: Run, target: Run, span: float = 1
     source, target
         Run with the state, and run for which the state is converted.
     span
-        Ratio of a time of `target` to the same time of `source`; rates are divided by it.
+        Factor from times of `source` to the corresponding times of `target`; rates are divided by
+        it.
     """
     size = target.equations.system.n + target.equations.responses.size
     matrices = interpolations(source, target)
@@ -340,13 +342,13 @@ class Replay(Run):
         State before the first step; by default that of the trajectory.
     stride
         Number of steps of the trajectory that form one step of the replay. The number is smaller
-        if steps would grow fast, or if a step would contain a row of a table.
+        if steps would grow fast, or if a row of a table would lie within a step.
     changes
         Changes that are added to the gap of every film, at its w observed points and the k times of
         the trajectory, shape (k, w) [m].
     same_coordinates
-        Whether the coordinates have the same meaning as those of the trajectory, from which the
-        first guess of a step is then made.
+        Whether the coordinates have the same meaning as those of the trajectory. If so, the first
+        guess of a step is made from the trajectory.
     forgiving
         Whether a step without a solution is divided. If a part has no solution either, the rest of
         the step is left out, and the replay continues from the trajectory at the end of the step.
@@ -438,7 +440,10 @@ class Replay(Run):
             yield step
 
     def _rejoin(self, row: int, time: float) -> None:
-        """Set the state to that of the trajectory at a row, unless `time` [s] has been reached."""
+        """Set the state of the replay to that of the trajectory at a row.
+
+        If the replay has already reached the time of the row, `time` [s], nothing is done.
+        """
         if self.state.time >= time:
             return
         self.left_out += time - self.state.time
@@ -462,7 +467,8 @@ class Replay(Run):
     def _next(self, times: np.ndarray, row: int, last_size: float) -> int:
         """Row of the trajectory at which the next step ends.
 
-        Within the step there is no corner of the motion and no row of a table.
+        The step does not pass over a corner of a load, which is at a row of the load's table. The
+        same holds for rows at which the recorded run ended a step because of such a corner.
 
         Parameters
         ----------
@@ -485,10 +491,10 @@ class Replay(Run):
         return target
 
     def _step(self, row: int, time: float, share: float = 1.0) -> MechanismStep | None:
-        """Take a step to the time of a row of the trajectory, or a step to an earlier time.
+        """Take a step to `time`: the time of a row of the trajectory, or an earlier time.
 
-        `share` is the fraction of the way from the previous row. The result is None if the step has
-        no solution.
+        An earlier time is at the fraction `share` of the way from the previous row to this row. The
+        result is None if the step has no solution.
         """
         control = self.control
         state = self.state
@@ -529,10 +535,10 @@ class Replay(Run):
 def _between(
     values: np.ndarray, row: int, share: float, first: np.ndarray | None = None
 ) -> np.ndarray:
-    """Interpolate the rows of an array linearly: at the fraction `share` of the way to a row.
+    """Interpolate an array linearly between a row and the row before.
 
-    The way begins at the previous row. Before row 0 the values are `first`, or the values of row 0
-    if `first` is None.
+    The position is the fraction `share` of the way to the row. The values before row 0 are `first`,
+    or the values of row 0 if `first` is None.
     """
     if share == 1.0:
         return values[row]
@@ -541,7 +547,10 @@ def _between(
 
 
 class _Guess:
-    """First guess for a step of a replay: the trajectory, plus the replay's last distance from it.
+    """First guess for a step of a replay.
+
+    It is the trajectory at the time of the step, plus the difference between the replay and the
+    trajectory at the last step.
 
     Parameters
     ----------
@@ -596,7 +605,9 @@ class _Guess:
         self._value_difference = np.zeros(self._values.shape[1])
 
     def _recorded_at(self, row: int, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """State x and step unknowns of the trajectory, before or at a row, see `at`.
+        """State x and step unknowns of the trajectory at a row, or between it and the row before.
+
+        The fraction `share` is that of `at`.
 
         x has the coordinates and the amplitudes of residual patterns.
         """
@@ -618,7 +629,7 @@ class _Guess:
         return x + self._x_difference, guess
 
     def learn(self, row: int, share: float, step: Step[CoupledState], solver: SolverState) -> None:
-        """Store the difference between the solution of a step and the trajectory at its time."""
+        """Store the difference of a step's solution from the trajectory at the time of the step."""
         x, values = self._recorded_at(row, share)
         self._x_difference = step.x[: len(x)] - x
         self._value_difference = solver.values[0] - values

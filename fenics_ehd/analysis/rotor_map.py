@@ -301,7 +301,7 @@ class MapSolver:
 
     @staticmethod
     def _rest(mechanism: Mechanism, start: SearchStart | None) -> Equilibrium:
-        """Equilibrium of a mechanism, searched from `start` and, if that fails, from its pose."""
+        """Equilibrium of a mechanism, searched from `start` and, if that fails, from the pose."""
         try:
             return equilibrium(mechanism, start=start)
         except SolverError:
@@ -505,7 +505,7 @@ def _critical_speeds(
 
 
 def _partner(first: MapPoint, mode: int, point: MapPoint) -> int:
-    """Index of the mode at `point` that continues the mode `mode` of `first`, a neighbour."""
+    """Index of the mode at `point` that continues mode `mode` of the neighbouring point `first`."""
     return int(matched(first.modes, point.modes)[0][mode])
 
 

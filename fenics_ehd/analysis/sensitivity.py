@@ -13,7 +13,7 @@ cycle is repeated until it is periodic.
 Extremes are interpolated between nodes and between steps (`fenics_ehd.base.extremes`). The largest
 nodal value would jump whenever the peak passes a node: as a function of any parameter it is a
 saw-tooth, whose slopes have errors of the order of the node distance. A mean is the integral of
-cubic polynomials, each through four steps.
+cubic polynomials over the duration; each polynomial passes through the values at four steps.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
 
 
 def columns_of(step: MechanismStep) -> dict[str, float]:
-    """Results of every lubricated joint at a step, by the path of their column with unit."""
+    """Results of every lubricated joint at a step, by the paths of their columns, with units."""
     return {
         f"joints/{joint.binding.name}/{column}": value
         for joint in step.solution.joints
@@ -148,7 +148,7 @@ class Objective:
             result = over_time(times, values, trajectory.period, KINDS[self.kind])[0]
         if not np.isfinite(result):
             raise VerificationError(
-                f"{self.joint}.{self.name} is not a finite number in this run: choose another one"
+                f"{self.joint}.{self.name} is not finite in this run: choose another result"
             )
         return result
 
@@ -162,12 +162,13 @@ class Parameter:
     name
         Name of the parameter, for messages.
     scale
-        Size to which changes are relative, in the unit of the parameter.
+        Size s of the parameter, in its unit; a relative change c changes the parameter by ``c s``.
     make
-        Function of a relative change of the parameter, over its scale. It returns the changed
-        mechanism, and the ratio of its end time or period to that of the unchanged mechanism.
+        Function of the relative change c. It returns the changed mechanism, and the ratio of its
+        end time or period to that of the unchanged mechanism.
     same_coordinates
-        Whether coordinates of both mechanisms have the same meaning: no reduced body changes.
+        Whether coordinates of both mechanisms have the same meaning, because the parameter changes
+        no reduced body.
     """
 
     name: str
@@ -208,7 +209,8 @@ def derivatives(
     parameter, objectives
         Parameter that is changed, and results that are differentiated.
     share
-        Change of the parameter over its scale; the run is repeated with plus and minus this change.
+        Relative change of the parameter, see `Parameter.scale`. The run is repeated with plus and
+        minus this change.
     finer
         Whether the films are refined by a factor of 1.5 in both directions.
 
@@ -371,9 +373,9 @@ def check_periods(
         ]
         if off:
             raise SensitivityError(
-                f"{parameter.name}: if it changes alone, {', '.join(off)} no longer repeats with "
-                "the cycle, and no derivative exists: choose a parameter that changes no period, "
-                "or run the scene with both changed together"
+                f"{parameter.name}: if only this parameter changes, {', '.join(off)} no longer "
+                "repeats with the cycle, and no derivative exists: choose a parameter that changes "
+                "no period, or run the scene again with all periods changed"
             )
 
 

@@ -71,7 +71,8 @@ class SteadyVibration(NamedTuple):
     Attributes
     ----------
     speeds, deflections, forces
-        As of `UnbalanceResponse`.
+        Speeds, complex amplitudes of deflections, and complex amplitudes of film forces, see the
+        attributes of these names of `UnbalanceResponse`.
     """
 
     speeds: np.ndarray
@@ -189,7 +190,8 @@ def film_force(
 def blended(first: Linearisation, second: Linearisation, share: float) -> Linearisation:
     """Interpolate the matrices of small motions between two speeds linearly.
 
-    Both have the same coordinates. `share` is the fraction of the way from the first speed.
+    The small motions at both speeds have the same coordinates. `share` is the fraction of the way
+    from the first speed to the second.
     """
 
     def mean(name: str) -> np.ndarray:

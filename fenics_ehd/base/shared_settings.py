@@ -269,7 +269,7 @@ class Deviations:
     )
     lobes: int = only_with(count(2, "waves in a turn", least=1, most=100), "ovality")
     barrel: float = deviation("at both ends, 0 at mid-width, a parabola; crowned journal: - [m]")
-    taper: float = deviation("at the upper end, minus that at the lower one, linear [m]")
+    taper: float = deviation("at the upper end, its negative at the lower one, linear [m]")
     misalignment: tuple[float, float] = pair("tilt of the axis about x and y [rad]", below=0.1)
     table: str = text(NONE, "CSV file angle_deg,height_m,deviation_m of more, or none")
 

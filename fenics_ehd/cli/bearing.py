@@ -105,7 +105,8 @@ def bore_shape(width: float, clearance: float, deviations: Mapping[str, Any]) ->
     Raises
     ------
     SettingsError
-        An option or the table is faulty; the message names the option or the fault of the table.
+        An option, or the table of the bore's shape, is faulty; the message names the option or the
+        fault of the table.
     """
     settings = build(Deviations, deviations)
     require_effects(settings)
@@ -325,7 +326,10 @@ def _cells(text: str) -> tuple[int, int]:
     """Numbers of cells around and along the bore, from a text such as ``64x12``."""
     match = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", text.strip().lower())
     if not match:
-        raise SettingsError(f"--cells {text!r} must be two whole numbers, around x along: 64x12")
+        raise SettingsError(
+            f"--cells {text!r} must be two whole numbers, the cells around and along the bore, for "
+            "instance 64x12"
+        )
     return int(match[1]), int(match[2])
 
 
@@ -455,7 +459,7 @@ def bearing(
 
 
 def _several(value: float | tuple[float, ...] | None) -> tuple[float, ...]:
-    """Values of an option as a tuple: of one value, several values, or none if it is not given."""
+    """Tuple of the one or more values of an option; empty if the option is not given."""
     if value is None:
         return ()
     return value if isinstance(value, tuple) else (value,)

@@ -304,7 +304,7 @@ def _require_arrays(arguments: list[str]) -> None:
     Raises
     ------
     EhdError
-        Python finds such a NumPy; the message has its path.
+        Python would import another NumPy; the message has the path of that NumPy.
     """
     if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
         return

@@ -64,7 +64,7 @@ FOLDER = click.Path(file_okay=False)
 
 
 class Dependent(click.Option):
-    """Option of a command that is refused if other options leave it without effect.
+    """Option of a command; it is refused if other options leave it without effect.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ def output_option(
     required: bool = False,
     needs: Sequence[Needs] = (),
 ) -> Callable[[Command], Command]:
-    """Declare option ``-o``, the path of an output; the command has it as its argument `name`."""
+    """Declare option ``-o``, the path of an output; the command gets it as its argument `name`."""
     path = FOLDER if folder else FILE
     names = "-o", "--output", name
     return option(*names, type=path, help=help_text, required=required, needs=needs)

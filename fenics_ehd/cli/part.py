@@ -241,12 +241,12 @@ def _material_from(opened: OpenedPart, chosen: Mapping[str, float]) -> str:
 
 
 def _left_out(opened: OpenedPart) -> list[str]:
-    """List of one line that names all contents of the file besides the solid; empty without any."""
+    """List of one line that names the contents of a file besides its solid; empty without any."""
     return [f"left out of the file: {opened.left_out}"] if opened.left_out else []
 
 
 def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
-    """Texts FACE by NAME, from the values ``[NAME=]FACE`` that a user gave to an option.
+    """Split the values ``[NAME=]FACE`` of an option; return the texts FACE by the texts NAME.
 
     A value without NAME gets the name `default`.
     """
@@ -260,7 +260,9 @@ def _pairs(entries: Sequence[str], default: str, option: str) -> dict[str, str]:
                 "and _, and neither 'part' nor 'held'"
             )
         if name in faces:
-            raise SettingsError(f"{option} {entry}: {name!r} names two faces: give NAME=FACE")
+            raise SettingsError(
+                f"{option} {entry}: {name!r} names two faces: give each its own name, NAME=FACE"
+            )
         faces[name] = face
     return faces
 

@@ -115,7 +115,7 @@ def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
         known = ", ".join(models) or "none"
         raise SettingsError(
             f"part {part!r}: scene {scene.name} has {len(meant)} flexible bodies of that name or "
-            f"model, but must have one: name one of its bodies with a model, {known}"
+            f"model, but one is needed: name one of its bodies with a model, {known}"
         )
     return scene, meant[0]
 
@@ -125,7 +125,7 @@ KINDS = {"-o": BODY_KIND, "--basis": BASIS_KIND, "--export npz": EXPORT_KIND}
 
 
 def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path]) -> None:
-    """Refuse an output file that cannot be written, has the path of another, or replaces inputs."""
+    """Refuse an output file that cannot be written, or that replaces an input or another output."""
     taken: dict[Path, str] = {}
     for option, file in outputs.items():
         if not file:
@@ -134,8 +134,8 @@ def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path])
         path = Path(file).resolve()
         if path in taken:
             raise SettingsError(
-                f"{option} would write over {shlex.quote(file)} of {taken[path]}: give the two "
-                "options different files"
+                f"{option} would write over {shlex.quote(file)}, the file of {taken[path]}: give "
+                "the two options different files"
             )
         taken[path] = option
 

@@ -1,7 +1,7 @@
 """``fenics-ehd run``: run a scene or resume a run, and print a report of its results.
 
-The report has the results of every joint over the cycle or run, the error budget, and the search
-for an accuracy.
+The report has the results of every joint over the cycle or run, the error budget, and, if an
+accuracy was required, the search for settings that meet it.
 
 Imports inside functions: pictures, ParaView and reductions are imported only by runs that need
 them.
@@ -130,7 +130,7 @@ def budget_table(joints: Mapping[str, Mapping[str, Any]], summary: Mapping[str, 
 
 
 def _flexibility_lines(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Lines on the pressures with which the flexibility error of each body of M4 was estimated."""
+    """Lines on the flexibility error of each body that M4 reduced, and on the pressures used."""
     checked = summary.get("flexibility_errors", {})
     for name, verified in summary.get("verified_flexibility_errors", {}).items():
         start = f"  basis of {name}: its bores' displacement has an error of"
@@ -144,7 +144,7 @@ def _flexibility_lines(summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _by_value(by_component: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """Distinct values of a dictionary by error component, each with the names of its components."""
+    """Distinct values of a dictionary, each with the names of the error components that have it."""
     names: dict[Any, list[str]] = {}
     for key, value in by_component.items():
         names.setdefault(value, []).append(COMPONENTS[key])
@@ -187,7 +187,7 @@ def choice_text(value: Any) -> str:
 
 
 def accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Lines on a search for an accuracy: settings chosen for each run, and errors of each run."""
+    """Lines on the search for a required accuracy: settings and errors of each of its runs."""
     if "accuracy" not in summary:
         return []
     search = summary["accuracy"]
@@ -383,7 +383,7 @@ def _finish(
 def _write_series(
     scene: Scene, built: Machine, directory: Path, parts: Mapping[str, PartFields]
 ) -> None:
-    """Write a ParaView series of a run, with the meshes in `parts`; other bodies are lines."""
+    """Write a ParaView series of a run; bodies without a mesh in `parts` are drawn as lines."""
     from fenics_ehd.multibody.history import load_history
     from fenics_ehd.results.paraview import write_run
 

@@ -53,9 +53,10 @@ def cycle_stresses(
     chosen
         Names of bodies; empty for all flexible bodies.
     damping
-        Whether the stress of material damping is included; the sum balances the loads.
+        Whether the stress of material damping is added to the elastic stress. With it, the stress
+        balances the loads.
     complete
-        Whether the static response that the basis of the modes lacks is added.
+        Whether the part of the static response that the basis of the modes lacks is added.
     programs
         Paths of models that are programs, and that the user allows to be executed.
 
@@ -194,7 +195,7 @@ def _row(name: str, value: float, more: str = "") -> str:
 
 
 def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
-    """Printed rows of an extreme stress: value, range in the cells around, position, instants."""
+    """Printed rows of an extreme stress: value, range in the cells around the node, place, time."""
     ends = extreme["in_cells_around_Pa"]
     around = " to ".join(f"{end * 1e-6:.1f}" for end in ends)
     position = ", ".join(f"{1e3 * x:.2f}" for x in extreme["place_m"])

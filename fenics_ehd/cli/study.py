@@ -119,7 +119,8 @@ def study(
     """Compare all reduction methods on SCENE, which needs a flexible body with a lubricated joint.
 
     The study gives errors and run times for several numbers of modes, step tolerances and film
-    meshes. The reference is the full interface. Cases that are complete are not run again.
+    meshes. Errors are differences from a reduction with the full interface, which has a static mode
+    for every pressure node. Cases that are complete are not run again.
     """
     from fenics_ehd.scenes.scene import as_stored, input_files
     from fenics_ehd.study.compare import MADE, StudyFolder, run_study

@@ -220,7 +220,7 @@ def _others(cards: Mapping[str, list[list[str]]]) -> dict[str, int]:
 def _materials(
     cards: Mapping[str, list[list[str]]], properties: set[str], factor: float
 ) -> list[FileMaterial]:
-    """Materials of solid cells by their properties, with densities multiplied by `factor`."""
+    """Materials to which properties of solid cells refer; `factor` multiplies their densities."""
     layered = {fields[0]: name for name in _LAYERED for fields in cards.get(name, [])}
     materials = {
         number: FileMaterial(f"of {layered[number]} {number}", {}, _problem(layered[number]))
@@ -235,7 +235,7 @@ def _materials(
 
 
 def _problem(text: str) -> dict[str, str]:
-    """Problems of a material that has none of its values, each with the same text as reason."""
+    """Problems of a material without usable values, see `FileMaterial`: one reason for them all."""
     return dict.fromkeys(("youngs_modulus", "poissons_ratio", "density"), text)
 
 

@@ -46,8 +46,8 @@ def unit_ratio(path: Path, unit: str) -> float:
     declared = _iges_unit(text) if path.suffix.lower() in IGES else _step_unit(text)
     if declared is None:
         raise MeshError(
-            f"{path} declares no unit of length, or several, which excludes --unit {unit}: omit "
-            "the option, or export the part again"
+            f"{path} declares no unit of length, or several, so that --unit {unit} has nothing to "
+            "replace: omit the option, or export the part again"
         )
     return in_unit(f"1 {unit}", "m") / declared
 

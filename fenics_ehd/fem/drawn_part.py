@@ -81,8 +81,9 @@ def placement(bore: Cylinder, towards: np.ndarray | None) -> Placement:
     bore
         First bore of the part.
     towards
-        Point of the file in the direction of the positive x axis, shape (3,) [m]. None: x is the
-        projection of the file's axis that is most nearly perpendicular to the bore.
+        Point of the file in the direction of the positive x axis, shape (3,) [m]. If it is None, x
+        is the axis of the file that is most nearly perpendicular to the bore's axis, projected onto
+        the plane perpendicular to it.
     """
     z = bore.axis
     x = np.eye(3)[np.argmin(np.abs(z) - 1e-9 * np.array([2, 1, 0]))]
@@ -153,7 +154,7 @@ def round_bore(
     if moved > PROJECTED * cylinder.radius:
         raise MeshError(
             f"{name}: a node lies {moved:.2e} m off the cylinder of radius {cylinder.radius:g} m, "
-            f"above {PROJECTED:g} radii: choose a face that is round"
+            f"above the limit of {PROJECTED:g} radii: choose a face that is round"
         )
     return new, moved
 
@@ -173,7 +174,7 @@ def _lined_up(x: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _levels(values: np.ndarray, near: float) -> np.ndarray:
-    """Values, shape (n,), with chains of values less than `near` apart replaced by their means."""
+    """Replace each chain of values less than `near` apart by its mean; values have shape (n,)."""
     order = np.argsort(values)
     first = np.diff(values[order], prepend=-np.inf) > near
     level = np.empty(len(values), dtype=np.int64)
@@ -323,7 +324,7 @@ class OpenedPart:
             numbers = [n for n, r in round_ones if abs(r - radius) <= RADIUS_MATCH * radius]
             known = ", ".join(f"{n} of {r * 1e3:.6g} mm" for n, r in round_ones) or "none"
         if len(numbers) != 1:
-            which = f"faces {', '.join(map(str, numbers))} are" if numbers else "no face is"
+            which = f"faces {', '.join(map(str, numbers))} match" if numbers else "no face matches"
             raise MeshError(f"{self.path}: {which} {wanted!r}: give a face by its number: {known}")
         face = self.faces[numbers[0] - 1]
         if kinds and face.kind not in kinds:
@@ -581,8 +582,8 @@ def place_part(
         tilt = np.linalg.norm(np.cross(first.axis, other.axis))  # type: ignore[union-attr]
         if tilt > TILT:
             raise MeshError(
-                f"{name} is inclined by {tilt:.1e} rad to the first bore, above {TILT:g} rad: all "
-                "bores must be parallel"
+                f"{name} is inclined by {tilt:.1e} rad to the first bore, above the limit of "
+                f"{TILT:g} rad: all bores must be parallel"
             )
     towards = [faces[number - 1].centre for number in named.points.values()]
     position = placement(first, towards[0] if towards else None)

@@ -43,7 +43,7 @@ class Cylinder:
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Axial and radial components of points relative to the centre [m].
 
-        The axial components are heights, shape (n,), the radial ones vectors, shape (n, 3).
+        Axial components are heights, shape (n,); radial components are vectors, shape (n, 3).
         """
         x = points - self.centre
         height = x @ self.axis

@@ -1,8 +1,8 @@
 """Contents of mesh files of other programs: nodes, cells, materials, and counts of other entities.
 
 Files have no units; the user gives the unit of length. Moduli and densities of a deck are assumed
-in the consistent units of this length, newton (for inches: pound-force) and second. These are MPa
-and t/mm3 for mm, Pa and kg/m3 for m. A value outside the range of real materials is refused.
+to be in the consistent system of this unit, newton (for inches: pound-force) and second: in MPa and
+t/mm3 for mm, in Pa and kg/m3 for m. A value outside the range of real materials is refused.
 """
 
 from __future__ import annotations
@@ -235,8 +235,8 @@ class ForeignMesh:
         if len(different) > 1:
             names = ", ".join(one.name for one in different)
             raise MeshError(
-                f"{path} has solid cells of {len(different)} materials, {names}: a part has one, "
-                "export the cells of one material"
+                f"{path} has solid cells of {len(different)} materials, {names}, but a part has "
+                "one material: export the cells of one material"
             )
 
 

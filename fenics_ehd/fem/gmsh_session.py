@@ -112,7 +112,10 @@ def by_itself(path: Path) -> Iterator[str]:
         alone = Path(folder, f"model{path.suffix.lower()}")
         if alone.suffix == ".geo":
             if set(str(path.absolute())) & set('"\\\n'):
-                raise MeshError(f"model {path}: rename it, without quotes and backslashes")
+                raise MeshError(
+                    f"model {path}: Gmsh cannot include a path with double quotes, backslashes or "
+                    "line breaks: rename the file or folder"
+                )
             alone.write_text(f'Include "{path.absolute()}";\n')
         else:
             alone.symlink_to(path.absolute())

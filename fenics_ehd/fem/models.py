@@ -118,7 +118,9 @@ def stored_material(path: Path) -> dict[str, float]:
     try:
         return attrs.asdict(Material(**json.loads(section[1])))
     except (ValueError, TypeError, RecursionError, SettingsError):
-        raise MeshError(f"model {path}: its $PartMaterial is damaged: make it again") from None
+        raise MeshError(
+            f"model {path}: its $PartMaterial is damaged: make the model again"
+        ) from None
 
 
 def _tail(path: Path) -> bytes:
@@ -143,8 +145,9 @@ def store_mesh_error(
         Estimated relative error of the flexibility of the bores.
     moved
         Mesh error of displacements (`fenics_ehd.reduction.body.ReducedBody.mesh_flexibility`) times
-        Young's modulus, shape (p, s + 2 a): s columns per pressure [m], then 2 a columns per force
-        [m Pa/N]. This product hardly depends on the material.
+        Young's modulus, shape (p, s + 2 a): columns for s smooth unit pressures [m], then for unit
+        forces along x and y on each of the a points [m Pa/N]. This product hardly depends on the
+        material.
     """
     section = {"bores": list(bores), "points": list(points), "error": error}
     text = json.dumps(section | {"moved": b64encode(moved.astype("<f4").tobytes()).decode()})
@@ -160,7 +163,7 @@ def stored_mesh_error(
     Raises
     ------
     MeshError
-        If the file has no mesh error, if its bores are other bores, or if a point is missing.
+        If the file has no mesh error, if this error is for other bores, or if a point is missing.
     """
     text = _tail(path).rpartition(MESH_ERROR)[2].removesuffix(MESH_ERROR_ENDS)
     try:
@@ -174,5 +177,5 @@ def stored_mesh_error(
     except (LookupError, ValueError, TypeError, RecursionError):
         pass
     raise MeshError(
-        f"model {path} has no mesh error for the bores {', '.join(bores)} and these points"
+        f"model {path} has no mesh error for the bores {', '.join(bores)} and the requested points"
     )

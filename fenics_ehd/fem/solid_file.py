@@ -146,7 +146,7 @@ def _read_ideas(path: Path) -> ForeignMesh:
     if mesh.counts.get(kind, 0) != counts[kind]:
         raise MeshError(
             f"{path}: Gmsh reads {mesh.counts.get(kind, 0)} of its {counts[kind]} {kind} elements: "
-            "write another format"
+            "export another format"
         )
     return mesh
 
@@ -186,8 +186,8 @@ def _read_by_meshio(path: Path) -> ForeignMesh:
             return ForeignMesh(*read_by_gmsh(path))
         # Messages of other exceptions do not describe the file.
         raise MeshError(
-            f"{path}: meshio cannot read it: its contents are not those of a "
-            f"{path.suffix or 'mesh'} file, or of a kind that meshio does not know{_hint(path)}"
+            f"{path}: meshio cannot read it: the contents are not those of a "
+            f"{path.suffix or 'mesh'} file, or meshio does not know their kind{_hint(path)}"
         ) from None
     blocks = [(block.type, block.data) for block in mesh.cells]
     sets = Counter({"sets": len(mesh.point_sets) + len(mesh.cell_sets)})

@@ -288,8 +288,8 @@ def assemble_structure(
         Family of the displacement element: ``"serendipity"`` (20-node hexahedra) or
         ``"lagrange"`` (27-node hexahedra). Tetrahedra always have 10 nodes.
     pressure_family
-        Family of the pressure shape functions in (15); a film with a matching mesh has the same
-        family.
+        Family of the pressure shape functions in equation (15) of the paper; a film with a matching
+        mesh has the same family.
     bores, attachments
         Names of the lubricated surfaces, the first with z as axis; and names of the surfaces whose
         mean displacements are the displacements of the boundary points.
@@ -341,7 +341,7 @@ def assemble_structure(
 
 
 def _elastic_matrices(space: fem.FunctionSpace, material: Material) -> tuple[PETSc.Mat, PETSc.Mat]:
-    """Stiffness matrix K and mass matrix M of (16)."""
+    """Stiffness matrix K and mass matrix M of equation (16) of the paper."""
     u = ufl.TrialFunction(space)
     v = ufl.TestFunction(space)
     dx = ufl.Measure("dx", domain=space.mesh)
@@ -456,7 +456,7 @@ def _load_matrix(
     pressure_nodes: np.ndarray,
     surface: ufl.Measure,
 ) -> PETSc.Mat:
-    """Assemble the load matrix (15), with one column per pressure node.
+    """Assemble the load matrix, equation (15) of the paper, with one column per pressure node.
 
     The outward normal of the solid points into the oil: a positive pressure acts against it.
     """

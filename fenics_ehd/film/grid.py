@@ -189,7 +189,9 @@ def uniform_grid(
     """
     require_class("cells", cells, tuple, list, np.ndarray)
     if len(cells) != 2:
-        raise SettingsError(f"cells = {list(cells)} must be two whole numbers: around, along")
+        raise SettingsError(
+            f"cells = {list(cells)} must be two whole numbers, the cells around and along"
+        )
     around, along = (require_count(f"cells[{i}]", number) for i, number in enumerate(cells))
     half = 0.5 * require_number("width", width, above=0)
     angles = require_number("start", start) + np.linspace(0.0, TURN, around + 1)

@@ -276,7 +276,7 @@ class Shape(Deviations):
 
     @property
     def round(self) -> bool:
-        """Whether the shape is the same at all angles, so that turning does not change the gap."""
+        """Whether the shape has rotational symmetry: turning it does not change the gap."""
         return not (self.ovality or any(self.misalignment) or self.measured)
 
     def radial(self, angle: np.ndarray, height: np.ndarray, order: int = 0) -> np.ndarray:

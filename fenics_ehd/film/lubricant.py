@@ -252,8 +252,8 @@ class Functions(NamedTuple):
     exp, erf
         Exponential and error function.
     where
-        Function of a condition, the value if it is true, and the value if not. Both values are
-        evaluated, so that both must be defined.
+        Function ``where(condition, a, b)``: a if the condition is true, else b. Both are evaluated,
+        so that both must be defined.
     """
 
     exp: Callable[[Any], Any]

@@ -345,8 +345,8 @@ class OilBalance:
     def ending(self, gap: Gap, length: float, former: np.ndarray) -> OilStep:
         """Make the data of a time step from the gap at its end.
 
-        `length` of the step, and `former`, the oil contents at the start of the step, are
-        attributes of `OilStep`.
+        The arguments `length` and `former` are described at the attributes of `OilStep` with these
+        names.
         """
         equation = self.film.equation
         flow = equation.flow(gap)

@@ -6,10 +6,11 @@ per area is
 
     w kappa (p_s - p)
 
-with the supply pressure p_s and the covered share w. No pressure is imposed at nodes, so that load
-and flow are continuous functions of the position of a moving region. w is 1 within the region and 0
-outside. Its edge is blurred over a width d of `BLUR` cells by the cubic ``t^2 (3 - 2 t)``: w is
-continuously differentiable with respect to the journal's angle.
+with the supply pressure p_s and the share w to which the region covers a point: 1 within the region
+and 0 outside. The edge of the region is blurred over a width d of `BLUR` cells by the cubic
+``t^2 (3 - 2 t)``, so that w is continuously differentiable with respect to the journal's angle. No
+pressure is imposed at nodes: load and flow are continuous functions of the position of a moving
+region.
 
 Without a resistance, kappa is the film's own conductance on the scale of the blur, ``kappa = C rho
 h^3 / (12 eta d^2)``. C is such that the pressure next to a straight edge is that of a region with p

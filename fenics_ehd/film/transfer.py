@@ -3,8 +3,8 @@
 A `Surface` is a mesh of a full cylinder, unwrapped to the plane (phi, z) and periodic in phi. It
 may have holes. Points are located in cells, and nodal values are interpolated there. Within a hole
 the interpolation is extended from the rim by mean value coordinates (K. Hormann and M. S. Floater,
-ACM Transactions on Graphics 25, 2006). They reproduce linear functions, and the extension is
-continuous except for the curvature of the edges of the rim.
+ACM Transactions on Graphics 25, 2006). They reproduce linear functions. The extension is continuous
+at the rim if its edges are straight: curved edges are replaced by straight ones.
 
 **Transfer.** Section 2.2 of the paper has two ways from a film pressure to nodal forces. The mortar
 (14) gives pressures at the nodes of the bore, whose forces are (15). The conservative transfer

@@ -310,7 +310,7 @@ class IntegratorState(Generic[Carried]):
     def misses(
         self, loads: Sequence[TabulatedLoad], time: float, x: np.ndarray, nearest: float
     ) -> bool:
-        """Whether a step that ends at `time` with the solution x misses a row of a table.
+        """Whether a step misses a row of a table; the step ends at `time` with the solution x.
 
         See `rows_missed` for `loads` and `nearest`.
         """

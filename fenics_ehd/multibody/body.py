@@ -298,7 +298,7 @@ class Body(ABC):
     @property
     @abstractmethod
     def weights(self) -> np.ndarray:
-        """Weight of the velocity multipliers on each of the body's n coordinates, shape (n,)."""
+        """Weight of the velocity multipliers in the rate of each coordinate, shape (n,)."""
 
     @property
     @abstractmethod
@@ -332,7 +332,10 @@ class Body(ABC):
 
     @property
     def mobility(self) -> np.ndarray:
-        """Compliance of each coordinate in assembly, which changes compliant ones most, (n,)."""
+        """Compliance of each coordinate when the mechanism is assembled, shape (n,).
+
+        Coordinates with a large compliance change most.
+        """
         return self.weights
 
     @property

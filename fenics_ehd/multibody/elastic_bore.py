@@ -196,9 +196,10 @@ class BoreFilm:
             defect = np.abs(of_film - expected).max() / np.abs(expected).max()
             if not defect <= LOAD_TOLERANCE:
                 raise InterfaceMismatchError(
-                    "the resultants of a smooth pressure by the film's matrix and by the body's "
-                    f"load matrix differ by {defect:.1e} (relative, pressure {component} of 2), "
-                    f"above {LOAD_TOLERANCE:.0e}: the load matrix does not belong to the bore"
+                    "the film's matrix and the body's load matrix give different forces for the "
+                    f"same smooth pressure: relative difference {defect:.1e} (test pressure "
+                    f"{component} of 2), above {LOAD_TOLERANCE:.0e}: the load matrix does not "
+                    "belong to the bore"
                 )
 
 

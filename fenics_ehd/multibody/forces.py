@@ -100,12 +100,12 @@ class PointForce(Force):
 
     @property
     def markers(self) -> tuple[str, ...]:
-        """Marker of the point; if the size depends on an angle, also that of the turning body."""
+        """Marker of the point, and of the body on whose angle the force depends, if any."""
         return (self.point, self.angle_of) if self.angle_of else (self.point,)
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """Variation of the size over time or angle, see `Force.variations`."""
+        """Variation of the force over time or angle, see `Force.variations`."""
         return variations_of(self.size, angle_of=self.angle_of.partition(".")[0])
 
     def load(self, time: float, u: np.ndarray, rates: np.ndarray) -> Load:

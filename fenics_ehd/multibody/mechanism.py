@@ -194,8 +194,8 @@ class System:
     forces
         Pairs of a force and the indices of its markers' values in u.
     weights, mobility
-        Weight W of the velocity multipliers on every coordinate, and compliance of every coordinate
-        in assembly, shape (n,) each.
+        Weights of the velocity multipliers in the rates of the coordinates (diagonal of W), and
+        compliances of the coordinates when the mechanism is assembled, shape (n,) each.
     minus_gravity
         Negative gravitational acceleration, shape (2,) [m/s^2].
     """

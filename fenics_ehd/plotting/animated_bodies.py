@@ -3,10 +3,10 @@
 A flexible body is viewed along the bore's axis: as the front of the part, if a basis of the
 complete part is available, otherwise as rings around its bores.
 
-Elastic motion and clearances are magnified by ``scale``; large motions are drawn in true size. One
-part of the elastic motion is not magnified: that in which bores and points move like a rigid body.
-If this part were magnified, it would separate points from the bodies to which they are joined. In a
-rod, for example, this part is the motion of the line between the two ends.
+Elastic motion and clearances are magnified by ``scale``; large motions are drawn in true size. The
+part of the elastic motion in which bores and points move like a rigid body is not magnified. If it
+were, points would be separated from the bodies to which they are joined. In a rod, for example,
+this part is the motion of the line between the two ends.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def shape_of_part(part: PartFields) -> PartShape:
 
 
 def shape_of_bores(body: ReducedBody) -> PartShape:
-    """Shape of a body without a basis: a ring around each bore that moves with the bore's edge."""
+    """Shape of a body without a basis: rings around its bores, which move with the bores' edges."""
     nodes: list[np.ndarray] = []
     faces = []
     fields = []

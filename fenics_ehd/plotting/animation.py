@@ -266,7 +266,7 @@ def _ground(axes: Axes, corners: np.ndarray) -> None:
 
 
 def draw_slider(axes: Axes, joint: Slider, bodies: Bodies, size: float, frame: int) -> None:
-    """Draw a sliding joint: a block on its line, between walls if the line is held."""
+    """Draw a sliding joint: a block on its line, between walls if the line is at rest."""
     body, origin = at(bodies, joint.line)
     _, position = at(bodies, joint.point)
     along = np.array(joint.direction) / np.hypot(*joint.direction)
@@ -452,7 +452,7 @@ def draw_run(
         )
     if joint is not None and joint not in pressures:
         known = ", ".join(pressures) or "none"
-        raise SettingsError(f"--joint {joint}: the run has the lubricated joints {known}")
+        raise SettingsError(f"--joint {joint}: the lubricated joints of the run are {known}")
     name = joint or max(pressures, key=lambda name: pressures[name].max(), default="")
     complete_parts = parts_of_bases(run.bodies, bases)
     shapes = {name: shape_of_part(part) for name, part in complete_parts.items()}

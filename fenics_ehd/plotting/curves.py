@@ -260,7 +260,7 @@ def _lay_out(
 
 
 def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
-    """Columns of a joint in the second run minus those in the first, where both have steps."""
+    """Columns of a joint in the second run minus those in the first, over their common range."""
     over = common_axis((first, second))
     x = [np.sort(joint.columns[over]) for joint in (first, second)]
     low = max(v[0] for v in x)
@@ -318,7 +318,8 @@ class Paths:
     bound
         Label of the unit circle; empty if the circle is not drawn.
     of_shaft
-        Whether the sense of rotation and the 1x marks of a shaft are drawn, if the journal is one.
+        Whether the sense of rotation and a mark once in each revolution are drawn, if the journal
+        is a rotating shaft.
     """
 
     label: str

@@ -210,7 +210,7 @@ class Bores:
     """
 
     def has(self, joint: ShownJoint) -> bool:
-        """True if there is a bore to draw: for a joint, not for a run as a whole."""
+        """True for a joint, which has a bore to draw; false for a run as a whole."""
         return bool(joint.name)
 
     def draw(self, rows: Rows) -> Figure:

@@ -145,12 +145,12 @@ def require_format(
 
 
 def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Path]:
-    """Write a figure in each of `PICTURE_FORMATS` into a folder of this program; returns the paths.
+    """Write a figure in each of `PICTURE_FORMATS` into a folder of this program; return the paths.
 
     Raises
     ------
     InputError
-        A file of that name in the folder was not written by this program.
+        The folder has a file with the name of the picture that this program did not write.
     """
     names = [f"{name}.{suffix}" for suffix in PICTURE_FORMATS]
     claim(Path(directory), names)

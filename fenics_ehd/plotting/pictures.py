@@ -245,13 +245,16 @@ class Pictures:
             if quantity not in QUANTITIES or not self._having(name):
                 of = " and ".join(run.origin for run in self._runs)
                 whose = f" for {', '.join(joints)}" if joints else ""
-                what = "no difference of it" if self._difference else "no such quantity"
+                what = "no difference of this quantity" if self._difference else "no such quantity"
                 raise SettingsError(
-                    f"{option} {name}: {what}{whose} in {of}; there is {', '.join(self.names)}"
+                    f"{option} {name}: {what}{whose} in {of}: choose from {', '.join(self.names)}"
                 )
 
     def full_name(self, name: str) -> str:
-        """Complete name of a quantity: ``JOINT.QUANTITY`` if the runs have only one joint."""
+        """Name of a quantity with its joint, ``JOINT.QUANTITY``, if the runs have only one joint.
+
+        With several joints, the name is returned unchanged.
+        """
         quantity, selected = self._selected(name)
         if selected or len(self._joints_of_runs) != 1 or _is_of_run(quantity):
             return name
@@ -301,7 +304,7 @@ class Pictures:
         return "-".join([quantity, *joints, *several])
 
     def _rows(self, joints: Sequence[str]) -> Rows:
-        """Joints of the runs by name; if every run has one joint, these form a single entry."""
+        """Joints of the runs by name; if every run has only one joint, one entry for all."""
         runs = self._runs
         known = self._joints_of_runs
         for name in joints:
@@ -318,7 +321,7 @@ class Pictures:
         }
 
     def _having(self, name: str) -> Rows:
-        """Joints for which a quantity can be drawn, by title; for some quantities, whole runs."""
+        """Joints for which a quantity can be drawn, by title; whole runs for a quantity of runs."""
         selected, joints = self._selected(name)
         quantity = QUANTITIES[selected]
         rows = self._rows(joints)
@@ -391,7 +394,7 @@ def plot(
 
 
 def _named(runs: Runs) -> dict[str, str | Path | History]:
-    """Runs by their names in a legend: those of their folders or scenes, else their numbers."""
+    """Runs by their names in a legend: names of folders or scenes, or numbers if there are none."""
     if isinstance(runs, Mapping):
         return dict(runs)
     require_class("runs", runs, str, Path, History, Sequence)

@@ -196,7 +196,7 @@ class ShownRun:
         Raises
         ------
         InputError
-            The folder has no scene, or the history has neither a folder nor a mechanism.
+            The folder has no scene; or there is no folder, and the history has no mechanism.
         """
         if self.directory is not None:
             return recorded(self.directory, self.cycle)

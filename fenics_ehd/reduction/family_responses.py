@@ -200,7 +200,7 @@ def flexibility_form(pressures: np.ndarray, work: np.ndarray, energy: float) -> 
 
 
 def largest_energy(responses: Responses) -> float:
-    """Largest work of one of the pressures on its own displacement [J/Pa^2]."""
+    """Largest work that any of the pressures does on the displacement it causes [J/Pa^2]."""
     work = np.einsum("kr,kr->r", responses.pressures, responses.work)
     return float(work.max(initial=0.0))
 

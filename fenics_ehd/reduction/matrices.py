@@ -447,7 +447,7 @@ def dense_matrix(columns: np.ndarray, comm: PETSc.Comm) -> PETSc.Mat:
 
 
 def column_vectors(matrix: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
-    """Convert columns to PETSc vectors that are distributed as the rows of a matrix."""
+    """Convert columns to PETSc vectors; every rank owns the same rows of them as of `matrix`."""
     vectors = [matrix.createVecLeft() for _ in columns.T]
     for vector, column in zip(vectors, columns.T, strict=True):
         vector.array = column

@@ -283,7 +283,10 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
 
 
 def _attachment(matrix: str, group: h5py.Group) -> PointWeights | str:
-    """Nodes and weights of a boundary point, if its group has them, else the path `matrix`."""
+    """Nodes and weights of a boundary point from its HDF5 group.
+
+    If the group has none, the result is `matrix`, the path of the point's matrix in the file.
+    """
     if "nodes" not in group:
         return matrix
     if "weights" not in group:

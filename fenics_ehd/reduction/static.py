@@ -241,7 +241,8 @@ class LinearSolver:
         except PETSc.Error as error:
             raise SolverError(
                 f"the stiffness matrix cannot be factorised ({str(error).splitlines()[-1]}): "
-                f"see -{options_prefix}mat_mumps_icntl_4 2, or choose solver = 'iterative'"
+                f"choose solver = 'iterative', or run with PETSC_OPTIONS='-{options_prefix}"
+                "mat_mumps_icntl_4 2' for details"
             ) from None
         self._factor: PETSc.Mat | None = None
         if ksp.getType() == "preonly" and ksp.pc.getType() in ("lu", "cholesky"):
@@ -310,7 +311,8 @@ def _check_factors(factor: PETSc.Mat, package: str, options_prefix: str) -> None
     if failure < 0:
         raise SolverError(
             f"the stiffness matrix cannot be factorised (MUMPS: INFOG(1) = {failure}, INFOG(2) = "
-            f"{detail}): see -{options_prefix}mat_mumps_icntl_4 2, or choose solver = 'iterative'"
+            f"{detail}): choose solver = 'iterative', or run with PETSC_OPTIONS='-{options_prefix}"
+            "mat_mumps_icntl_4 2' for details"
         )
     if negative:
         raise SolverError(

@@ -1,9 +1,9 @@
-"""Rotor map of a scene: bodies that have the speed of the map, and forces that act.
+"""Rotor map of a scene: bodies that rotate at the speeds of the map, and forces that act.
 
-All bodies that rotate in the scene have the speed of the map, or only a body that is chosen by
-name. Their drives, by speed, table or torque, are replaced by a constant speed. Rotating forces do
-not act in an equilibrium: unbalances are the excitation of the response, and other rotating forces
-are reported in a notice. Heat is balanced at each speed if the scene has a heat balance.
+All bodies that rotate in the scene rotate at the speeds of the map, or only a body that is chosen
+by name. Their drives, by speed, table or torque, are replaced by a constant speed. Rotating forces
+do not act in an equilibrium: unbalances are the excitation of the response, and other rotating
+forces are reported in a notice. Heat is balanced at each speed if the scene has a heat balance.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class RotorPlan:
     speeds
         Speeds in ascending order of their absolute values [rad/s].
     rotating
-        Names of the bodies that have the speed of the map.
+        Names of the bodies that rotate at the speeds of the map.
     unbalances
         Unbalances whose response is computed.
     meshes
@@ -149,7 +149,10 @@ def solve_map(
 
 
 def _at_speed(mechanism: Mechanism, plan: RotorPlan, speed: float) -> Mechanism:
-    """Copy of a mechanism with the speed of a map [rad/s], and without rotating forces."""
+    """Copy of a mechanism whose rotating bodies turn at `speed`, one of the map's speeds [rad/s].
+
+    Forces that do not act in an equilibrium, and torques on the rotating bodies, are left out.
+    """
     angles = {name: radians(plan.scene.bodies[name].angle) for name in plan.rotating}
     drives = {name: Speed(speed, angle) for name, angle in angles.items()}
     forces = {
@@ -188,7 +191,7 @@ def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
 
 
 def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
-    """Names of the bodies that have the speed of the map; `of` is the name of a chosen body.
+    """Names of the bodies that rotate at the speeds of the map; `of`: name of a chosen body.
 
     Raises
     ------
@@ -229,7 +232,7 @@ def _unbalances(
     Raises
     ------
     SettingsError
-        A point does not exist, or its body does not have the speed of the map.
+        A point does not exist, or its body does not rotate at the speeds of the map.
     """
     if unbalance is None:
         unbalances = [force for force in scene.forces.values() if isinstance(force, Unbalance)]
@@ -243,8 +246,8 @@ def _unbalances(
         require_point("unbalance", each.point, points)
         if each.rotates_with not in rotating:
             raise SettingsError(
-                f"unbalance of {each.point}: body {each.rotates_with} does not have the speed of "
-                f"the map, which is that of {', '.join(rotating)}: choose the body of the "
-                "unbalance with --of, or drop the unbalance"
+                f"unbalance of {each.point}: body {each.rotates_with} does not rotate at the "
+                f"speeds of the map, which are those of {', '.join(rotating)}: choose the body of "
+                "the unbalance with --of, or drop the unbalance"
             )
     return tuple(unbalances)

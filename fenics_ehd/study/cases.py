@@ -210,7 +210,9 @@ def read_table(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """
     reader = csv.DictReader(io.StringIO(read_text(path)))
     if tuple(reader.fieldnames or ()) != tuple(columns):
-        raise ValueError("its columns are not those of this version")
+        raise ValueError(
+            "the columns of the table are not those of this version: run the study again"
+        )
     return list(reader)
 
 

@@ -1,7 +1,8 @@
 """Plan of a study: variants of a scene, and the run that each of them is compared with.
 
-A variant has a name, and settings that differ from those of the scene. The scope of a study has the
-variants for methods and numbers of modes, for tolerances and for film meshes, and the reference.
+A variant has a name, and settings that differ from those of the scene. The scope of a study lists
+its variants and the reference. Variants differ in the method and the number of modes, in the step
+tolerance, or in the film mesh.
 
 Numbers of modes are close to those of Krinner and Rixen, sections 4.2 and 5.2; some numbers are
 added. Variants of M1 and M2 have as many modes as variants of M3 have vibration and residual modes

@@ -149,8 +149,8 @@ def parameter_path(scene: Scene, name: str) -> ParameterPath:
     value = scene_values(scene)[0][key]
     if key.partition(".")[0] in ("time", "output"):
         raise SensitivityError(
-            f"{key} is a setting of the run: give a number of bodies, joints, drives, forces or "
-            "lubricants instead"
+            f"{key} is a setting of the run, for which no derivative exists: give a numeric "
+            "setting of a body, joint, drive, force or lubricant instead"
         )
     pair = isinstance(value, tuple | list) and len(value) == len(COMPONENTS)
     numbers = list(value) if pair else [value]

@@ -210,7 +210,9 @@ def read_study(directory: str | Path) -> StudyData:
         folder / name for name in ("study.json", "reference.json", "table.csv")
     )
     if not info.is_file():
-        raise InputError(f"{folder} is not a study, it has no study.json: run fenics-ehd study")
+        raise InputError(
+            f"{folder} is no study, because it has no study.json: run fenics-ehd study"
+        )
     with named(InputError, f"{info}: cannot be read"):
         about = dict(read_json(info))
         about |= {key: about[key] for key in ("scene", "joints", "runs", "start")}
