@@ -17,10 +17,10 @@ whose support s_j, j < m, is a part of the sampled shifts. The support grows by 
 largest error, and the weights w minimise the linearised error at the sampled shifts that are not
 part of the support (adaptive Antoulas-Anderson algorithm, AAA, of Nakatsukasa, Sete and Trefethen).
 The error at these shifts is the reported error. With too large a support, round-off of the samples
-causes poles near the sampled shifts, and unstable roots at these poles. The oil in a bore at rest is
-stable, so that supports with a pole in the right half plane are rejected. Of the others, the support
-with the smallest error is used. G is analytic but for its poles, so that the interpolant holds for
-complex s. The shares of the films in G have the same poles and the same
+causes poles near the sampled shifts, and unstable roots at these poles. The oil in a bore at rest
+is stable, so that supports with a pole in the right half plane are rejected. Of the others, the
+support with the smallest error is used. G is analytic but for its poles, so that the interpolant
+holds for complex s. The shares of the films in G have the same poles and the same
 weights.
 
 With ``y_j = x / (s - s_j)`` the equation ``H(s) x = 0`` is linear in s:
