@@ -24,11 +24,11 @@ ZETAS = (0.0, 1e-3)
 
 
 @cache
-def rotor(zeta):
-    """The shipped rotor on coarse meshes, under a constant load in place of its rotating force."""
+def rotor(zeta, load=1000.0):
+    """The shipped rotor on coarse meshes, under a constant load [N]."""
     scene = ehd.read_scene("rotor", **COARSE, **{"bodies.housing.damping_time": zeta})
-    load = ehd.PointForce("shaft.bearing", (0.3, -1.0), lambda time: (1000.0, 0.0))
-    return replace(ehd.build(scene).mechanism, forces={"load": load})
+    force = ehd.PointForce("shaft.bearing", (0.3, -1.0), lambda time: (load, 0.0))
+    return replace(ehd.build(scene).mechanism, forces={"load": force})
 
 
 @cache
@@ -166,11 +166,29 @@ def test_an_interpolant_with_a_large_error_is_refused(monkeypatch):
         modes_of(linear.with_coordinates(np.eye(len(linear.mass))))
 
 
+def test_round_off_of_the_samples_makes_no_unstable_roots():
+    """Without the limit on poles, round-off of 1e-8 has real roots of some 400 1/s."""
+    linear = linearised(1e-3)[1]
+    sampled = linear.sampled
+    sizes = np.linalg.norm(sampled.values, axis=(1, 2), keepdims=True) / len(linear.mass)
+    noise = 1e-8 * sizes * np.random.default_rng(0).normal(size=sampled.values.shape)
+    noisy = replace(linear, sampled=replace(sampled, values=sampled.values + noise))
+    roots = modes_of(noisy).roots
+    assert roots.real.max() < 0.0
+    assert len(roots) == len(modes_of(linear).roots)
+
+
 @pytest.mark.slow
 def test_small_vibrations_in_an_elastic_bore_decay_in_time_as_the_least_stable_mode(figure):
-    steps = {"tolerance": 1e-6, "periodicity": 1e-4, "cycles": 60, "order": 2}
-    multiplier = ehd.multiplier(ehd.simulate(rotor(0.0), period=PERIOD, **steps))
-    point = rotor_map_of([lambda speed: rotor(0.0)], [SPEED]).points[0]
+    """Under a load at which matrices of slow motions have half the decay, 9 % of the multiplier."""
+    machine = rotor(0.0, load=100.0)
+    rest = ehd.equilibrium(machine)
+    joint = machine.joints["bearing"]
+    centred = replace(joint, eccentricity=tuple(rest.z[rest.system.films[0].xi[:2]]))
+    machine = replace(machine, joints=machine.joints | {"bearing": centred})
+    steps = {"tolerance": 1e-5, "periodicity": 1e-4, "cycles": 60, "order": 2}
+    multiplier = ehd.multiplier(ehd.simulate(machine, period=PERIOD, **steps))
+    point = rotor_map_of([lambda speed: machine], [SPEED]).points[0]
     expected = np.exp(point.largest_real_part * PERIOD)
     figure("rotor maps", "multiplier of a cycle in time in an elastic bore, least stable mode",
-           abs(abs(multiplier.value) / expected - 1.0), most=0.01, unit="%")  # fmt: skip
+           abs(abs(multiplier.value) / expected - 1.0), most=2e-3, unit="%")  # fmt: skip

@@ -39,7 +39,7 @@ def gas_force(folder, **settings):
 def test_a_table_of_pressures_is_one_of_forces(unit, factor, first, tmp_path):
     angles = first + np.arange(0.0, 721.0, 2.0)
     write_table(tmp_path, angles, factor * pressure(angles), f"pressure_{unit}")
-    by_pressure = gas_force(tmp_path, piston_diameter=DIAMETER, crankcase_pressure=1e5)
+    by_pressure = gas_force(tmp_path, piston_diameter="86 mm", crankcase_pressure="1 bar")
     write_table(tmp_path, angles, AREA * (pressure(angles) - 1e5), "force_N")
     by_force = gas_force(tmp_path)
     for degrees in (0.0, 3.0, 100.0, 359.0, 365.0, -20.0):

@@ -71,6 +71,7 @@ def test_a_difference_of_a_run_and_itself_is_zero(history):
         ((STORED, "no_such"), r"quantity no_such: no such quantity .*choose from max_pressure"),
         ((STORED, "big.orbit"), r"no lubricated joint big: choose from rocker_end"),
         (([], "orbit"), "runs is empty"),
+        (({}, "orbit"), "runs is empty"),
         ((3, "orbit"), "runs = 3 is of class int"),
         (([3], "orbit"), "runs = 3 is of class int"),
         ((STORED, 3), "quantity = 3 is of class int"),

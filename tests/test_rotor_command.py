@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from io import BytesIO
 from shutil import copyfile, copytree
 
@@ -12,6 +13,7 @@ from command_line import call, exit_of
 import fenics_ehd as ehd
 from fenics_ehd.analysis import rotor_map as engine
 from fenics_ehd.cli.main import main
+from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.plotting.rotor import campbell, decrement, mode_shapes
 from fenics_ehd.scenes.kept_bodies import checksum
 from fenics_ehd.scenes.scene import scene_text
@@ -231,6 +233,10 @@ REFUSED = {
         ["--speeds", "500", "--unbalance", "shaft.rim=1e-4"],
         "body shaft has no point 'rim'",
     ),
+    "an unbalance of a shaft": (
+        ["--speeds", "500", "--unbalance", "shaft=1e-4"],
+        "unbalance = 'shaft': a shaft needs one of its points: shaft.left, shaft.",
+    ),
     "an unbalance of the ground": (
         ["--speeds", "500", "--unbalance", "ground.left=1e-4"],
         "body ground does not rotate at the speeds",
@@ -291,6 +297,30 @@ def test_rotors_without_equilibria_are_refused(what):
     with pytest.raises(kinds) as caught:
         ehd.rotor_map(scene, [500.0], meshes=1)
     assert REASONS[what] in str(caught.value)
+
+
+FORCES = {
+    "unbalance": {"kind": "unbalance", "point": "shaft", "magnitude": 1e-4},
+    "constant": {"kind": "constant", "point": "shaft", "force": [0.0, -10.0]},
+    "spring-damper": {"kind": "spring-damper", "between": ["shaft", "ground"], "stiffness": 1.0},
+}
+
+
+@pytest.mark.parametrize("kind", FORCES)
+def test_a_force_on_a_shaft_without_a_point_is_refused(kind):
+    tables = json.loads(json.dumps(ehd.read_scene("rotor-two-bearings").tables))
+    tables["forces"]["more"] = FORCES[kind]
+    with pytest.raises(
+        ehd.errors.SettingsError, match=r"forces\.more\.\w+ = 'shaft': a shaft needs .*shaft\.disk"
+    ):
+        ehd.read_scene(tables)
+
+
+def test_a_force_of_a_mechanism_on_a_shaft_without_a_point_is_refused():
+    mechanism = ehd.build(ehd.read_scene("rotor-two-bearings", **COARSE)).mechanism
+    forces = {"more": ehd.Unbalance("shaft", 1e-4)}
+    with pytest.raises(ehd.errors.SettingsError, match=r"forces\.more\.point = 'shaft': a shaft"):
+        System(replace(mechanism, forces=forces))
 
 
 def test_two_shafts_of_different_speed_need_a_choice():

@@ -16,8 +16,11 @@ a rational function in barycentric form,
 whose support s_j, j < m, is a part of the sampled shifts. The support grows by the shift with the
 largest error, and the weights w minimise the linearised error at the sampled shifts that are not
 part of the support (adaptive Antoulas-Anderson algorithm, AAA, of Nakatsukasa, Sete and Trefethen).
-The error at these shifts is the reported error. G is analytic but for its poles, so that the
-interpolant holds for complex s. The shares of the films in G have the same poles and the same
+The error at these shifts is the reported error. With too large a support, round-off of the samples
+causes poles near the sampled shifts, and unstable roots at these poles. The oil in a bore at rest
+is stable, so that supports with a pole in the right half plane are rejected. Of the others, the
+support with the smallest error is used. G is analytic but for its poles, so that the interpolant
+holds for complex s. The shares of the films in G have the same poles and the same
 weights.
 
 With ``y_j = x / (s - s_j)`` the equation ``H(s) x = 0`` is linear in s:
@@ -47,17 +50,17 @@ from fenics_ehd.base.errors import SolverError
 RANGE = 0.05, 100.0
 
 #: Number of sampled shifts, 0 included.
-SHIFTS = 16
+SHIFTS = 22
 
 #: Largest number of shifts in the support; the others verify the interpolant.
-LARGEST_SUPPORT = 9
+LARGEST_SUPPORT = 13
 
 #: Relative error at the other shifts at which the support is large enough. The error on the
 #: imaginary axis at the speed of a rotor is of the same order.
 SMALL_ERROR = 1e-8
 
 #: Relative error at the other shifts above which the interpolant is refused.
-LARGEST_ERROR = 1e-4
+LARGEST_ERROR = 1e-5
 
 #: Damping ratio above which a root is not that of a vibration.
 RELAXATION = 0.95
@@ -248,6 +251,7 @@ class SampledStiffness:
 def _support(shifts: np.ndarray, values: np.ndarray) -> Support:
     """Support with the weights that interpolate values at all shifts best, shape (n, c)."""
     sizes = np.linalg.norm(values, axis=1)
+    best = Support(np.zeros(1, dtype=int), np.ones(1), np.inf)
     support = [0]
     while True:
         others = np.setdiff1d(np.arange(len(shifts)), support)
@@ -259,6 +263,20 @@ def _support(shifts: np.ndarray, values: np.ndarray) -> Support:
         factors = weights * cauchy
         factors /= factors.sum(axis=1, keepdims=True)
         errors = np.linalg.norm(factors @ values[support] - values[others], axis=1) / sizes[others]
-        if errors.max() <= SMALL_ERROR or len(support) == LARGEST_SUPPORT:
-            return Support(np.array(support), weights, float(errors.max()))
+        if errors.max() < best.error and not _unstable(shifts[support] / shifts[-1], weights):
+            best = Support(np.array(support), weights, float(errors.max()))
+        if best.error <= SMALL_ERROR or len(support) == LARGEST_SUPPORT:
+            return best
         support.append(int(others[np.argmax(errors)]))
+
+
+def _unstable(shifts: np.ndarray, weights: np.ndarray) -> bool:
+    """True if ``sum w_j / (s - s_j)`` has a zero, a pole of the interpolant, with Re s > 0."""
+    count = len(shifts)
+    matrix = np.diag(np.append(0.0, shifts))
+    matrix[0, 1:] = weights
+    matrix[1:, 0] = 1.0
+    unit = np.diag(np.append(0.0, np.ones(count)))
+    above, below = linalg.eig(matrix, unit, right=False, homogeneous_eigvals=True)
+    finite = np.abs(below) > INFINITE * np.abs(above)
+    return bool((above[finite] / below[finite]).real.max(initial=-1.0) > 0.0)

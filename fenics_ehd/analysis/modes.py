@@ -39,7 +39,7 @@ from fenics_ehd.analysis.film_memory import SampledStiffness
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.joints import require_point
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.multibody.shaft import ShaftBody
+from fenics_ehd.multibody.shaft import ShaftBody, require_shaft_point
 
 #: Ratio of the homogeneous eigenvalue's denominator to its numerator, at a scale of time at which
 #: mass and stiffness are equal, below which a root is infinite.
@@ -247,6 +247,7 @@ def point_rows(system: System, z: np.ndarray, marker: str) -> np.ndarray:
     name, _, point = marker.partition(".")
     for dofs, body, (coordinates,) in system.each_body(z):
         if dofs == system.bodies[name]:
+            require_shaft_point("unbalance", marker, body)
             return _rows(system, dofs, body, point, coordinates)
     raise AssertionError(marker)
 

@@ -39,6 +39,7 @@ from fenics_ehd.multibody.body import (
 from fenics_ehd.multibody.film_binding import BoundSurface, FilmBinding
 from fenics_ehd.multibody.forces import Force, Load, Torque
 from fenics_ehd.multibody.joints import (
+    PLACES_OF_FORCES,
     AngleDrive,
     AngleOverTime,
     Joint,
@@ -51,6 +52,7 @@ from fenics_ehd.multibody.joints import (
     require_two_bodies,
 )
 from fenics_ehd.multibody.lubricated_joint import Eccentric, JointFilm, LubricatedJoint
+from fenics_ehd.multibody.shaft import require_shaft_point
 from fenics_ehd.multibody.surface import BORE, Surface
 from fenics_ehd.multibody.tabulated import TabulatedLoad, Variation, variations_of
 
@@ -322,6 +324,9 @@ class System:
                 key = f"{kind}.{name}"
                 for attribute, marker in named_points(source):
                     require_point(f"{key}.{attribute}", marker, points)
+                    if kind == "forces" and attribute in PLACES_OF_FORCES:
+                        body = self._bodies[marker.partition(".")[0]]
+                        require_shaft_point(f"{key}.{attribute}", marker, body)
                 for marker in source.markers:
                     require_point(key, marker, points)
         for name in mechanism.drives:

@@ -344,6 +344,22 @@ class ModalRotor:
         return np.vstack([deflection, -slope[1], slope[0]])
 
 
+def require_shaft_point(key: str, marker: str, body: object) -> None:
+    """Refuse a shaft without a point as the place of a force; other bodies have an origin.
+
+    The marker of a shaft without a point lies on the undeformed axis, which does not move.
+
+    Raises
+    ------
+    SettingsError
+        If `body` is a shaft and `marker` names no point; the message has the key and all points.
+    """
+    name, dot, _ = marker.partition(".")
+    if isinstance(body, ShaftBody) and not dot:
+        points = ", ".join(f"{name}.{point}" for point in body.points) or "it has none"
+        raise SettingsError(f"{key} = {marker!r}: a shaft needs one of its points: {points}")
+
+
 def _shares(help_text: str) -> Any:
     """Make a setting for a table of positions by name, as shares of the shaft's length."""
     check = unless(

@@ -395,9 +395,9 @@ def plot(
 
 def _named(runs: Runs) -> dict[str, str | Path | History]:
     """Runs by their names in a legend: names of folders or scenes, or numbers if there are none."""
-    if isinstance(runs, Mapping):
+    if isinstance(runs, Mapping) and runs:
         return dict(runs)
-    require_class("runs", runs, str, Path, History, Sequence)
+    require_class("runs", runs, str, Path, History, Sequence, Mapping)
     several = [runs] if isinstance(runs, str | Path | History) else list(runs)
     if not several:
         raise SettingsError("runs is empty: give at least one history or folder of a run")

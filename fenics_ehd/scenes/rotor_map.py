@@ -20,6 +20,7 @@ from fenics_ehd.base.fields import FILM_MESHES
 from fenics_ehd.multibody.forces import Force, Unbalance
 from fenics_ehd.multibody.joints import Speed, require_body, require_point
 from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.shaft import require_shaft_point
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.film_meshes import scenes_on_meshes
 from fenics_ehd.scenes.scene import GROUND, Scene, points_of
@@ -244,6 +245,7 @@ def _unbalances(
     for each in unbalances:
         require_class("unbalance", each, Unbalance)
         require_point("unbalance", each.point, points)
+        require_shaft_point("unbalance", each.point, scene.bodies.get(each.rotates_with))
         if each.rotates_with not in rotating:
             raise SettingsError(
                 f"unbalance of {each.point}: body {each.rotates_with} does not rotate at the "

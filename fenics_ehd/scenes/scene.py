@@ -45,6 +45,7 @@ from fenics_ehd.film.lubricant import Lubricant, make_lubricant
 from fenics_ehd.multibody.body import MasslessBody, RigidBody
 from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.multibody.joints import (
+    PLACES_OF_FORCES,
     Speed,
     named_points,
     require_body,
@@ -53,7 +54,7 @@ from fenics_ehd.multibody.joints import (
     require_turning,
     require_two_bodies,
 )
-from fenics_ehd.multibody.shaft import ShaftBody
+from fenics_ehd.multibody.shaft import ShaftBody, require_shaft_point
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import shipped_scene
 from fenics_ehd.scenes.part_settings import ELEMENTS, OutputSettings
@@ -282,7 +283,10 @@ def check_names(scene: Scene) -> None:
         for name, settings in getattr(scene, table).items():
             named = named_points(settings)
             for attribute, marker in named:
-                require_point(f"{table}.{name}.{attribute}", marker, points)
+                key = f"{table}.{name}.{attribute}"
+                require_point(key, marker, points)
+                if table == "forces" and attribute in PLACES_OF_FORCES:
+                    require_shaft_point(key, marker, scene.bodies.get(marker.partition(".")[0]))
             ends = [marker for attribute, marker in named if attribute != "angle_of"]
             require_two_bodies(f"{table}.{name}", ends)
     for name, force in scene.forces.items():

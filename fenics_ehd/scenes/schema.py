@@ -340,7 +340,8 @@ class AngleTableSettings:
         "720 degrees, or a shipped table: gas-force",
     )
     piston_diameter: float = metres(
-        0.0, "diameter of the piston on which the pressures of the table act; 0: a table of forces"
+        0.0,
+        "diameter of the piston on which the pressures of the table act [m]; 0: a table of forces",
     )
     crankcase_pressure: float = only_with(
         number(
