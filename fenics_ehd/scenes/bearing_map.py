@@ -99,8 +99,8 @@ def bearing_map(
     if (eccentricity is None) == (len(loads) == 0):
         raise SettingsError("exactly one of loads and eccentricity must be given")
     at_speeds = [attrs.evolve(settings, speed=speed) for speed in speeds]
-    for given in loads:
-        require_number("load", given, above=0.0)
+    for size in loads:
+        require_number("load", size, above=0.0)
     if len(loads):
         for changed in at_speeds:
             _require_pressure(changed)
