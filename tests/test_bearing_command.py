@@ -171,7 +171,7 @@ def test_pictures_without_a_film(call, tmp_path):
         (["--load", 5, "--viscosity", 1e308], "viscosity = 1e+308 must be below 1e+06: in Pa s"),
         (["--load", 5, "--squeeze", 1e160, 0], "squeeze = [1e+160, 0] must be two finite"),
         (["--load", 5, "--ambient", 1e308], "ambient = 1e+308 must be below 1e+12"),
-        (["--load", 5, "--plot", "picture.xyz"], "the file must end with one of"),
+        (["--load", 5, "--plot", "picture.jpg"], "must end with one of .pdf, .png, .svg"),
         (["--load", 5, "--plot", "/dev/null/picture.png"], "/dev/null is not a folder"),
     ],
 )

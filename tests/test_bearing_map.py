@@ -9,6 +9,7 @@ import pytest
 from command_line import exit_of
 
 import fenics_ehd as ehd
+from fenics_ehd.scenes import bearing_map as module
 from fenics_ehd.scenes.bearing_map import bearing_map
 
 SETTINGS = ehd.BearingSettings(cells_around=24, cells_along=4)
@@ -80,14 +81,13 @@ def test_a_map_has_a_table_a_picture_and_printed_rows(call, tmp_path):
 
 def test_a_point_that_fails_is_named_and_the_others_stay(call, tmp_path):
     table = tmp_path / "map.csv"
-    options = ("--load", 1e3, "--speed", "0,400", *CELLS, "--table", table)
-    status, out, err = call(*options, "--json")
+    status, out, err = call("--load", "1e3,1e9", *CELLS, "--table", table, "--json")
     assert status == 1
-    assert "speed 0 rad/s, load 1000 N: load = 1000 N: the film has no pressure" in err
+    assert "speed 500 rad/s, load 1e+09 N: " in err
     assert "1 of 2 points have no result" in err
     values = json.loads(out)
-    assert [row["frequency"] for row in values["rows"]] == [400.0]
-    assert values["failed"][0]["speed_rad_per_s"] == 0.0
+    assert [row["load_N"] for row in values["rows"]] == pytest.approx([1e3])
+    assert values["failed"][0]["load_N"] == 1e9
     assert len(table.read_text().splitlines()) == 2
     status, out, _ = call("--load", 1e3, "--speed", "0,0.0rpm", *CELLS)
     assert status == 2  # given twice
@@ -104,12 +104,25 @@ def test_a_point_that_fails_is_named_and_the_others_stay(call, tmp_path):
         (["--load", 1, "--speed", "1000rpm:x:4"], "--speed = 'x'"),
         (["--load", "1 m:2 m:3"], "a unit of another quantity"),
         (["--load", "1,2", "--cavitation", "mass-conserving"], "depend on the frequency"),
+        (["--load", "0,100"], "load = 0.0 must be above 0"),
+        (["--load", "100,-100"], "load = -100.0 must be above 0"),
+        (["--load", 100, "--speed", "300,0"], "speed = 0 rad/s: a film that draws in no oil"),
+        (["--load", "1,2", "--table", "x.xlsx"], "--table x.xlsx: the file must end with .csv"),
+        (["--load", "1,2", "--table", "/dev/null/x.csv"], "/dev/null is not a folder"),
     ],
 )
-def test_maps_that_are_refused(call, options, message):
+def test_maps_that_are_refused(call, options, message, monkeypatch):
+    monkeypatch.setattr(module, "solve_bearing", None)
     status, _, err = call(*options, *CELLS)
     assert status == 2
     assert message in err
+    assert err.count("\n") == 1
+
+
+def test_the_folder_of_a_table_is_made(call, tmp_path):
+    table = tmp_path / "new" / "map.csv"
+    assert call("--load", "1e3,2e3", *CELLS, "--table", table)[0] == 0
+    assert table.read_text().startswith("frequency,")
 
 
 def test_a_foreign_file_is_not_replaced_by_a_table(call, tmp_path):

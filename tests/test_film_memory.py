@@ -150,8 +150,8 @@ def test_a_stored_point_has_the_same_modes(tmp_path):
     rest, linear = linearised(1e-3)
     growth = np.array([modes_of(linear).roots[0].real])
     point = MapPoint(SPEED, linear, {}, growth, (rest.search_start,))
-    StoredPoints(tmp_path)[SPEED] = point
-    stored = StoredPoints(tmp_path)[SPEED]
+    StoredPoints(tmp_path, "map")[SPEED] = point
+    stored = StoredPoints(tmp_path, "map")[SPEED]
     np.testing.assert_array_equal(stored.modes.roots, point.modes.roots)
     np.testing.assert_array_equal(
         stored.linear.film_stiffness("bearing", 1j * SPEED),

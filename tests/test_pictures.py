@@ -18,7 +18,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.plotting import maps as bores
 from fenics_ehd.plotting import shown
-from fenics_ehd.plotting.picture import plt
+from fenics_ehd.plotting.picture import ENDINGS, kind_of, plt, save
 from fenics_ehd.plotting.pictures import OF_EVERY_RUN, QUANTITIES, Pictures, plot_run
 from fenics_ehd.plotting.shown import ShownJoint, ShownRun
 from fenics_ehd.results.recorded_run import MADE
@@ -54,6 +54,18 @@ def joint(name="big_end", run="one", figures=None, turned=None, **columns):
         name,
         own | columns,
     )
+
+
+@pytest.mark.parametrize("ending", [*ENDINGS, ".PNG", ".SVG"])
+def test_a_picture_is_written_in_every_format_and_is_the_same_again(ending, tmp_path):
+    contents = []
+    for name in ("one", "two"):
+        figure, axes = plt.subplots(layout="constrained")
+        axes.plot([0.0, 1.0], [1.0, 2.0])
+        (path,) = save(figure, [tmp_path / f"{name}{ending}"])
+        assert kind_of(path).holds(path)
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
 
 
 def drawn(quantity, *runs, difference=False):

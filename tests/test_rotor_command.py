@@ -3,6 +3,8 @@
 import csv
 import json
 from dataclasses import replace
+from io import BytesIO
+from shutil import copyfile, copytree
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from fenics_ehd.analysis import rotor_map as engine
 from fenics_ehd.cli.main import main
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.plotting.rotor import campbell, decrement, mode_shapes
+from fenics_ehd.scenes.kept_bodies import checksum
 from fenics_ehd.scenes.scene import scene_text
 from fenics_ehd.study.rotor_folder import StoredPoints
 
@@ -118,15 +121,70 @@ def test_an_interrupted_map_is_continued(complete, tmp_path, monkeypatch):
         patch.setattr(engine, "equilibrium", stopping)
         assert call(*arguments) == 130
     assert not (folder / "summary.json").exists()
-    assert len(StoredPoints(folder / "points")) == 3
+    assert len(list((folder / "points").glob("*.npz"))) == 3
     assert call(*arguments) == 0
     summaries = [json.loads((f / "summary.json").read_text()) for f in (out, folder)]
     for name in ("stability_limit_rad_per_s", "whirl_ratio"):
         np.testing.assert_allclose(summaries[1][name], summaries[0][name], rtol=1e-4)
-    damaged = sorted((folder / "points").glob("*.npz"))[0]
-    damaged.write_bytes(damaged.read_bytes()[:500])
-    assert len(StoredPoints(folder / "points")) >= 4
-    assert call(*arguments) == 0
+
+
+def changed(**others):
+    """Function that changes arrays of a stored point, and keeps its other arrays."""
+
+    def change(content):
+        with np.load(BytesIO(content)) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        arrays |= {name: make(arrays[name]) for name, make in others.items()}
+        written = BytesIO()
+        np.savez(written, **arrays)
+        return written.getvalue()
+
+    return change
+
+
+def array_alone(_content):
+    written = BytesIO()
+    np.save(written, np.ones(3))
+    return written.getvalue()
+
+
+DAMAGES = {
+    "a file cut short": lambda content: content[:500],
+    "an array alone": array_alone,
+    "small matrices": changed(mass=lambda _: np.eye(2), damping=lambda _: np.eye(2)),
+    "numbers that are not finite": changed(stiffness=lambda matrix: np.nan * matrix),
+    "another number of coordinates": changed(basis=lambda basis: basis[:, :-1]),
+    "another speed": changed(speed=lambda speed: 1.1 * speed),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_point_is_not_used(damage, complete, tmp_path):
+    _, out = complete
+    made_by = checksum(json.loads((out / "rotor.json").read_text()))
+    points = copytree(out / "points", tmp_path / "points")
+    first, *others = sorted(points.glob("*.npz"))
+    first.write_bytes(DAMAGES[damage](first.read_bytes()))
+    stored = StoredPoints(points, made_by)
+    assert len(stored) == len(others)
+    (notice,) = stored.notices
+    assert notice.startswith(f"{first} is damaged, or belongs to a map with other settings")
+
+
+def test_a_point_of_another_map_is_computed_again_with_one_line(complete, tmp_path, capfd):
+    _, out = complete
+    other = write(tmp_path, **{"joints.left.clearance": 41e-6})
+    (tmp_path / "map" / "points").mkdir(parents=True)
+    arguments = ("--speeds", "3000rpm", "--meshes", "1", "-o", tmp_path / "map", "--no-plots")
+    assert call("rotor", other, *arguments) == 0
+    before = (tmp_path / "map" / "modes.csv").read_bytes()
+    for path in (tmp_path / "map" / "points").glob("*.npz"):
+        copyfile(out / "points" / "0001.npz", path)
+    capfd.readouterr()
+    status, _, error = exit_of(capfd, "rotor", other, *arguments)
+    assert status == 0
+    assert error.count("0001.npz is damaged, or belongs to a map with other settings") == 1
+    assert (tmp_path / "map" / "modes.csv").read_bytes() == before
 
 
 def test_a_folder_of_another_scene_is_refused(complete, tmp_path, capfd):

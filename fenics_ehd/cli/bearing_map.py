@@ -76,11 +76,14 @@ def answer_map(
             )
         require_format("--plot", plot, ENDINGS, inputs)
     if table:
+        if Path(table).suffix.lower() != ".csv":
+            raise SettingsError(f"--table {table}: the file must end with .csv")
         require_output(table, TABLE_KIND, inputs, "--table")
     with keeping_failed_film("."):
         points = bearing_map(settings, speeds=speeds, loads=loads, eccentricity=eccentricity)
     rows = points.rows()
     if rows and table:
+        Path(table).parent.mkdir(parents=True, exist_ok=True)
         write_table(Path(table), tuple(rows[0]), rows)
     if rows and plot:
         plot_bearing_map(rows, "load_N" if len(loads) > 1 else "frequency", plot)

@@ -151,6 +151,7 @@ def rotor(
     warn_of(source.warnings)
     begin = perf_counter(), process_time()
     with RotorFolder(target, plan, overwrite=overwrite) as folder:
+        warn_of(folder.points.notices)
         chart = _solved(folder)
         warn_of(chart.notices)
         shown = shown_speeds(chart, asked)

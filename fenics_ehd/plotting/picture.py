@@ -34,7 +34,6 @@ if "MPLBACKEND" not in os.environ and "matplotlib.pyplot" not in sys.modules:
     matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
 BLUE = "#004488"
@@ -56,8 +55,9 @@ FILMS = "cividis"
 WIDTH = 7.2
 PANEL = 4.4
 
-#: Endings of the files that matplotlib can write.
-ENDINGS = tuple(f".{name}" for name in sorted(FigureCanvasBase.get_supported_filetypes()))
+#: Endings of picture files. Every installation can write them; other formats of matplotlib need
+#: further programs, or do not accept the same settings.
+ENDINGS = (".pdf", ".png", ".svg")
 
 #: Settings of matplotlib: fonts, lines and grids.
 SETTINGS: dict[str, Any] = {
@@ -98,22 +98,17 @@ def legend(axes: Axes, **options: Any) -> None:
         axes.legend(**{"framealpha": 0.85} | options)
 
 
-#: First bytes of a picture file by its ending; formats without a signature are omitted.
+#: First bytes of a file by its ending: of pictures, and of an animation as GIF.
 SIGNATURES = {
-    ".eps": (b"%!PS",),
     ".gif": (b"GIF87a", b"GIF89a"),
-    ".jpeg": (b"\xff\xd8\xff",),
-    ".jpg": (b"\xff\xd8\xff",),
     ".pdf": (b"%PDF",),
-    ".pgf": (b"%% Creator: Matplotlib",),
     ".png": (b"\x89PNG",),
-    ".ps": (b"%!PS",),
     ".svg": (b"<?xml", b"<svg"),
-    ".svgz": (b"\x1f\x8b",),
-    ".tif": (b"II*\0", b"MM\0*"),
-    ".tiff": (b"II*\0", b"MM\0*"),
-    ".webp": (b"RIFF",),
 }
+
+
+#: Name of the date in the metadata of a format, by the ending of the file.
+DATES = {".pdf": "CreationDate", ".svg": "Date"}
 
 
 def kind_of(path: str | Path) -> Kind:
@@ -122,8 +117,6 @@ def kind_of(path: str | Path) -> Kind:
     words = f"a {ending[1:].upper()} picture"
     if ending == ".mp4":
         return beginning_with("an MP4 film", b"ftyp", at=4)
-    if ending not in SIGNATURES:
-        return Kind(words, lambda path: False)
     return beginning_with(words, *SIGNATURES[ending])
 
 
@@ -166,12 +159,13 @@ def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
     for path in written:
         path.parent.mkdir(parents=True, exist_ok=True)
         picture = BytesIO()
+        ending = path.suffix.lower()
         # Without the date, equal figures give equal files.
-        metadata = {"Date": None} if path.suffix == ".svg" else {}
+        metadata = {DATES[ending]: None} if ending in DATES else {}
         with plt.rc_context({"svg.hashsalt": SETTINGS["svg.hashsalt"]}):
-            figure.savefig(picture, format=path.suffix[1:], dpi=150, metadata=metadata)
+            figure.savefig(picture, format=ending[1:], dpi=150, metadata=metadata)
         content = picture.getvalue()
-        write_whole(path, _numbered_clips(content) if path.suffix == ".svg" else content)
+        write_whole(path, _numbered_clips(content) if ending == ".svg" else content)
     plt.close(figure)
     return written
 

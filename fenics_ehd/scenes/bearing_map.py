@@ -20,6 +20,7 @@ import numpy as np
 
 from fenics_ehd.analysis.bearing import BearingResult
 from fenics_ehd.analysis.bearing_settings import BearingSettings
+from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.scenes.bearing import solve_bearing
 
@@ -92,12 +93,17 @@ def bearing_map(
     Raises
     ------
     SettingsError
-        Neither loads nor an eccentricity are given, or both; or a speed cannot be used with the
-        other settings.
+        Neither loads nor an eccentricity are given, or both; a speed cannot be used with the
+        other settings; or a load is not above 0, or has no film pressure that can balance it.
     """
     if (eccentricity is None) == (len(loads) == 0):
         raise SettingsError("exactly one of loads and eccentricity must be given")
     at_speeds = [attrs.evolve(settings, speed=speed) for speed in speeds]
+    for size in loads:
+        require_number("load", size, above=0.0)
+    if len(loads):
+        for changed in at_speeds:
+            _require_pressure(changed)
     points = list(product(at_speeds, loads if len(loads) else (None,)))
     results = []
     failed = []
@@ -111,6 +117,21 @@ def bearing_map(
         if progress is not None:
             progress(number, len(points))
     return BearingMap(tuple(results), tuple(failed))
+
+
+def _require_pressure(settings: BearingSettings) -> None:
+    """Refuse a speed at which a film without a supply has no pressure, and carries no load.
+
+    Raises
+    ------
+    SettingsError
+        Nothing draws the oil in, nothing squeezes it, and no groove supplies it.
+    """
+    if not (settings.entrainment or any(settings.squeeze) or settings.grooves):
+        raise SettingsError(
+            f"speed = {settings.speed:g} rad/s: a film that draws in no oil has no pressure and "
+            "carries no load: drop this speed"
+        )
 
 
 def _row(result: BearingResult) -> dict[str, float | None]:

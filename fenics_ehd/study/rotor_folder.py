@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ from fenics_ehd.base.files import (
     to_json,
     write_whole,
 )
+from fenics_ehd.scenes.kept_bodies import checksum
 from fenics_ehd.scenes.rotor_map import RotorPlan
 from fenics_ehd.study.cases import identity, write_table
 
@@ -48,6 +50,9 @@ UNBALANCE = "unbalance.csv"
 POINTS = "points"
 MADE = (ABOUT, MODES, FILMS, SHAPES, UNBALANCE, SUMMARY, f"{POINTS}/")
 
+#: Array in the file of a point that has its checksum, see `_seal`.
+SEAL = "seal"
+
 #: Revolutions per minute in one radian per second.
 RPM = 30.0 / np.pi
 
@@ -58,15 +63,33 @@ class StoredPoints(dict[float, MapPoint]):
     Parameters
     ----------
     directory
-        Folder of the files. A point whose file cannot be read is computed again.
+        Folder of the files.
+    made_by
+        Checksum of all data on which the points depend. A file that is damaged, or was made from
+        other data, is not used: its point is computed again.
+
+    Attributes
+    ----------
+    read
+        Number of points that were read.
+    notices
+        For each file that is not used, a line with the reason.
     """
 
-    def __init__(self, directory: Path):
+    def __init__(self, directory: Path, made_by: str):
         super().__init__()
         self._directory = directory
+        self._made_by = made_by
+        self.notices: list[str] = []
         for path in sorted(directory.glob("*.npz")):
-            point = _read_point(path)
-            if point is not None:
+            try:
+                point = _read_point(path, made_by)
+            except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile):
+                self.notices.append(
+                    f"{path} is damaged, or belongs to a map with other settings: its point is "
+                    "computed again if the map needs it, and the file can be deleted"
+                )
+            else:
                 super().__setitem__(point.speed, point)
         self.read = len(self)
 
@@ -75,7 +98,7 @@ class StoredPoints(dict[float, MapPoint]):
         while (self._directory / _file_name(number)).exists():
             number += 1
         claim(self._directory, [_file_name(number)])
-        write_whole(self._directory / _file_name(number), _content(point))
+        write_whole(self._directory / _file_name(number), _content(point, self._made_by))
         super().__setitem__(speed, point)
 
 
@@ -83,7 +106,7 @@ def _file_name(number: int) -> str:
     return f"{number:04d}.npz"
 
 
-def _content(point: MapPoint) -> bytes:
+def _content(point: MapPoint, made_by: str) -> bytes:
     """Content of the file that stores a point of a map, as bytes."""
     linear = point.linear
     arrays: dict[str, Any] = {
@@ -112,41 +135,56 @@ def _content(point: MapPoint) -> bytes:
             f"temperatures_{n}": np.array(list(start.temperatures.values()), dtype=float),
         }
     content = BytesIO()
-    np.savez(content, **arrays)
+    np.savez(content, **arrays, **{SEAL: _seal(arrays, made_by)})
     return content.getvalue()
 
 
-def _read_point(path: Path) -> MapPoint | None:
-    """Read the file of a point; None if it cannot be read."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        films = {str(joint): arrays[f"film_{n}"] for n, joint in enumerate(arrays["joints"])}
-        starts = [
-            SearchStart(
-                arrays[f"x_{n}"],
-                arrays[f"values_{n}"],
-                int(arrays[f"patterns_{n}"]),
-                _by_name(arrays[f"heated_{n}"], arrays[f"temperatures_{n}"]),
-            )
-            for n in range(len(arrays["growth"]))
-        ]
-        return MapPoint(
-            float(arrays["speed"]),
-            Linearisation(
-                arrays["basis"],
-                arrays["mass"],
-                arrays["damping"],
-                arrays["stiffness"],
-                films,
-                _read_sampled(arrays, list(films)),
-            ),
-            _by_name(arrays["columns"], arrays["figures"]),
-            arrays["growth"],
-            tuple(starts),
+def _seal(arrays: Mapping[str, Any], made_by: str) -> str:
+    """Checksum of the arrays of a point, and of the data on which the points of a map depend."""
+    texts = {"made_by": made_by}
+    for name, values in arrays.items():
+        array = np.ascontiguousarray(values)
+        content = sha256(array.tobytes()).hexdigest()
+        texts[f"array {name}"] = f"{array.dtype.str} {np.shape(values)} {content}"
+    return checksum(texts)
+
+
+def _read_point(path: Path, made_by: str) -> MapPoint:
+    """Read the file of a point.
+
+    Raises
+    ------
+    OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile
+        The file cannot be read, was changed after it was written, or is a point of another map.
+    """
+    with np.load(path, allow_pickle=False) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    if str(arrays.pop(SEAL)) != _seal(arrays, made_by):
+        raise ValueError("the seal of the file is not that of its content in this map")
+    films = {str(joint): arrays[f"film_{n}"] for n, joint in enumerate(arrays["joints"])}
+    starts = [
+        SearchStart(
+            arrays[f"x_{n}"],
+            arrays[f"values_{n}"],
+            int(arrays[f"patterns_{n}"]),
+            _by_name(arrays[f"heated_{n}"], arrays[f"temperatures_{n}"]),
         )
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-        return None
+        for n in range(len(arrays["growth"]))
+    ]
+    return MapPoint(
+        float(arrays["speed"]),
+        Linearisation(
+            arrays["basis"],
+            arrays["mass"],
+            arrays["damping"],
+            arrays["stiffness"],
+            films,
+            _read_sampled(arrays, list(films)),
+        ),
+        _by_name(arrays["columns"], arrays["figures"]),
+        arrays["growth"],
+        tuple(starts),
+    )
 
 
 def _read_sampled(
@@ -210,7 +248,7 @@ class RotorFolder(ExitStack):
             (self.path / SUMMARY).unlink(missing_ok=True)
             write_whole(self.path / ABOUT, to_json(about) + "\n")
             claim(self.path / POINTS, [])
-            self.points = StoredPoints(self.path / POINTS)
+            self.points = StoredPoints(self.path / POINTS, checksum(about))
             self.push(held.pop_all())
 
     def _require_same(self, about: Mapping[str, str]) -> None:
