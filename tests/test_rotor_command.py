@@ -16,6 +16,7 @@ from fenics_ehd.cli.main import main
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.plotting.rotor import campbell, decrement, mode_shapes
 from fenics_ehd.scenes.kept_bodies import checksum
+from fenics_ehd.scenes.rotor_map import plan_map
 from fenics_ehd.scenes.scene import scene_text
 from fenics_ehd.study.rotor_folder import StoredPoints
 
@@ -224,9 +225,9 @@ def test_a_speed_without_equilibrium_gives_status_1_and_the_others_stay(
 REFUSED = {
     "a speed of another kind": (["--speeds", "1000 m"], "--speeds = '1000 m' must be a number"),
     "a range without a count": (["--speeds", "1:2"], "first:last:count"),
-    "no speed": (["--speeds", "0"], "0 rad/s must be finite and not 0"),
+    "no speed": (["--speeds", "0"], "--speeds: 0 rad/s has no equilibrium"),
     "both senses": (["--speeds", "500,-500"], "different signs"),
-    "an unknown body": (["--speeds", "500", "--of", "rotor"], "of: there is no body 'rotor'"),
+    "an unknown body": (["--speeds", "500", "--of", "rotor"], "--of: there is no body 'rotor'"),
     "a malformed unbalance": (
         ["--speeds", "500", "--unbalance", "shaft.disk"],
         "--unbalance 'shaft.disk' must be POINT=MAGNITUDE",
@@ -253,6 +254,44 @@ REFUSED = {
     ),
     "too many meshes": (["--speeds", "500", "--meshes", "9"], "9 is not in the range 1<=x<=4"),
 }
+
+
+ARGUMENTS = {
+    "one speed": ({"speeds": 400.0}, "speeds = 400 must be a list of speeds [rad/s]"),
+    "an array of one speed": ({"speeds": np.array(400.0)}, "speeds = 400 must be a list"),
+    "rows of speeds": ({"speeds": np.ones((2, 2))}, "speeds[0] = [1.0, 1.0] must be a finite"),
+    "a text": ({"speeds": "400"}, "speeds = '400' must be a list"),
+    "a speed as text": ({"speeds": ["4000 rpm"]}, "speeds[0] = '4000 rpm' must be a finite"),
+    "an unknown speed": ({"speeds": [400.0, None]}, "speeds[1] = None must be a finite number"),
+    "a complex speed": ({"speeds": [1j]}, "speeds[0] = 1j must be a finite number"),
+    "a speed beyond all bounds": ({"speeds": [np.inf]}, "speeds[0] = inf must be a finite number"),
+    "several bodies": ({"of": ["shaft"]}, "of = ['shaft'] is of class list: str is needed"),
+    "a magnitude alone": ({"unbalance": 5}, "unbalance = 5 must be a list of Unbalance forces"),
+    "a point alone": ({"unbalance": "shaft.disk"}, "unbalance = 'shaft.disk' must be a list"),
+    "a magnitude as text": (
+        {"unbalance": {"shaft.disk": "1e-4"}},
+        "unbalance['shaft.disk'] = '1e-4' must be a finite number",
+    ),
+    "a number as point": ({"unbalance": {5: 1e-4}}, "point = 5 must be"),
+    "part of a mesh": ({"meshes": 1.5}, "meshes = 1.5 must be a whole number, at least 1 and at"),
+}
+
+
+@pytest.mark.parametrize("what", ARGUMENTS)
+def test_bad_arguments_are_named_in_one_line(what):
+    changes, message = ARGUMENTS[what]
+    arguments = {"speeds": [400.0], **changes}
+    with pytest.raises(ehd.errors.SettingsError) as refused:
+        ehd.rotor_map(ehd.read_scene("rotor-two-bearings"), **arguments)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_numbers_of_numpy_are_accepted():
+    scene = ehd.read_scene("rotor-two-bearings")
+    plan = plan_map(scene, np.array([500, 400]), meshes=np.int64(1))
+    assert plan.speeds == (400.0, 500.0)
+    assert type(plan.meshes) is int
 
 
 @pytest.mark.parametrize("what", REFUSED)

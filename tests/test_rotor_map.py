@@ -258,6 +258,10 @@ def test_an_unbalance_of_zero_moves_nothing():
         [rigid_rotor(6.0)], [500.0, 600.0], unbalances=[ehd.Unbalance("rotor", 0.0)]
     )
     assert not chart.response.amplitude("rotor").any()
+    with pytest.raises(ehd.errors.SettingsError, match=r"the rotor has no point 'rotor\.nope'"):
+        chart.response.phase("rotor.nope")
+    with pytest.raises(ehd.errors.SettingsError, match="there is no film 'nope'"):
+        chart.response.bearing_force("nope")
     assert chart.response.resonances == ()
 
 

@@ -35,6 +35,8 @@ import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation
 from fenics_ehd.analysis.film_memory import SampledStiffness
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.printed import key_hint
 from fenics_ehd.multibody.forces import Unbalance
 
 #: Number of intervals between two neighbouring speeds in which resonances are located.
@@ -117,19 +119,33 @@ class UnbalanceResponse:
 
     def amplitude(self, point: str) -> np.ndarray:
         """Amplitude of a point over the speed: larger half axis of its ellipse, shape (s,) [m]."""
-        return larger_axes(self.deflections[:, self.points.index(point)])
+        return larger_axes(self._deflections_of(point))
 
     def phase(self, point: str) -> np.ndarray:
         """Phase of a point over the speed, as the module defines it, shape (s,) [rad]."""
-        deflections = self.deflections[:, self.points.index(point)]
-        return phases(deflections, float(np.sign(self.speeds[0])))
+        return phases(self._deflections_of(point), float(np.sign(self.speeds[0])))
 
     def bearing_force(self, joint: str) -> np.ndarray:
         """Amplitude of the film force in a joint over the speed, shape (s,) [N].
 
         It is the larger half axis of the ellipse that the force describes.
         """
+        if joint not in tuple(self.forces):
+            raise SettingsError(f"there is no film {joint!r}: {key_hint(self.forces, str(joint))}")
         return larger_axes(self.forces[joint])
+
+    def _deflections_of(self, point: str) -> np.ndarray:
+        """Complex amplitudes of the deflections of a point over the speed, shape (s, 2) [m].
+
+        Raises
+        ------
+        SettingsError
+            The rotor has no such point; the message suggests a similar point.
+        """
+        if point not in self.points:
+            hint = key_hint(self.points, str(point))
+            raise SettingsError(f"the rotor has no point {point!r}: {hint}")
+        return self.deflections[:, self.points.index(point)]
 
 
 def larger_axes(amplitudes: np.ndarray) -> np.ndarray:

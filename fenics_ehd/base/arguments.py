@@ -42,18 +42,35 @@ def require_number(name: str, value: Any, **bounds: Any) -> float:
     return float(number)
 
 
-def require_count(name: str, value: Any, least: int = 0) -> int:
-    """Return an argument as an int, after a check that it is whole and at least `least`.
+def require_count(name: str, value: Any, least: int = 0, most: int | None = None) -> int:
+    """Return an argument as an int, after a check that it is whole and from `least` to `most`.
 
     Raises
     ------
     SettingsError
-        If the argument is not whole or is below `least`; the message has the limit. Whole numbers
-        of NumPy are accepted.
+        If the argument is not whole or is outside a limit; the message has the limits. Whole
+        numbers of NumPy are accepted.
     """
     number: int = value.tolist() if hasattr(value, "tolist") else value
-    whole_number(least)(name, number)
+    whole_number(least, most)(name, number)
     return number
+
+
+def require_list(name: str, value: Any, entries: str) -> list[Any]:
+    """Return an argument as a list, after a check that it has entries.
+
+    An array is converted to a list of Python's numbers. `entries` describes the entries, for the
+    message.
+
+    Raises
+    ------
+    SettingsError
+        If the argument is a text, a dictionary or a single value.
+    """
+    plain: Any = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(plain, Iterable) or isinstance(plain, str | bytes | Mapping):
+        raise SettingsError(f"{name} = {shown(plain)} must be a list of {entries}")
+    return list(plain)
 
 
 def require_pair(name: str, value: Any, *, zero: bool = True) -> tuple[float, float]:

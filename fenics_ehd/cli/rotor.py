@@ -5,6 +5,7 @@ Imports inside functions: ``--help`` must work without NumPy and films, and quic
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 class FailedSpeedsError(EhdError):
     """A rotor map has no equilibrium at some speeds; results at all other speeds are stored."""
 
+
+#: Name of an argument of `plan_map` at the start of a message; its option has dashes before it.
+ARGUMENT = re.compile(r"^(speeds|of|unbalance)\b(?!\.)")
 
 #: Syntax of ``--unbalance``, for messages.
 SYNTAX = (
@@ -147,7 +151,10 @@ def rotor(
     values = parse_quantities("--speeds", speeds, "rad/s")
     asked = parse_quantities("--shapes", shapes, "rad/s") if shapes else ()
     unbalance = [parse_unbalance(text) for text in unbalances] or None
-    plan = plan_map(source, values, of=of, unbalance=unbalance, meshes=meshes)
+    try:
+        plan = plan_map(source, values, of=of, unbalance=unbalance, meshes=meshes)
+    except SettingsError as error:
+        raise SettingsError(ARGUMENT.sub(r"--\1", str(error))) from None
     warn_of(source.warnings)
     begin = perf_counter(), process_time()
     with RotorFolder(target, plan, overwrite=overwrite) as folder:

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import isfinite, radians
+from math import radians
 
 from fenics_ehd.analysis.rotor_map import MapPoint, RotorMap, rotor_map_of
-from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.arguments import require_class, require_count, require_list, require_number
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import FILM_MESHES
 from fenics_ehd.multibody.forces import Force, Unbalance
@@ -101,8 +101,8 @@ def plan_map(
 ) -> RotorPlan:
     """Check the arguments of a rotor map, see `rotor_map`."""
     require_class("scene", scene, Scene)
-    if type(meshes) is not int or not 1 <= meshes <= FILM_MESHES:
-        raise SettingsError(f"meshes = {meshes!r} must be a whole number from 1 to {FILM_MESHES}")
+    meshes = require_count("meshes", meshes, 1, FILM_MESHES)
+    require_class("of", of, str)
     ordered = _ordered_speeds(speeds)
     for name, joint in scene.films.items():
         if joint.cavitation != "reynolds":
@@ -170,16 +170,18 @@ def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
     Raises
     ------
     SettingsError
-        There is no speed; or a speed is not finite, 0, repeated, or has another sign than the
-        first speed.
+        There is no speed; or a speed is not a finite number, is 0, is repeated, or has another
+        sign than the first speed.
     """
-    values = tuple(float(speed) for speed in speeds)
+    listed = require_list("speeds", speeds, "speeds [rad/s]")
+    values = [require_number(f"speeds[{n}]", speed) for n, speed in enumerate(listed)]
     if not values:
         raise SettingsError("speeds: give at least one speed")
     for speed in values:
-        if not isfinite(speed) or not speed:
+        if not speed:
             raise SettingsError(
-                f"speeds: {speed:g} rad/s must be finite and not 0: a film at rest carries no load"
+                "speeds: 0 rad/s has no equilibrium, because a film at rest carries no load: drop "
+                "this speed"
             )
         if (speed > 0) != (values[0] > 0):
             raise SettingsError(
@@ -233,14 +235,21 @@ def _unbalances(
     Raises
     ------
     SettingsError
-        A point does not exist, or its body does not rotate at the speeds of the map.
+        An unbalance is malformed, a point does not exist, or its body does not rotate at the
+        speeds of the map.
     """
+    unbalances: list[Unbalance]
     if unbalance is None:
         unbalances = [force for force in scene.forces.values() if isinstance(force, Unbalance)]
     elif isinstance(unbalance, Mapping):
-        unbalances = [Unbalance(point, magnitude) for point, magnitude in unbalance.items()]
+        unbalances = []
+        for point, magnitude in unbalance.items():
+            size = require_number(f"unbalance[{point!r}]", magnitude)
+            unbalances.append(Unbalance(point, size))
     else:
-        unbalances = list(unbalance)
+        unbalances = require_list(
+            "unbalance", unbalance, "Unbalance forces, or magnitudes [kg m] by point"
+        )
     points = {GROUND: (), **{name: points_of(body) for name, body in scene.bodies.items()}}
     for each in unbalances:
         require_class("unbalance", each, Unbalance)
