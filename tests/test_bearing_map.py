@@ -89,7 +89,7 @@ def test_a_point_that_fails_is_named_and_the_others_stay(call, tmp_path):
     assert [row["load_N"] for row in values["rows"]] == pytest.approx([1e3])
     assert values["failed"][0]["load_N"] == 1e9
     assert len(table.read_text().splitlines()) == 2
-    status, out, _ = call("--load", 1e3, "--speed", "0,0.0rpm", *CELLS)
+    status, out, _ = call("--load", 1e3, "--speed", "0,0.0", *CELLS)
     assert status == 2  # given twice
     status, out, _ = call("--load", "1e9,2e9", *CELLS)
     assert status == 1

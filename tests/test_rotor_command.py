@@ -100,7 +100,7 @@ def test_a_map_again_reads_its_points_and_further_speeds_are_added(complete, cap
         {r["speed_rad_per_s"] for r in rows(out / "modes.csv")}
     )
     assert (out / "modes.csv").read_bytes() == before
-    more = f"{SPEEDS},350"
+    more = f"{SPEEDS},350 rad/s"
     assert call("rotor", path, "--speeds", more, "--meshes", "1", "-o", out, "--no-plots") == 0
     assert len(list((out / "points").glob("*.npz"))) >= stored + 1
 
@@ -236,6 +236,7 @@ REFUSED = {
         ["--speeds", "500", "--unbalance", "shaft.rim=1e-4"],
         "body shaft has no point 'rim'",
     ),
+    "an option twice": (["--speeds", "300", "--speeds=500"], "--speeds is given 2 times: give it"),
     "an unbalance of a shaft": (
         ["--speeds", "500", "--unbalance", "shaft=1e-4"],
         "unbalance = 'shaft': a shaft needs one of its points: shaft.left, shaft.",

@@ -166,7 +166,7 @@ def test_files_given_as_values_are_those_of_the_working_directory(tmp_path, monk
     ("text", "expected"),
     [
         ("500", (500.0,)),
-        ("30 rpm, 2", (np.pi, 2.0)),
+        ("30 rpm, 60 rpm", (np.pi, 2 * np.pi)),
         ("60rpm:300rpm:3", (2 * np.pi, 6 * np.pi, 10 * np.pi)),
         ("1:100:3:log", (1.0, 10.0, 100.0)),
     ],
@@ -181,6 +181,8 @@ def test_values_of_an_option_may_have_units(text, expected):
         ("fast", "--speeds = 'fast' must be"),
         ("1 m", "--speeds = '1 m' must be .*m is a unit of another quantity"),
         ("1,,2", "a value is missing"),
+        ("300,301rpm", "--speeds = '300,301rpm': only some values have a unit"),
+        ("1000:10000rpm:4", "only some values have a unit"),
         ("1,1", "--speeds = 1: the value is given twice"),
         ("1rpm:2rpm", "must be first:last:count"),
         ("1rpm:nan:3", "must be"),

@@ -41,6 +41,7 @@ with ending_signals_raise():
         no_cache_option,
         option,
         output_option,
+        require_once,
         setting_options,
     )
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
@@ -94,6 +95,15 @@ class Commands(click.Group):
             return super().get_command(context, name)
         command: click.Command = getattr(import_module(f"{__package__}.{COMMANDS[name]}"), name)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Command of the arguments, whose options are given once; click calls this method."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            require_once(ctx, command, rest)
+        return name, command, rest
 
 
 @click.group(

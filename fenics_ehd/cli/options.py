@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
 
@@ -114,6 +116,24 @@ def option(*names: str, needs: Sequence[Needs] = (), **more: Any) -> Callable[[C
 def flag(name: str, help_text: str, needs: Sequence[Needs] = ()) -> Callable[[Command], Command]:
     """Declare an option without a value: it is true if it is on the command line, else false."""
     return option(name, is_flag=True, help=help_text, needs=needs)
+
+
+def require_once(context: click.Context, command: click.Command, arguments: list[str]) -> None:
+    """Refuse an option that is given twice, unless it is repeatable or a switch.
+
+    Raises
+    ------
+    SettingsError
+        An option has two values, of which only the last would have an effect.
+    """
+    with suppress(click.UsageError):  # the command itself reports it
+        parser = command.make_parser(click.Context(command, parent=context))
+        _, _, order = parser.parse_args(list(arguments))
+        for parameter, times in Counter(order).items():
+            once = isinstance(parameter, click.Option) and not parameter.is_flag
+            if once and times > 1 and not parameter.multiple:
+                name = parameter.opts[-1]
+                raise SettingsError(f"{name} is given {times} times: give it once")
 
 
 class Integer(click.ParamType):

@@ -25,7 +25,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import read_text, write_whole
 from fenics_ehd.base.printed import key_hint
 from fenics_ehd.base.settings import walk
-from fenics_ehd.base.units import in_unit, parse_number
+from fenics_ehd.base.units import WRITTEN, in_unit, parse_number
 from fenics_ehd.scenes.kept_bodies import checksum, content_of
 from fenics_ehd.scenes.needed_bodies import NeededBody, needed_bodies
 from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
@@ -116,7 +116,8 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
     Raises
     ------
     SettingsError
-        A range or list is malformed, or a value is missing or repeated; the message has the text.
+        A range or list is malformed, a value is missing or repeated, or only some values have a
+        unit; the message has the text.
     """
     items = [item.strip() for item in text.split(";" if isinstance(like, tuple) else ",")]
     if not all(items):
@@ -134,6 +135,8 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
         else:
             number = _number(item)
             values.append(item if number is None else _plain(number, like))
+    if not isinstance(like, (tuple, str)):
+        _require_same_units(key, text)
     value, times = Counter(map(as_text, values)).most_common(1)[0]
     if times > 1:
         raise SettingsError(f"{key} = {value}: the value is given twice: drop one of them")
@@ -156,17 +159,30 @@ def parse_quantities(option: str, text: str, unit: str) -> tuple[float, ...]:
     Raises
     ------
     SettingsError
-        A value is missing, malformed, repeated, or has a unit of another kind.
+        A value is missing, malformed, repeated, or has a unit of another kind; or only some values
+        have a unit.
     """
     values: list[float] = []
     for item in (item.strip() for item in text.split(",")):
         if not item:
             raise SettingsError(f"{option} = {text!r}: a value is missing between separators")
         values += _range(option, item, unit) if ":" in item else [_measured(option, item, unit)]
+    _require_same_units(option, text)
     value, times = Counter(values).most_common(1)[0]
     if times > 1:
         raise SettingsError(f"{option} = {value:g}: the value is given twice: drop one of them")
     return tuple(values)
+
+
+def _require_same_units(key: str, text: str) -> None:
+    """Refuse a list of numbers and ranges of which only some have a unit."""
+    parts = [part for item in text.split(",") for part in item.split(":")[:2]]
+    without = [part for part in parts if _number(part) is not None]
+    with_unit = [part for part in parts if part not in without and WRITTEN.fullmatch(part)]
+    if with_unit and without:
+        raise SettingsError(
+            f"{key} = {text!r}: only some values have a unit: give all of them a unit, or none"
+        )
 
 
 def _measured(option: str, item: str, unit: str) -> float:
