@@ -59,6 +59,8 @@ def test_tables_summary_and_pictures_are_those_of_the_map(complete):
     assert 0.4 < limit["whirl_ratio"] < 0.55
     assert limit["stability"] == "lost"
     assert limit["direction"] > 0.5
+    for each in (*summary["critical_speeds"], *summary["resonances"]):
+        assert each["unstable"] == (each["speed_rad_per_s"] > chart.stable_below)
     modes = rows(out / "modes.csv")
     assert len(modes) == (chart.tracks >= 0).sum()
     lost = [row for row in modes if float(row["real_part_1_per_s"]) > 1.0]

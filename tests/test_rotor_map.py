@@ -265,6 +265,33 @@ def test_an_unbalance_of_zero_moves_nothing():
     assert chart.response.resonances == ()
 
 
+def test_films_without_load_and_journals_with_large_orbits_give_notices():
+    small, large = (
+        rotor_map_of([rigid_rotor(6.0)], [400.0, 500.0], unbalances=[ehd.Unbalance("rotor", me)])
+        for me in (1e-6, 1e-3)
+    )
+    assert not small.notices
+    (notice,) = large.notices
+    size = larger_axes(large.response.interpolated.journals["bearing"]).max()
+    assert "joints.bearing: at " in notice
+    assert f"moves the journal by {1e6 * size:.4g} um" in notice
+    assert f"{size / C:.3g} of the clearance of 40 um" in notice
+    np.testing.assert_allclose(size, small.response.amplitude("rotor").max() * 1e3, rtol=0.01)
+    (notice,) = rotor_map_of([rigid_rotor(6.0, (0.0, -1e-6))], [400.0, 500.0]).notices
+    assert notice.startswith("joints.bearing: at 400 rad/s its film carries 6e-06 N at ")
+
+
+def test_speeds_are_stable_or_unstable_by_the_limits_below_them():
+    chart = rotor_map_of([rigid_rotor(6.0)], [400.0, 1400.0])
+    assert chart.stable_at_first_speed
+    assert chart.stable_at(0.99 * chart.stable_below)
+    assert not chart.stable_at(1.01 * chart.stable_below)
+    unstable = rotor_map_of([rigid_rotor(6.0)], [1400.0, 1450.0])
+    assert unstable.stable_below is None
+    assert not unstable.stable_at_first_speed
+    assert not unstable.stable_at(1425.0)
+
+
 def test_means_over_meshes_are_those_of_the_matrices():
     make = rigid_rotor(6.0)
     single = rotor_map_of([make], [500.0, 600.0]).points[1]

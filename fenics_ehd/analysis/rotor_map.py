@@ -47,7 +47,7 @@ from fenics_ehd.analysis.modes import (
     stations_of,
     whirl_direction,
 )
-from fenics_ehd.analysis.unbalance import UnbalanceResponse, unbalance_response
+from fenics_ehd.analysis.unbalance import UnbalanceResponse, larger_axes, unbalance_response
 from fenics_ehd.base.errors import SolverError
 from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.multibody.mechanism import Mechanism, System
@@ -68,6 +68,15 @@ CRITICAL_DAMPING = 0.4
 #: Accuracy of critical speeds and limits of stability, relative to the speed. The limit changes by
 #: more than that with the film mesh.
 ACCURACY = 1e-4
+
+#: Orbit of a journal, as a share of the clearance, up to which its linear response is reported
+#: without a notice.
+LARGEST_ORBIT = 0.3
+
+#: Share of the clearance and pressure over ``eta |Omega| (R / c)^2`` below which a film carries
+#: almost no load.
+SMALL_ECCENTRICITY = 1e-3
+SMALL_PRESSURE = 1e-2
 
 #: Taylor's limit of laminar flow in a bearing: the Reynolds number over ``sqrt(R / c)``.
 TAYLOR = 41.0
@@ -199,7 +208,8 @@ class RotorMap:
     failures
         Reasons why no equilibrium was found, by speed [rad/s].
     notices
-        Notices of forces that are not included, and of films beyond the limit of laminar flow.
+        Notices of forces that are not included, of films without load, of films beyond the limit of
+        laminar flow, and of journals with large orbits.
     """
 
     points: tuple[MapPoint, ...]
@@ -228,8 +238,21 @@ class RotorMap:
 
     @property
     def stable_below(self) -> float | None:
-        """Lowest speed at which the rotor loses stability [rad/s]; None if it never does."""
+        """Lowest speed at which the rotor loses stability [rad/s]; None if it never does.
+
+        It is also None if the rotor is unstable at all speeds, see `stable_at_first_speed`.
+        """
         return next((limit.speed for limit in self.limits if limit.lost), None)
+
+    @property
+    def stable_at_first_speed(self) -> bool:
+        """Whether the rotor is stable at the first speed of the map."""
+        return self.points[0].largest_real_part <= 0.0
+
+    def stable_at(self, speed: float) -> bool:
+        """True if the rotor is stable at a speed [rad/s] by the limits of stability below it."""
+        below = [limit for limit in self.limits if abs(limit.speed) <= abs(speed)]
+        return not below[-1].lost if below else self.stable_at_first_speed
 
     def shape(self, n: int, track: int) -> np.ndarray:
         """Complex deflections (u, v) of the p stations in a track's mode, shape (p, 2).
@@ -384,12 +407,17 @@ def rotor_map_of(
     stations = stations_of(system, points[0].starts[0].x[: system.n])
     tracks, overlaps = _listed(points)
     bare = RotorMap(points, stations, tracks, overlaps, failures=failures)
+    response = _response(bare, system, unbalances) if unbalances else None
     return replace(
         bare,
         critical_speeds=tuple(_critical_speed(bare, *pair) for pair in critical),
         limits=tuple(_limit(bare, point) for point in limits),
-        response=_response(bare, system, unbalances) if unbalances else None,
-        notices=tuple(_turbulent(system, points)),
+        response=response,
+        notices=(
+            *_unloaded(system, points),
+            *_turbulent(system, points),
+            *(() if response is None else _large_orbits(system, response)),
+        ),
     )
 
 
@@ -561,7 +589,50 @@ def _response(bare: RotorMap, system: System, unbalances: Sequence[Unbalance]) -
         bare.stations.rows[named],
         [point.linear for point in bare.points],
         bare.speeds,
+        {film.name: np.eye(system.n)[film.xi[:2]] for film in system.films},
     )
+
+
+def _large_orbits(system: System, response: UnbalanceResponse) -> Iterator[str]:
+    """Notices of journals whose orbits are too large for the linear response to an unbalance."""
+    vibration = response.interpolated
+    for binding in system.films:
+        clearance = binding.film.film.parameters.clearance
+        amplitudes = larger_axes(vibration.journals[binding.name])
+        n = int(np.argmax(amplitudes))
+        share = amplitudes[n] / clearance
+        if share > LARGEST_ORBIT:
+            yield (
+                f"joints.{binding.name}: at {abs(vibration.speeds[n]):.5g} rad/s the unbalance "
+                f"moves the journal by {1e6 * amplitudes[n]:.4g} um, {share:.3g} "
+                f"of the clearance of {1e6 * clearance:.4g} um: the linear response holds for "
+                f"orbits below {LARGEST_ORBIT} of the clearance: run the scene for its orbit"
+            )
+
+
+def _unloaded(system: System, points: Sequence[MapPoint]) -> Iterator[str]:
+    """Notices of films that carry almost no load in equilibrium.
+
+    The pressure of such a film is almost zero: which part of it cavitates is left to round-off.
+    """
+    for binding in system.films:
+        parameters = binding.film.film.parameters
+        ratio = parameters.grid.radius / parameters.clearance
+        for point in points:
+            figures = {
+                column: point.figures[f"{binding.name}.{column}"]
+                for column in ("eccentricity_ratio", "max_pressure_Pa", "force_N")
+            }
+            scale = parameters.lubricant.viscosity * abs(point.speed) * ratio**2
+            small = figures["max_pressure_Pa"] < SMALL_PRESSURE * scale
+            if small and figures["eccentricity_ratio"] < SMALL_ECCENTRICITY:
+                yield (
+                    f"joints.{binding.name}: at {abs(point.speed):.5g} rad/s its film carries "
+                    f"{figures['force_N']:.3g} N at {figures['eccentricity_ratio']:.2g} of the "
+                    "clearance: stiffness and damping of a film without load are not unique: load "
+                    "the bearing, for instance by gravity"
+                )
+                break
 
 
 def _turbulent(system: System, points: Sequence[MapPoint]) -> Iterator[str]:

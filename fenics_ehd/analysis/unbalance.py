@@ -26,7 +26,7 @@ M, D, K and samples of H are interpolated.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -75,11 +75,15 @@ class SteadyVibration(NamedTuple):
     speeds, deflections, forces
         Speeds, complex amplitudes of deflections, and complex amplitudes of film forces, see the
         attributes of these names of `UnbalanceResponse`.
+    journals
+        Complex amplitudes of the motion of the journals in their bores, by name of the joint, shape
+        (s, 2) [m].
     """
 
     speeds: np.ndarray
     deflections: np.ndarray
     forces: dict[str, np.ndarray]
+    journals: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +236,7 @@ def unbalance_response(
     point_rows: np.ndarray,
     linears: Sequence[Linearisation],
     speeds: np.ndarray,
+    journal_rows: Mapping[str, np.ndarray],
 ) -> UnbalanceResponse:
     """Compute the steady vibration of a rotor under unbalances, at s speeds.
 
@@ -245,20 +250,30 @@ def unbalance_response(
         with respect to z, shape (p, 2, n).
     linears, speeds
         Small motions at each speed, in the same coordinates q; and the speeds, shape (s,) [rad/s].
+    journal_rows
+        Derivatives of the position of the journal in the bore with respect to z, by name of the
+        joint, shape (2, n) each.
     """
     pairs = list(zip(unbalances, rows, strict=True))
 
     def vibration(each: Sequence[tuple[float, Linearisation]]) -> SteadyVibration:
         deflections = []
         forces: dict[str, list[np.ndarray]] = {name: [] for name in linears[0].films}
+        journals: dict[str, list[np.ndarray]] = {name: [] for name in journal_rows}
         for speed, linear in each:
             loads = [unbalance_force(unbalance, along, speed) for unbalance, along in pairs]
             motion = response(linear, np.sum(loads, axis=0), abs(speed))
             deflections.append(point_rows @ linear.basis @ motion)
             for name in linear.films:
                 forces[name].append(film_force(linear, name, motion, abs(speed)))
-        arrays = {name: np.array(force) for name, force in forces.items()}
-        return SteadyVibration(np.array([s for s, _ in each]), np.array(deflections), arrays)
+            for name, along in journal_rows.items():
+                journals[name].append(along @ linear.basis @ motion)
+        return SteadyVibration(
+            np.array([s for s, _ in each]),
+            np.array(deflections),
+            {name: np.array(force) for name, force in forces.items()},
+            {name: np.array(journal) for name, journal in journals.items()},
+        )
 
     computed = list(zip(speeds.tolist(), linears, strict=True))
     exact = vibration(computed)

@@ -250,7 +250,7 @@ def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
             f"mode {limit.mode + 1}, whirl ratio {limit.whirl_ratio:.4f}"
         )
     if chart.critical_speeds:
-        rows = [["critical speed", "1/min", "mode", "damping ratio", "whirl"]]
+        rows = [["critical speed", "1/min", "mode", "damping ratio", "whirl", ""]]
         rows += [
             [
                 f"{each.speed:.5g} rad/s",
@@ -258,6 +258,7 @@ def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
                 str(each.mode + 1),
                 f"{each.damping_ratio:.3f}",
                 f"{whirl_name(each.direction).removesuffix(' whirl')} {each.direction:+.2f}",
+                _unstable(chart, each.speed),
             ]
             for each in chart.critical_speeds
         ]
@@ -273,7 +274,7 @@ def _response_lines(chart: RotorMap) -> list[str]:
     """Lines on the response to unbalances: resonances of all points."""
     if chart.response is None:
         return []
-    rows = [["resonance of", "rad/s", "1/min", "amplitude", "amplification"]]
+    rows = [["resonance of", "rad/s", "1/min", "amplitude", "amplification", ""]]
     for peak in chart.response.resonances:
         factor = "-" if peak.amplification is None else f"{peak.amplification:.3g}"
         rows.append(
@@ -283,13 +284,19 @@ def _response_lines(chart: RotorMap) -> list[str]:
                 f"{_rpm(peak.speed):.0f}",
                 f"{1e6 * peak.amplitude:.4g} um",
                 factor,
+                _unstable(chart, peak.speed),
             ]
         )
     if len(rows) == 1:
         return ["no resonance in this range of speeds"]
-    without = any(row[-1] == "-" for row in rows)
+    without = any(row[-2] == "-" for row in rows)
     note = ["-: on one side the amplitude falls by less than 3 dB, the bandwidth"]
     return [*aligned(rows), *(note if without else [])]
+
+
+def _unstable(chart: RotorMap, speed: float) -> str:
+    """Mark of a resonance or critical speed [rad/s] at which the rotor is unstable; else empty."""
+    return "" if chart.stable_at(speed) else "unstable"
 
 
 def _rpm(speed: float) -> float:

@@ -356,13 +356,12 @@ def unbalance_rows(response: UnbalanceResponse) -> Iterator[dict[str, Any]]:
 def figures_of_map(chart: RotorMap) -> dict[str, Any]:
     """Entries of ``summary.json`` for a map: stability limits, critical speeds and resonances."""
     lost = next((limit for limit in chart.limits if limit.lost), None)
-    unstable = chart.points[0].largest_real_part > 0.0
     return {
         "speeds": len(chart.points),
         "failed_speeds": [
             {"speed_rad_per_s": speed, "reason": reason} for speed, reason in chart.failures.items()
         ],
-        "stable_at_first_speed": not unstable,
+        "stable_at_first_speed": chart.stable_at_first_speed,
         "stability_limit_rad_per_s": lost.speed if lost else None,
         "stability_limit_scatter_rad_per_s": lost.scatter if lost else None,
         "whirl_ratio": lost.whirl_ratio if lost else None,
@@ -385,14 +384,15 @@ def figures_of_map(chart: RotorMap) -> dict[str, Any]:
                 "mode": critical.mode + 1,
                 "damping_ratio": critical.damping_ratio,
                 "direction": critical.direction,
+                "unstable": not chart.stable_at(critical.speed),
             }
             for critical in chart.critical_speeds
         ],
-        **({} if chart.response is None else _response_figures(chart.response)),
+        **({} if chart.response is None else _response_figures(chart, chart.response)),
     }
 
 
-def _response_figures(response: UnbalanceResponse) -> dict[str, Any]:
+def _response_figures(chart: RotorMap, response: UnbalanceResponse) -> dict[str, Any]:
     return {
         "unbalances": [
             {"point": each.point, "magnitude_kg_m": each.magnitude, "phase_deg": each.phase}
@@ -405,6 +405,7 @@ def _response_figures(response: UnbalanceResponse) -> dict[str, Any]:
                 "speed_rpm": peak.speed * RPM,
                 "amplitude_m": peak.amplitude,
                 "amplification_factor": peak.amplification,
+                "unstable": not chart.stable_at(peak.speed),
             }
             for peak in response.resonances
         ],
