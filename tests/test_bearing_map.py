@@ -107,6 +107,7 @@ def test_a_point_that_fails_is_named_and_the_others_stay(call, tmp_path):
         (["--load", "0,100"], "load = 0.0 must be above 0"),
         (["--load", "100,-100"], "load = -100.0 must be above 0"),
         (["--load", 100, "--speed", "300,0"], "speed = 0 rad/s: a film that draws in no oil"),
+        (["--eccentricity", 0.5, "--speed", "300,0"], "speed = 0 rad/s: a film that draws in no"),
         (["--load", "1,2", "--table", "x.xlsx"], "--table x.xlsx: the file must end with .csv"),
         (["--load", "1,2", "--table", "/dev/null/x.csv"], "/dev/null is not a folder"),
     ],

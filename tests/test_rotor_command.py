@@ -271,7 +271,7 @@ ARGUMENTS = {
     "a point alone": ({"unbalance": "shaft.disk"}, "unbalance = 'shaft.disk' must be a list"),
     "a magnitude as text": (
         {"unbalance": {"shaft.disk": "1e-4"}},
-        "unbalance['shaft.disk'] = '1e-4' must be a finite number",
+        "unbalance['shaft.disk']: magnitude = '1e-4' must be a number in kg m",
     ),
     "a number as point": ({"unbalance": {5: 1e-4}}, "point = 5 must be"),
     "part of a mesh": ({"meshes": 1.5}, "meshes = 1.5 must be a whole number, at least 1 and at"),
@@ -288,9 +288,11 @@ def test_bad_arguments_are_named_in_one_line(what):
     assert "\n" not in str(refused.value)
 
 
-def test_numbers_of_numpy_are_accepted():
+def test_numbers_of_numpy_and_units_are_accepted():
     scene = ehd.read_scene("rotor-two-bearings")
-    plan = plan_map(scene, np.array([500, 400]), meshes=np.int64(1))
+    unbalance = {"shaft.disk": "140 g mm"}
+    plan = plan_map(scene, np.array([500, 400]), unbalance=unbalance, meshes=np.int64(1))
+    assert plan.unbalances[0].magnitude == pytest.approx(1.4e-4)
     assert plan.speeds == (400.0, 500.0)
     assert type(plan.meshes) is int
 

@@ -94,16 +94,15 @@ def bearing_map(
     ------
     SettingsError
         Neither loads nor an eccentricity are given, or both; a speed cannot be used with the
-        other settings; or a load is not above 0, or has no film pressure that can balance it.
+        other settings; or a load is not above 0; or the film has no pressure at a speed.
     """
     if (eccentricity is None) == (len(loads) == 0):
         raise SettingsError("exactly one of loads and eccentricity must be given")
     at_speeds = [attrs.evolve(settings, speed=speed) for speed in speeds]
     for size in loads:
         require_number("load", size, above=0.0)
-    if len(loads):
-        for changed in at_speeds:
-            _require_pressure(changed)
+    for changed in at_speeds:
+        _require_pressure(changed)
     points = list(product(at_speeds, loads if len(loads) else (None,)))
     results = []
     failed = []
@@ -120,7 +119,9 @@ def bearing_map(
 
 
 def _require_pressure(settings: BearingSettings) -> None:
-    """Refuse a speed at which a film without a supply has no pressure, and carries no load.
+    """Refuse a speed at which a film without a supply has no pressure.
+
+    Such a film carries no load, and has no dynamic coefficients.
 
     Raises
     ------
@@ -129,8 +130,8 @@ def _require_pressure(settings: BearingSettings) -> None:
     """
     if not (settings.entrainment or any(settings.squeeze) or settings.grooves):
         raise SettingsError(
-            f"speed = {settings.speed:g} rad/s: a film that draws in no oil has no pressure and "
-            "carries no load: drop this speed"
+            f"speed = {settings.speed:g} rad/s: a film that draws in no oil has no pressure, "
+            "carries no load and has no coefficients: drop this speed"
         )
 
 

@@ -244,8 +244,10 @@ def _unbalances(
     elif isinstance(unbalance, Mapping):
         unbalances = []
         for point, magnitude in unbalance.items():
-            size = require_number(f"unbalance[{point!r}]", magnitude)
-            unbalances.append(Unbalance(point, size))
+            try:
+                unbalances.append(Unbalance(point, magnitude))
+            except SettingsError as error:
+                raise SettingsError(f"unbalance[{point!r}]: {error}") from None
     else:
         unbalances = require_list(
             "unbalance", unbalance, "Unbalance forces, or magnitudes [kg m] by point"
