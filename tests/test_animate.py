@@ -428,8 +428,8 @@ def test_bad_requests_end_with_one_line(crank, stopped, tmp_path, capsys):
     cases = [
         ((crank.directory, "-o", "run.avi"), ".gif, .mp4"),
         ((empty,), "not a results folder"),
-        ((crank.directory, "--joint", "small_end"), "--joint small_end: the run has the lubricated "
-         "joints big_end"),
+        ((crank.directory, "--joint", "small_end"), "--joint small_end: the lubricated joints of "
+         "the run are big_end"),
         ((crank.directory, "--basis", crank.directory / "body-rod.h5"), "basis"),
     ]  # fmt: skip
     for arguments, named in cases:
