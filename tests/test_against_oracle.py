@@ -81,6 +81,12 @@ def load(rod_structure):
     return by_node[nodes]
 
 
+@pytest.fixture(scope="module")
+def rod_body(rod_structure):
+    """Default reduction of the default rod, whose missing flexibility is that of all pressures."""
+    return ehd.load_dependent(ehd.Reductor(rod_structure, every_pressure=True), 6, 31)
+
+
 @pytest.mark.slow
 def test_the_default_body_agrees(rod_body, oracle_body):
     """Its nodes in place and order, rigid and reduced."""

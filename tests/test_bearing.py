@@ -343,7 +343,7 @@ def test_barus_film_is_that_of_reduced_pressure_or_refused(figure):
 
 
 def test_centred_shaft_has_no_coefficients():
-    with pytest.raises(ehd.errors.SettingsError, match="centred shaft has no derivative"):
+    with pytest.raises(ehd.errors.SettingsError, match="no derivatives at a centred shaft"):
         ehd.solve_bearing(PLAIN, eccentricity=0.0, with_coefficients=True)
 
 

@@ -1,6 +1,7 @@
 """A bore whose mesh has a hole, as that of an oil passage: found, loaded, fed or closed."""
 
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -121,7 +122,9 @@ def test_shares_of_a_cell_integrate_quadratics():
 
 def ring_run(ring, monkeypatch, changes):
     """Mechanism of a scene and a run of it, its part assembled before."""
-    monkeypatch.setattr(elastic_part, "_assembled", lambda *_: ring)
+    # The error of the mesh frees the mass matrix of the part that it is given.
+    copied = replace(ring, mass=ring.mass.copy())
+    monkeypatch.setattr(elastic_part, "_assembled", lambda *_: copied)
     end = 1e-3
     short = {"time.periodic": False, "time.period": None, "time.end": end}
     scene = scene_of(tables_of("loaded-journal", LOADED_JOURNAL | RING | short | changes), "ring")

@@ -109,7 +109,9 @@ def test_every_method_runs(rod_structure, rod_body, residual_body):
         curves[method], result = run(body)
         assert result.summary()["energy_balance_error"] < 1e-3
         estimate = result.columns["basis_error_estimate_m"].max()
-        assert (np.isfinite(estimate) and estimate > 0) == bool(body.missing_flexibility.size)
+        # M4 has the verified error of its displacements in place of a missing flexibility.
+        estimated = method == "m4" or bool(body.missing_flexibility.size)
+        assert (np.isfinite(estimate) and estimate > 0) == estimated
     # Of M4, which is the full interface, as the test below has it.
     errors = {name: difference(curves[name], curves["m4"], 5e-5)[0] for name in curves}
     assert errors["m3"] < 1e-3
@@ -154,7 +156,7 @@ def test_snapshots_of_a_run_are_a_pressure_set(rod_structure, tmp_path):
 def test_residual_flexibility_is_the_full_interface(rod_structure):
     """DESIGN: 0.073 % and 0.0014 % with 9 modes, against every residual mode."""
     full = ehd.full_interface(rod_structure)
-    body = ehd.residual_flexibility(rod_structure, 6)
+    body = ehd.residual_flexibility(rod_structure, 6, tolerance=0.0)
     assert body.modes == 9
     reference, _ = run(full, 0.3, 1e-6)
     times, expected_pressure, expected_film = reference[:, reference[0] > START]

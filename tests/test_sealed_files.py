@@ -286,7 +286,8 @@ def test_a_part_that_the_disk_has_no_room_for_is_named(tmp_path):
                 print(error)"""
     found = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path)],
-        capture_output=True, text=True, timeout=120, cwd=os.path.dirname(__file__),
+        capture_output=True, text=True, timeout=120,
+        env=os.environ | {"PYTHONPATH": os.path.dirname(__file__)},
     )  # fmt: skip
     assert found.returncode == 0, found.stderr
     reported = found.stdout.splitlines()
