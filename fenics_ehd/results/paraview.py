@@ -207,7 +207,7 @@ def moved_along(
     points, displacement
         Positions, shape (p, 3), and displacements, shape (t, p, 3), in the moving frame [m].
     """
-    turns = Rotation.from_euler("z", poses[:, 2]).as_matrix().transpose(0, 2, 1)
+    turns = Rotation.from_euler("z", poses[:, 2, None]).as_matrix().transpose(0, 2, 1)
     origins = np.pad(poses[:, None, :2], [(0, 0), (0, 0), (0, 1)])
     return origins + points @ turns, displacement @ turns
 
