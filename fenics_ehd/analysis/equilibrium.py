@@ -44,7 +44,7 @@ is stable for every mass.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -194,6 +194,30 @@ class Linearisation:
     stiffness: np.ndarray
     films: Mapping[str, np.ndarray] = field(default_factory=dict)
     sampled: SampledStiffness | None = None
+
+    @staticmethod
+    def combined(parts: Sequence[Linearisation], weights: Sequence[float]) -> Linearisation:
+        """Weighted sum of small motions in the same coordinates; the weights have the sum 1."""
+
+        def total(name: str) -> np.ndarray:
+            arrays = (getattr(part, name) for part in parts)
+            return np.asarray(sum(w * array for w, array in zip(weights, arrays, strict=True)))
+
+        films = {
+            name: np.asarray(
+                sum(w * part.films[name] for w, part in zip(weights, parts, strict=True))
+            )
+            for name in parts[0].films
+        }
+        sampled = [part.sampled for part in parts if part.sampled is not None]
+        return Linearisation(
+            total("basis"),
+            total("mass"),
+            total("damping"),
+            total("stiffness"),
+            films,
+            SampledStiffness.combined(sampled, weights) if sampled else None,
+        )
 
     def dynamic_stiffness(self, s: complex) -> np.ndarray:
         """Dynamic stiffness H(s) of motions ``q exp(s t)`` with complex s, shape (k, k)."""

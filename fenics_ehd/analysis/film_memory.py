@@ -68,12 +68,17 @@ RELAXATION = 0.95
 #: Relative step of a derivative in s, and of a damping matrix, which is a derivative at 0.
 STEP = 1e-6
 
-#: Ratio of the homogeneous eigenvalue's denominator to its numerator, in units of the scale S,
-#: below which a root is infinite.
+#: Ratio of a homogeneous eigenvalue's denominator to its numerator, in a scale of time at which the
+#: matrices of the pencil have the same size, below which a root is infinite.
 INFINITE = 1e-10
 
 #: Real parts that differ by less than this share of a root belong to the same pair of roots.
 EQUAL = 1e-9
+
+
+def finite_roots(above: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """Indices of the finite eigenvalues among the r ratios of `above` and `below`, shape (r,)."""
+    return np.flatnonzero(np.abs(below) > INFINITE * np.abs(above))
 
 
 def sampled_shifts(rate: float) -> np.ndarray:
@@ -223,7 +228,7 @@ class SampledStiffness:
         (above, below), y, x = linalg.eig(
             motion, inertia, left=True, right=True, homogeneous_eigvals=True
         )
-        finite = np.flatnonzero(np.abs(below) > INFINITE * np.abs(above))
+        finite = finite_roots(above, below)
         roots = self.scale * above[finite] / below[finite]
         slowest = roots.real.max() - EQUAL * np.abs(roots)
         kept = (-roots.real < RELAXATION * np.abs(roots)) | (roots.real >= slowest)
@@ -278,5 +283,5 @@ def _unstable(shifts: np.ndarray, weights: np.ndarray) -> bool:
     matrix[1:, 0] = 1.0
     unit = np.diag(np.append(0.0, np.ones(count)))
     above, below = linalg.eig(matrix, unit, right=False, homogeneous_eigvals=True)
-    finite = np.abs(below) > INFINITE * np.abs(above)
+    finite = finite_roots(above, below)
     return bool((above[finite] / below[finite]).real.max(initial=-1.0) > 0.0)

@@ -13,12 +13,11 @@ motions on the first basis, ``q_1 = T q_k`` with ``T = Z_1^T Z_k``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation
-from fenics_ehd.analysis.film_memory import SampledStiffness
 
 #: Number of cells around the bearing by which each mesh exceeds the one before.
 CELLS_APART = 2
@@ -71,15 +70,8 @@ def mean_linearisation(parts: Sequence[Linearisation]) -> Linearisation:
     if len(parts) == 1:
         return first
     alike = [first, *(in_basis(part, first.basis) for part in parts[1:])]
-    sampled = [part.sampled for part in alike if part.sampled is not None]
-    return Linearisation(
-        first.basis,
-        np.mean([part.mass for part in alike], axis=0),
-        np.mean([part.damping for part in alike], axis=0),
-        np.mean([part.stiffness for part in alike], axis=0),
-        {name: np.mean([part.films[name] for part in alike], axis=0) for name in first.films},
-        SampledStiffness.combined(sampled, [1 / len(sampled)] * len(sampled)) if sampled else None,
-    )
+    mean = Linearisation.combined(alike, [1 / len(alike)] * len(alike))
+    return replace(mean, basis=first.basis)
 
 
 def in_basis(part: Linearisation, basis: np.ndarray) -> Linearisation:

@@ -35,15 +35,11 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.analysis.equilibrium import Linearisation
-from fenics_ehd.analysis.film_memory import SampledStiffness
+from fenics_ehd.analysis.film_memory import SampledStiffness, finite_roots
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.joints import require_point
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.shaft import ShaftBody, require_shaft_point
-
-#: Ratio of the homogeneous eigenvalue's denominator to its numerator, at a scale of time at which
-#: mass and stiffness are equal, below which a root is infinite.
-INFINITE = 1e-10
 
 #: Imaginary part over the absolute value of a root below which the root is real (round-off of a
 #: double root: the square root of the machine's).
@@ -110,30 +106,38 @@ def modes_of(linear: Linearisation) -> Modes:
     (above, below), y, x = linalg.eig(
         motion, inertia, left=True, right=True, homogeneous_eigvals=True
     )
-    kept = np.flatnonzero(np.abs(below) > INFINITE * np.abs(above))
-    roots = rate * above[kept] / below[kept]
-    roots = np.where(np.abs(roots.imag) > REAL * np.abs(roots), roots, roots.real)
+    kept = finite_roots(above, below)
+    roots = _without_round_off(rate * above[kept] / below[kept])
     x = x[:, kept]
     y = y[:, kept]
     x[size:] *= rate
     y[size:] *= rate / scale
     products = np.einsum("ir,ij,jr->r", y.conj(), linalg.block_diag(unit, linear.mass), x)
-    sizes = np.sqrt(np.abs(products))
-    x = x / sizes
-    y = y / (sizes * np.exp(-1j * np.angle(products)))
+    x, y = _normalised(x, y, products)
     order = np.lexsort((-roots.imag, -roots.real))
     return Modes(roots[order], x[:, order], y[:, order], linear.mass)
+
+
+def _without_round_off(roots: np.ndarray) -> np.ndarray:
+    """Roots whose imaginary parts are zero where they are round-off, see `REAL`."""
+    return np.where(np.abs(roots.imag) > REAL * np.abs(roots), roots, roots.real)
+
+
+def _normalised(
+    x: np.ndarray, y: np.ndarray, products: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Right and left vectors as columns, scaled so that their `products`, shape (r,), are 1."""
+    sizes = np.sqrt(np.abs(products))
+    return x / sizes, y / (sizes * np.exp(-1j * np.angle(products)))
 
 
 def _with_memory(sampled: SampledStiffness, mass: np.ndarray) -> Modes:
     """Modes of small motions with an interpolated dynamic stiffness; `mass` is the matrix M."""
     roots, x, y = sampled.modes(mass)
-    roots = np.where(np.abs(roots.imag) > REAL * np.abs(roots), roots, roots.real)
+    roots = _without_round_off(roots)
     slopes = [sampled.derivative(mass, root) for root in roots]
     products = np.array([y[:, i].conj() @ slope @ x[:, i] for i, slope in enumerate(slopes)])
-    sizes = np.sqrt(np.abs(products))
-    x = x / sizes
-    y = y / (sizes * np.exp(-1j * np.angle(products)))
+    x, y = _normalised(x, y, products)
     upper = [
         (slope - root * mass).conj().T @ y[:, i]
         for i, (slope, root) in enumerate(zip(slopes, roots, strict=True))

@@ -564,7 +564,8 @@ def _critical_speed(bare: RotorMap, point: MapPoint, mode: int) -> CriticalSpeed
 def _limit(bare: RotorMap, point: MapPoint) -> StabilityLimit:
     mode = point.least_stable
     n, track = _track_of(bare, point, mode)
-    before, after = bare.points[max(n - 1, 0)], bare.points[min(n + 1, len(bare.points) - 1)]
+    before = bare.points[max(n - 1, 0)]
+    after = bare.points[min(n + 1, len(bare.points) - 1)]
     rise = after.largest_real_part - before.largest_real_part
     per_speed = rise / (abs(after.speed) - abs(before.speed))
     return StabilityLimit(

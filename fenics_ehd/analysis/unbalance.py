@@ -34,7 +34,6 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation
-from fenics_ehd.analysis.film_memory import SampledStiffness
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import key_hint
 from fenics_ehd.multibody.forces import Unbalance
@@ -207,28 +206,6 @@ def film_force(
     return np.asarray(-linear.film_stiffness(name, 1j * frequency) @ motion)
 
 
-def blended(first: Linearisation, second: Linearisation, share: float) -> Linearisation:
-    """Interpolate the matrices of small motions between two speeds linearly.
-
-    The small motions at both speeds have the same coordinates. `share` is the fraction of the way
-    from the first speed to the second.
-    """
-
-    def mean(name: str) -> np.ndarray:
-        former: np.ndarray = getattr(first, name)
-        return np.asarray((1 - share) * former + share * getattr(second, name))
-
-    films = {
-        name: (1 - share) * film + share * second.films[name] for name, film in first.films.items()
-    }
-    sampled = None
-    if first.sampled is not None and second.sampled is not None:
-        sampled = SampledStiffness.combined((first.sampled, second.sampled), (1 - share, share))
-    return Linearisation(
-        mean("basis"), mean("mass"), mean("damping"), mean("stiffness"), films, sampled
-    )
-
-
 def unbalance_response(
     unbalances: Sequence[Unbalance],
     rows: Sequence[np.ndarray],
@@ -302,7 +279,8 @@ def _finer(computed: Sequence[tuple[float, Linearisation]]) -> list[tuple[float,
         finer.append((speed, linear))
         for share in np.arange(1, FINER) / FINER:
             between = (1 - share) * speed + share * following
-            finer.append((float(between), blended(linear, next_linear, float(share))))
+            mean = Linearisation.combined((linear, next_linear), (float(1 - share), float(share)))
+            finer.append((float(between), mean))
     return [*finer, computed[-1]]
 
 
