@@ -17,6 +17,9 @@ from math import pi
 
 from fenics_ehd.base.errors import SettingsError
 
+#: Revolutions per minute in one radian per second.
+RPM = 30.0 / pi
+
 #: Pattern of a number in the digits 0 to 9 without grouping. Python would also read 1_0 as 10, and
 #: digits of other scripts.
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"

@@ -300,7 +300,7 @@ def _unstable(chart: RotorMap, speed: float) -> str:
 
 
 def _rpm(speed: float) -> float:
-    from fenics_ehd.study.rotor_folder import RPM
+    from fenics_ehd.base.units import RPM
 
     return speed * RPM
 

@@ -9,6 +9,7 @@ import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
 from matplotlib.axes import Axes
 
+from fenics_ehd.base.units import RPM
 from fenics_ehd.plotting.picture import SETTINGS, WIDTH, legend, plt, save, style
 
 #: Weight of a mass of 1 kg [N].
@@ -19,9 +20,6 @@ ALONG = {"frequency": "speed of the shaft [rad/s]", "load_N": "load [N]"}
 
 #: Ratio of the largest to the smallest value above which an axis is logarithmic.
 WIDE = 30.0
-
-#: Factor from rad/s to revolutions per minute.
-RPM = 30.0 / np.pi
 
 
 def plot_bearing_map(

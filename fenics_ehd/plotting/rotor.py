@@ -23,6 +23,7 @@ from fenics_ehd.analysis.modes import (
 )
 from fenics_ehd.analysis.rotor_map import CRITICAL_DAMPING, OVERDAMPED, RotorMap, StabilityLimit
 from fenics_ehd.analysis.unbalance import UnbalanceResponse, larger_axes, phases
+from fenics_ehd.base.units import RPM
 from fenics_ehd.plotting.picture import (
     BLUE,
     PANEL,
@@ -35,8 +36,7 @@ from fenics_ehd.plotting.picture import (
     style,
 )
 
-#: Revolutions per minute in one radian per second, and Hz in one radian per second.
-RPM = 30.0 / np.pi
+#: Hz in one radian per second.
 HERTZ = 0.5 / np.pi
 
 #: Highest frequency in the diagrams over the largest speed.

@@ -22,7 +22,7 @@ import numpy as np
 
 from fenics_ehd import __version__
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import read_text, write_whole
+from fenics_ehd.base.files import read_json, read_text, write_whole
 from fenics_ehd.base.printed import key_hint
 from fenics_ehd.base.settings import walk
 from fenics_ehd.base.units import WRITTEN, in_unit, parse_number
@@ -343,6 +343,36 @@ def identity(scene: Scene) -> dict[str, str]:
         for key, value in by_key(scene.tables)
     }
     return {"version": __version__} | values
+
+
+#: Difference of a stored identity that cannot be read.
+UNREADABLE = "it cannot be read"
+
+
+def difference(path: Path, about: Mapping[str, Any], *, more_keys: bool = True) -> str:
+    """First difference between a stored identity and the present one, as text for a message.
+
+    The text is empty if there is no difference, or no file.
+
+    Parameters
+    ----------
+    path
+        JSON file with the stored identity.
+    about
+        Present identity: values by key.
+    more_keys
+        Whether the file may have further keys.
+    """
+    if not path.exists():
+        return ""
+    try:
+        former = dict(read_json(path))
+    except (OSError, ValueError, TypeError):
+        return UNREADABLE
+    for key in about if more_keys else dict.fromkeys((*about, *former)):
+        if former.get(key) != about.get(key):
+            return f"{key} is {former.get(key)} in the folder, but {about.get(key)} here"
+    return ""
 
 
 def _names_file(key: str, value: object) -> bool:

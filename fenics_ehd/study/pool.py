@@ -48,7 +48,7 @@ from fenics_ehd.base.processes import begin_worker, interrupt_between_steps
 from fenics_ehd.reduction.body import load_body
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.needed_bodies import NeededBody
-from fenics_ehd.study.cases import Case
+from fenics_ehd.study.cases import Case, difference
 from fenics_ehd.study.worker import (
     CaseResult,
     CaseTask,
@@ -331,17 +331,9 @@ class RunsFolder(ExitStack):
 
     def _require_same(self, path: Path, about: Mapping[str, Any]) -> None:
         """Refuse the folder if its JSON file describes another study or sweep."""
-        if not path.exists():
-            return
-        try:
-            stored = dict(read_json(path))
-        except (OSError, ValueError, TypeError):
-            raise OtherFolderError(path, "it cannot be read") from None
-        for key, value in about.items():
-            if stored.get(key) != value:
-                raise OtherFolderError(
-                    path, f"{key} is {stored.get(key)} in the folder, but {value} here"
-                )
+        reason = difference(path, about)
+        if reason:
+            raise OtherFolderError(path, reason)
 
     @property
     def bodies(self) -> Path:

@@ -32,14 +32,14 @@ from fenics_ehd.base.files import (
     clear,
     listed,
     locked,
-    read_json,
     require_writable,
     to_json,
     write_whole,
 )
+from fenics_ehd.base.units import RPM
 from fenics_ehd.scenes.kept_bodies import checksum
 from fenics_ehd.scenes.rotor_map import RotorPlan
-from fenics_ehd.study.cases import identity, write_table
+from fenics_ehd.study.cases import UNREADABLE, difference, identity, write_table
 
 #: Files and folders of a rotor map.
 ABOUT = "rotor.json"
@@ -52,9 +52,6 @@ MADE = (ABOUT, MODES, FILMS, SHAPES, UNBALANCE, SUMMARY, f"{POINTS}/")
 
 #: Array in the file of a point that has its checksum, see `_seal`.
 SEAL = "seal"
-
-#: Revolutions per minute in one radian per second.
-RPM = 30.0 / np.pi
 
 
 class StoredPoints(dict[float, MapPoint]):
@@ -254,21 +251,14 @@ class RotorFolder(ExitStack):
     def _require_same(self, about: Mapping[str, str]) -> None:
         """Refuse the folder if its points are those of another scene."""
         path = self.path / ABOUT
-        if not path.exists():
-            return
-        try:
-            stored = dict(read_json(path))
-        except (OSError, ValueError, TypeError):
+        reason = difference(path, about, more_keys=False)
+        if reason == UNREADABLE:
+            raise InputError(f"{path} cannot be read: choose another folder or use --overwrite")
+        if reason:
             raise InputError(
-                f"{path} cannot be read: choose another folder or use --overwrite"
-            ) from None
-        for key in dict.fromkeys((*about, *stored)):
-            if stored.get(key) != about.get(key):
-                raise InputError(
-                    f"{self.path} has the rotor map of another scene ({key} is "
-                    f"{stored.get(key)} in the folder, but {about.get(key)} here): choose another "
-                    "folder or use --overwrite"
-                )
+                f"{self.path} has the rotor map of another scene ({reason}): choose another folder "
+                "or use --overwrite"
+            )
 
     def write(self, chart: RotorMap, shown: Sequence[int]) -> None:
         """Write the tables of a map, and remove former pictures.
