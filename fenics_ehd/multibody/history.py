@@ -446,7 +446,7 @@ class History(Described):
         budget = figures.get("error_budget", {})
         texts = []
         for label, name, factor, unit in SHOWN_EXTREMES:
-            value = figures.get(f"{name}")
+            value = figures.get(name)
             if isinstance(value, int | float):
                 error = budget.get(label, {}).get("total")
                 bound = f" ± {100 * error:.2g} %" if isinstance(error, float) else ""

@@ -264,7 +264,8 @@ class ReducedBody(Described):
         if self.residual is not None:
             yield "patterns", f"{self.residual.rank} residual patterns"
         if self.modes:
-            lowest, highest = np.min(self.frequencies), np.max(self.frequencies)
+            lowest = np.min(self.frequencies)
+            highest = np.max(self.frequencies)
             yield "frequencies", f"{lowest:.4g} to {highest:.4g} Hz"
         yield "mass", f"{self.inertia.total_mass:.5g} kg"
         for name, bore in self.bores.items():
