@@ -565,10 +565,11 @@ def run_cases(
     """
     if keep:
         folder.claim_runs(cases)
+    complete = sum(outcome.complete for outcome in folder.outcomes.values())
     with (
         tqdm(
-            total=len(folder.cases),
-            initial=len(folder.cases) - len(cases),
+            total=complete + len(cases),
+            initial=complete,
             unit="case",
             file=sys.stderr,
             mininterval=0.2 if sys.stderr.isatty() else 10.0,
