@@ -128,7 +128,6 @@ def for_mpirun() -> dict[str, str]:
 def begin_worker() -> None:
     """Set up a worker process of a pool on this machine, which ends with its parent."""
     set_up_worker()
-    logging.disable(logging.INFO)  # the build log of forms
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -150,6 +149,7 @@ def set_up_worker() -> None:
     os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
     for name in THREADS:
         os.environ.setdefault(name, "1")
+    logging.disable(logging.INFO)  # the build log of forms
     # Processes share the default lock, which a killed process never releases.
     tqdm.set_lock(threading.RLock())
 
