@@ -635,6 +635,7 @@ def record_run(
                 check()
             if multiplier:
                 later_entries |= multiplier_figures(run, check)
+            run.add_reported()
             status = verdict(RunSummary(run))
         if judge is not None:
             budgets, judged = judge(run, directory)
@@ -647,6 +648,10 @@ def record_run(
     if run.cycles is not None:
         # Without its checkpoint, the complete periodic solution cannot be resumed.
         replace(run.final_history(), entries=summary).save(directory)
+    else:
+        # Rows that were written during the run lack the columns of `Recorder.add_reported`.
+        save_run_state(run, directory, began)
+        run.history().write_columns(directory / CSV_NAME)
     return summary
 
 
