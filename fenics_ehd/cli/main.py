@@ -73,6 +73,7 @@ COMMANDS = {
     "bearing": "bearing",
     "check": "check",
     "info": "check",
+    "paper": "paper",
     "paraview": "pictures",
     "part": "part",
     "plot": "pictures",
