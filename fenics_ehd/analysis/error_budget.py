@@ -46,6 +46,12 @@ from typing import Any
 import attrs
 import numpy as np
 
+from fenics_ehd.analysis.figure_errors import (
+    EXTREME_COLUMNS,
+    FigureErrors,
+    has_error_curve,
+    near_extreme,
+)
 from fenics_ehd.analysis.flexibility_check import PartInMemory, checked_errors
 from fenics_ehd.analysis.replay import (
     FINER,
@@ -61,11 +67,11 @@ from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import Instant, Motion, System
-from fenics_ehd.multibody.periodic import CYCLE_NOISE
+from fenics_ehd.multibody.periodic import CYCLE_NOISE, PeriodicSolver
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.summary import PEAKS, RunSummary
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.surface import MissingFlexibility
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
@@ -92,16 +98,14 @@ FAST = 0.3
 #: Largest share that remains from cycle to cycle, with which later cycles are extrapolated.
 SLOWEST = 0.9
 
-#: Relative distance of a quantity from its extreme, within which a time counts as near the extreme.
-NEAR = 0.1
-
 
 @dataclass(frozen=True, eq=False)
 class ErrorCurves:
     """Curves over time of a run or its last cycle, and curves of its errors.
 
-    Every array of curves has the peak pressure [Pa] and the minimum film thickness [m] of every
-    joint, or errors of these (exact minus computed), shape (2, k, joints), at the k `times`.
+    Every array of curves has q quantities of every joint, or errors of these (exact minus
+    computed), shape (q, k, joints), at the k `times`. The first two quantities are the peak
+    pressure [Pa] and the minimum film thickness [m]; the others are the `columns`.
 
     Attributes
     ----------
@@ -110,6 +114,12 @@ class ErrorCurves:
     """
 
     trajectory: Trajectory
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns of joints that have error curves, except the two extremes."""
+        names = [name for joint in self.trajectory.joints.values() for name in joint.columns]
+        return tuple(filter(has_error_curve, dict.fromkeys(names)))
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -135,8 +145,8 @@ class ErrorCurves:
 
     @cached_property
     def reported(self) -> np.ndarray:
-        """Curves of peak pressure and minimum film thickness of the run, shape (2, k, joints)."""
-        return self._linear_at_steps(self.trajectory.extremes)
+        """Curves of the quantities of the run, shape (q, k, joints)."""
+        return self._linear_at_steps(self.trajectory.curves(self.columns))
 
     @cached_property
     def between_nodes(self) -> np.ndarray:
@@ -145,10 +155,10 @@ class ErrorCurves:
         peaks = [np.max(film.pressure, axis=1) for film in films]
         thinnest = [np.min(film.gap, axis=1) for film in films]
         nodal = np.array([peaks, thinnest]).swapaxes(1, 2)
-        return self.reported - self._linear_at_steps(nodal)
+        return self.reported[: len(nodal)] - self._linear_at_steps(nodal)
 
     def _linear_at_steps(self, values: np.ndarray) -> np.ndarray:
-        """Curves by linear interpolation of values at the steps, shape (2, steps, joints)."""
+        """Curves by linear interpolation of values at the steps, shape (q, steps, joints)."""
         return np.array([_linear(self.times, *self._at_steps(each)) for each in values])
 
     def change(
@@ -169,7 +179,8 @@ class ErrorCurves:
             cycle. With r = 0, the result is the change in the second cycle.
         """
         changes = []
-        for values, changed in zip(before.extremes, after.extremes, strict=True):
+        each = (trajectory.curves(self.columns) for trajectory in (before, after))
+        for values, changed in zip(*each, strict=True):
             curves = _curve(before.times, values), _curve(after.times, changed)
             changes.append(factor * self._between(*curves, min(remaining, SLOWEST)))
         return np.array(changes)
@@ -188,8 +199,13 @@ class ErrorCurves:
         limit = second + remaining / (1.0 - remaining) * growth
         return np.nan_to_num(np.where(np.isfinite(second), limit, first))
 
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """Indices of the ends of the steps in `times`, shape (steps,)."""
+        return np.searchsorted(self.times, self.trajectory.times)
+
     def interpolated(self, times: np.ndarray, changes: Sequence[np.ndarray]) -> np.ndarray:
-        """Curves from the changes of both quantities at `times`, each of shape (times, joints)."""
+        """Curves from the changes of all quantities at `times`, each of shape (times, joints)."""
         return np.array([_linear(self.times, times, values) for values in changes])
 
 
@@ -224,7 +240,7 @@ class Extreme:
     value
         Value in the summary of the run [Pa] or [m].
     reported
-        Curves of all joints over time, see `ErrorCurves.reported`, shape (2, k, joints).
+        Curves of all joints over time, see `ErrorCurves.reported`, shape (q, k, joints).
     """
 
     quantity: str
@@ -240,7 +256,7 @@ class Extreme:
     def bias(self, changes: Sequence[np.ndarray]) -> float:
         """Relative error of the extreme from the sum of error curves, positive if it is too large.
 
-        Each of the `changes` is the curves of one error component, shape (2, k, joints).
+        Each of the `changes` is the curves of one error component, shape (q, k, joints).
         """
         values = self._outward(self.reported)
         total = sum(self._outward(change) for change in changes)
@@ -250,8 +266,7 @@ class Extreme:
     def near(self, change: np.ndarray) -> float:
         """Root mean square of an error curve at times near the extreme, over the extreme [-]."""
         values = self._outward(self.reported)
-        near = values >= values.max() - NEAR * abs(values.max())
-        return float(np.sqrt(np.mean(self._outward(change)[near] ** 2)) / abs(self.value))
+        return near_extreme(values, self._outward(change)) / abs(self.value)
 
     def share(self, change: np.ndarray) -> float:
         """Relative error of the extreme by one component: mean of `near` and the size of `bias`.
@@ -481,7 +496,7 @@ class ErrorBudget:
         joints: dict[str, Any] = {name: {} for name in self.joints}
         for component, change in self.changes.items():
             for i, components in enumerate(joints.values()):
-                curves = [*self.curves.reported[..., i], *change[..., i]]
+                curves = [*self.curves.reported[:2, :, i], *change[:2, :, i]]
                 values = np.vstack([self.curves.times - start, *curves])
                 components[component] = dict(zip(OVER_TIME, values.tolist(), strict=True))
         return joints
@@ -593,7 +608,7 @@ class Estimator:
         replay = Replay(run or self._run, trajectory, tolerance, forgiving=True, **how)
         end = float(trajectory.times[-1])
         try:
-            return recorded(replay, end)
+            return recorded(replay, end, look=replay.columns)
         finally:
             self.iterations += replay.iterations
             self._left_out = max(self._left_out, replay.left_out / (end - trajectory.began))
@@ -661,11 +676,27 @@ class Estimator:
         equations = self._run.equations
         changes = missing_gaps(equations, again, component, periodic, self._checked_shares)
         sizes = np.column_stack([np.abs(change).max(axis=1) for change in changes])
-        peaks, films = again.extremes
+        films = again.extremes[1]
         if not (sizes / films).max() > SMALL:
-            return self._curves.interpolated(again.times, [sizes / films * peaks, sizes])
+            return self._curves.interpolated(again.times, self._small_changes(again, sizes))
         widened = self._follow(again, changes=changes).widened(changes)
         return self._change(again, widened, 1.0)
+
+    def _small_changes(self, again: Trajectory, sizes: np.ndarray) -> np.ndarray:
+        """Changes of all quantities by a small change of the gaps, shape (q, k, joints).
+
+        Relative changes are taken as equal to that of the film thickness, changes of the journal's
+        position as equal to that of the gap. `sizes` are the largest changes of the gaps at every
+        step of the trajectory `again`, shape (k, joints) [m].
+        """
+        values = again.curves(self._curves.columns)
+        changes = sizes / values[1] * np.abs(values)
+        clearances = np.array([binding.film.clearance for binding in self._system.films])
+        changes[1] = sizes
+        for row, name in enumerate(self._curves.columns, start=len(QUANTITIES)):
+            if name.startswith("eccentricity"):
+                changes[row] = sizes / clearances if name.endswith("_ratio") else sizes
+        return changes
 
     def _joint(
         self, i: int, binding: FilmBinding, changes: Mapping[str, np.ndarray]
@@ -689,17 +720,21 @@ class Estimator:
             largest[quantity] = summed(over)
             errors[quantity]["between_nodes"] = extreme.near(self._curves.between_nodes)
             errors[quantity]["bias"] = extreme.bias([*changes.values()])
-        return errors | {"largest_over_cycle": largest, "figures": self._figures(binding, errors)}
-
-    def _figures(self, binding: FilmBinding, errors: Mapping[str, Any]) -> dict[str, float | str]:
-        """Absolute errors of the figures of a joint, from relative `errors` by quantity."""
-        figures: dict[str, float | str] = {}
-        for quantity, column in zip(QUANTITIES, PEAKS, strict=False):
-            known = errors[quantity]["known"]
-            if not isinstance(known, str):
-                known *= self._summary.extremes[binding.name][quantity][0]
-            figures |= {column: known, f"cycle_{column}": known}
-        return figures
+        figures = FigureErrors(
+            self._summary,
+            binding,
+            (*EXTREME_COLUMNS, *self._curves.columns),
+            self._curves.steps,
+            self._curves.reported[..., i],
+            {name: change[..., i] for name, change in changes.items()},
+            self._remaining_part,
+        ).errors
+        for quantity, column in zip(QUANTITIES, EXTREME_COLUMNS, strict=True):
+            error = errors[quantity]["known"]
+            if not isinstance(error, str):
+                error *= self._summary.extremes[binding.name][quantity][0]
+            figures |= {column: error, f"cycle_{column}": error}
+        return errors | {"largest_over_cycle": largest, "figures": figures}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
         """Relative errors of an extreme and of its curve, due to a cycle that is not yet periodic.
@@ -709,19 +744,40 @@ class Estimator:
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
-        contraction = cycles.contraction
-        if not contraction < 1.0:
-            noise = max(cycles.periodicity, CYCLE_NOISE * self._run.control.tolerance)
-            if not max(cycles.moved, cycles.left) <= noise:
-                return NOT_ESTIMATED, NOT_ESTIMATED
-            # The changes are noise, so that their ratio is not the contraction of a cycle.
-            contraction = SLOWEST
-        remaining = cycles.left / (1.0 - contraction)
+        remaining = remaining_distance(cycles, self._run.control.tolerance)
+        if remaining is None:
+            return NOT_ESTIMATED, NOT_ESTIMATED
         now = self._summary.extremes[joint][quantity][0]
         then = self._summary.former_extremes[joint][quantity][0]
         part = remaining / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(remaining))
+
+    @property
+    def _remaining_part(self) -> float | None:
+        """Distance from the periodic state, over that between the starts of the last two cycles.
+
+        The result is 0 for a run without cycles, and None if the distance is not known.
+        """
+        if self._cycles is None or not self._cycles.moved:
+            return 0.0
+        remaining = remaining_distance(self._cycles, self._run.control.tolerance)
+        return None if remaining is None else remaining / self._cycles.moved
+
+
+def remaining_distance(cycles: PeriodicSolver, tolerance: float) -> float | None:
+    """Relative distance of the gaps at the end of a search from the periodic state [-].
+
+    The result is None if it is not known. `tolerance` is that of the steps.
+    """
+    contraction = cycles.contraction
+    if not contraction < 1.0:
+        noise = max(cycles.periodicity, CYCLE_NOISE * tolerance)
+        if not max(cycles.moved, cycles.left) <= noise:
+            return None
+        # The changes are noise, so that their ratio is not the contraction of a cycle.
+        contraction = SLOWEST
+    return cycles.left / (1.0 - contraction)
 
 
 def _one_line(error: Exception) -> str:
