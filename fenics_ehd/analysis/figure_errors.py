@@ -31,6 +31,9 @@ WITHOUT_CURVE = ("_deg", "_height_m", "_error_estimate_m")
 #: Relative distance of a quantity from its extreme, within which a time counts as near the extreme.
 NEAR = 0.1
 
+#: Assumed order of the error of a mean over steps, for columns whose slopes jump.
+QUADRATURE_ORDER = 2
+
 
 def has_error_curve(column: str) -> bool:
     """Whether a column of a joint, by its name with unit, has error curves beside the extremes."""
@@ -107,7 +110,7 @@ class FigureErrors:
             return errors
         names = [name for name, reason in errors.items() if reason == NOT_ESTIMATED]
         each = [self._by_change(change, names) for change in self.changes.values()]
-        each.append(self._by_start(names))
+        each += [self._by_start(names), self._by_quadrature(names)]
         totals = {name: sum(component[name] for component in each) for name in names}
         errors |= {name: total for name, total in totals.items() if np.isfinite(total)}
         heat = self.binding.joint.heat
@@ -153,6 +156,24 @@ class FigureErrors:
             return dict.fromkeys(names, 0.0)
         before = self._figures(former)
         return {name: self.remaining * self._distance(name, before) for name in names}
+
+    def _by_quadrature(self, names: list[str]) -> dict[str, float]:
+        """Errors of the figures in `names` because columns are known at the steps only.
+
+        They are estimated from the change of a figure if every other step is left out. Extremes are
+        interpolated between steps, and have no such error.
+        """
+        start = max(self.summary.first - 1, 0)
+        last = len(self.summary.columns["time_s"]) - 1
+        rows = np.unique(np.append(start, np.arange(last, start, -2)))
+        columns = {name: values[rows] for name, values in self.summary.columns.items()}
+        coarse = self._figures(self.summary.with_columns(columns))
+        return {
+            name: 0.0
+            if extreme_column(name, self.columns)
+            else self._distance(name, coarse) / (2.0**QUADRATURE_ORDER - 1.0)
+            for name in names
+        }
 
     def _distance(self, name: str, others: Mapping[str, float]) -> float:
         """Distance of a figure of the run from the same figure in `others`; nan if unknown."""

@@ -168,12 +168,19 @@ class RunSummary:
         """Summary of the same run with other columns, whose errors are not estimated."""
         return RunSummary(self.recorder, other_columns=columns)
 
-    @property
+    @cached_property
     def former(self) -> RunSummary | None:
-        """Summary of the previous cycle of a search; None if there is no previous cycle."""
-        if not self.first:
+        """Summary of the previous cycle of a search; None if there is no previous cycle.
+
+        The start of that cycle is not recorded: it has the values of its end.
+        """
+        first = self.first
+        if not first:
             return None
-        return self.with_columns({name: v[: self.first] for name, v in self.columns.items()})
+        columns = {name: np.append(v[first - 1], v[:first]) for name, v in self.columns.items()}
+        columns["time_s"][0] = columns["time_s"][1] - columns["run/cycle_time_s"][1]
+        columns["run/cycle"][0] -= 1
+        return self.with_columns(columns)
 
     @property
     def last_cycle(self) -> Cycle | None:
