@@ -30,8 +30,6 @@ would therefore have an arbitrary sign, so that trajectories are compared as smo
 (`ErrorCurves`). Extremes of a run are interpolated between nodes and steps
 (`fenics_ehd.base.extremes`), so that the budget needs no component for the distances of nodes and
 steps.
-
-Imports inside functions: SciPy's interpolation is slow to import, and only budgets need it.
 """
 
 from __future__ import annotations
@@ -46,12 +44,8 @@ from typing import Any
 import attrs
 import numpy as np
 
-from fenics_ehd.analysis.figure_errors import (
-    EXTREME_COLUMNS,
-    FigureErrors,
-    has_error_curve,
-    near_extreme,
-)
+from fenics_ehd.analysis.error_curves import EXTREME_COLUMNS, SLOWEST, ErrorCurves, Extreme
+from fenics_ehd.analysis.figure_errors import FigureErrors
 from fenics_ehd.analysis.flexibility_check import PartInMemory, checked_errors
 from fenics_ehd.analysis.replay import (
     FINER,
@@ -88,202 +82,9 @@ SETTLED = 5.0
 #: Largest tolerance of the last Newton update, small against the differences of trajectories.
 LITTLE = 5e-4
 
-#: Number of parts of a step at whose ends curves are evaluated.
-PARTS = 5
-
 #: A difference is continued into a second cycle until this share of its initial size remains, but
 #: not beyond the end of that cycle.
 FAST = 0.3
-
-#: Largest share that remains from cycle to cycle, with which later cycles are extrapolated.
-SLOWEST = 0.9
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorCurves:
-    """Curves over time of a run or its last cycle, and curves of its errors.
-
-    Every array of curves has q quantities of every joint, or errors of these (exact minus
-    computed), shape (q, k, joints), at the k `times`. The first two quantities are the peak
-    pressure [Pa] and the minimum film thickness [m]; the others are the `columns`.
-
-    Attributes
-    ----------
-    trajectory
-        Trajectory of the run.
-    """
-
-    trajectory: Trajectory
-
-    @cached_property
-    def columns(self) -> tuple[str, ...]:
-        """Names of all columns of joints that have error curves, except the two extremes."""
-        names = [name for joint in self.trajectory.joints.values() for name in joint.columns]
-        return tuple(filter(has_error_curve, dict.fromkeys(names)))
-
-    @cached_property
-    def times(self) -> np.ndarray:
-        """Times at which the curves are evaluated: the steps of the run and times between them [s].
-
-        The shape is (k,).
-        """
-        times = self.trajectory.times
-        before = np.append(self.trajectory.began, times[:-1])
-        between = [times - share * (times - before) for share in np.arange(PARTS) / PARTS]
-        return np.unique(between)
-
-    def _at_steps(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values at the steps of the run.
-
-        The start of a cycle is added, with the values at the end of the cycle.
-        """
-        times = self.trajectory.times
-        period = self.trajectory.period
-        if period is None:
-            return times, values
-        return np.append(times[-1] - period, times), np.vstack([values[-1:], values])
-
-    @cached_property
-    def reported(self) -> np.ndarray:
-        """Curves of the quantities of the run, shape (q, k, joints)."""
-        return self._linear_at_steps(self.trajectory.curves(self.columns))
-
-    @cached_property
-    def between_nodes(self) -> np.ndarray:
-        """Curves of the extremes between nodes, minus the extremes at the nodes alone."""
-        films = [joint.film for joint in self.trajectory.joints.values()]
-        peaks = [np.max(film.pressure, axis=1) for film in films]
-        thinnest = [np.min(film.gap, axis=1) for film in films]
-        nodal = np.array([peaks, thinnest]).swapaxes(1, 2)
-        return self.reported[: len(nodal)] - self._linear_at_steps(nodal)
-
-    def _linear_at_steps(self, values: np.ndarray) -> np.ndarray:
-        """Curves by linear interpolation of values at the steps, shape (q, steps, joints)."""
-        return np.array([_linear(self.times, *self._at_steps(each)) for each in values])
-
-    def change(
-        self,
-        before: Trajectory,
-        after: Trajectory,
-        factor: float | np.ndarray,
-        remaining: float = 0.0,
-    ) -> np.ndarray:
-        """Curves of the change between two trajectories, times a factor, after many cycles.
-
-        Parameters
-        ----------
-        before, after, factor
-            Trajectories of the run and of the changed run, and the factor.
-        remaining
-            Ratio r, with its sign, by which the growth of the change is multiplied from cycle to
-            cycle. With r = 0, the result is the change in the second cycle.
-        """
-        changes = []
-        each = (trajectory.curves(self.columns) for trajectory in (before, after))
-        for values, changed in zip(*each, strict=True):
-            curves = _curve(before.times, values), _curve(after.times, changed)
-            changes.append(factor * self._between(*curves, min(remaining, SLOWEST)))
-        return np.array(changes)
-
-    def _between(self, before: Callable, after: Callable, remaining: float) -> np.ndarray:
-        """Change of one quantity between two trajectories, after many cycles, shape (k, joints).
-
-        `before` and `after` are functions that evaluate the quantity at given times.
-        """
-        first = after(self.times) - before(self.times)
-        if self.trajectory.period is None:
-            return np.nan_to_num(first)
-        later = self.times + self.trajectory.period
-        second = after(later) - before(later)
-        growth = second - np.where(np.isfinite(first), first, second)
-        limit = second + remaining / (1.0 - remaining) * growth
-        return np.nan_to_num(np.where(np.isfinite(second), limit, first))
-
-    @cached_property
-    def steps(self) -> np.ndarray:
-        """Indices of the ends of the steps in `times`, shape (steps,)."""
-        return np.searchsorted(self.times, self.trajectory.times)
-
-    def interpolated(self, times: np.ndarray, changes: Sequence[np.ndarray]) -> np.ndarray:
-        """Curves from the changes of all quantities at `times`, each of shape (times, joints)."""
-        return np.array([_linear(self.times, times, values) for values in changes])
-
-
-def _linear(wanted: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate values linearly at the times `wanted`; values have the shape (times, joints)."""
-    return np.column_stack([np.interp(wanted, times, column) for column in values.T])
-
-
-def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Function that evaluates smooth curves through values at given times, shape (k, joints).
-
-    The function takes times; it returns nan outside of the range of the given times.
-    """
-    if len(times) < 2:
-        return lambda wanted: np.full((len(wanted), values.shape[1]), np.nan)
-    from scipy.interpolate import Akima1DInterpolator
-
-    curve = Akima1DInterpolator(times, values)
-    return lambda wanted: np.asarray(curve(wanted, extrapolate=False))
-
-
-@dataclass(frozen=True, eq=False)
-class Extreme:
-    """Peak pressure or minimum film thickness of one joint over a run or cycle.
-
-    Attributes
-    ----------
-    quantity
-        ``"max_pressure"`` or ``"min_film_thickness"``.
-    joint
-        Index of the joint.
-    value
-        Value in the summary of the run [Pa] or [m].
-    reported
-        Curves of all joints over time, see `ErrorCurves.reported`, shape (q, k, joints).
-    """
-
-    quantity: str
-    joint: int
-    value: float
-    reported: np.ndarray
-
-    def _outward(self, curves: np.ndarray) -> np.ndarray:
-        """Curve of this quantity and joint, shape (k,); multiplied by -1 for a film thickness."""
-        curve = curves[QUANTITIES.index(self.quantity), :, self.joint]
-        return curve if self.quantity == "max_pressure" else -curve
-
-    def bias(self, changes: Sequence[np.ndarray]) -> float:
-        """Relative error of the extreme from the sum of error curves, positive if it is too large.
-
-        Each of the `changes` is the curves of one error component, shape (q, k, joints).
-        """
-        values = self._outward(self.reported)
-        total = sum(self._outward(change) for change in changes)
-        growth = float((values + total).max() - values.max()) / abs(self.value)
-        return 0.0 - growth if self.quantity == "max_pressure" else growth
-
-    def near(self, change: np.ndarray) -> float:
-        """Root mean square of an error curve at times near the extreme, over the extreme [-]."""
-        values = self._outward(self.reported)
-        return near_extreme(values, self._outward(change)) / abs(self.value)
-
-    def share(self, change: np.ndarray) -> float:
-        """Relative error of the extreme by one component: mean of `near` and the size of `bias`.
-
-        `near` is included because an unchanged extreme between changed neighbours is a coincidence.
-        """
-        return 0.5 * (abs(self.bias([change])) + self.near(change))
-
-    def over(self, change: np.ndarray) -> float:
-        """Largest relative error of the curve at any time.
-
-        An error of pressure is relative to the peak over all times, an error of film thickness to
-        the film thickness at the same time.
-        """
-        values = self._outward(self.reported)
-        scale = np.abs(values) if self.quantity == "min_film_thickness" else abs(self.value)
-        return float((np.abs(self._outward(change)) / scale).max())
 
 
 def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
@@ -678,7 +479,7 @@ class Estimator:
         sizes = np.column_stack([np.abs(change).max(axis=1) for change in changes])
         films = again.extremes[1]
         if not (sizes / films).max() > SMALL:
-            return self._curves.interpolated(again.times, self._small_changes(again, sizes))
+            return self._curves.interpolated(again.times, [*self._small_changes(again, sizes)])
         widened = self._follow(again, changes=changes).widened(changes)
         return self._change(again, widened, 1.0)
 

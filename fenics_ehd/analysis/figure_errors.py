@@ -17,39 +17,14 @@ from functools import cached_property
 
 import numpy as np
 
+from fenics_ehd.analysis.error_curves import near_extreme
 from fenics_ehd.multibody.figures import numbers, reason_of
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import NOT_ESTIMATED
 
-#: Columns of the first two quantities of error curves.
-EXTREME_COLUMNS = ("max_pressure_Pa", "min_film_thickness_m")
-
-#: Ends of columns without error curves: angles and heights of points, and estimates of errors.
-WITHOUT_CURVE = ("_deg", "_height_m", "_error_estimate_m")
-
-#: Relative distance of a quantity from its extreme, within which a time counts as near the extreme.
-NEAR = 0.1
-
 #: Assumed order of the error of a mean over steps, for columns whose slopes jump.
 QUADRATURE_ORDER = 2
-
-
-def has_error_curve(column: str) -> bool:
-    """Whether a column of a joint, by its name with unit, has error curves beside the extremes."""
-    return column not in EXTREME_COLUMNS and not column.endswith(WITHOUT_CURVE)
-
-
-def near_extreme(values: np.ndarray, change: np.ndarray) -> float:
-    """Root mean square of an error curve at times when a curve is near its maximum.
-
-    Parameters
-    ----------
-    values, change
-        Curve and its error at k times, shape (k,).
-    """
-    near = values >= values.max() - NEAR * abs(values.max())
-    return float(np.sqrt(np.mean(change[near] ** 2)))
 
 
 def extreme_column(name: str, columns: tuple[str, ...]) -> str | None:
