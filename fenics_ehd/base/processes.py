@@ -7,7 +7,7 @@
 - Libraries do not write to the standard output, which has the results of commands.
 
 Imports inside functions: the import of mpi4py starts MPI. A worker must start MPI after its
-environment is set up, and a single process need not start MPI. Only workers need tqdm.
+environment is set up, and a single process need not start MPI.
 """
 
 from __future__ import annotations
@@ -102,8 +102,6 @@ def begin_worker() -> None:
     The function must be called before MPI starts: the process would otherwise act as the rank of
     its parent.
     """
-    from tqdm import tqdm
-
     for name, value in list(os.environ.items()):
         if set_by_launcher(name, value):
             del os.environ[name]
@@ -112,8 +110,6 @@ def begin_worker() -> None:
     for name in THREADS:
         os.environ.setdefault(name, "1")
     logging.disable(logging.INFO)  # the build log of forms
-    # Processes share the default lock, which a killed process never releases.
-    tqdm.set_lock(threading.RLock())
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

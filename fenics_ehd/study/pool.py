@@ -10,7 +10,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
@@ -22,15 +21,16 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import sleep
 from typing import Any, ClassVar, TypeVar
 
 from mpi4py import MPI
-from tqdm import tqdm
 
 from fenics_ehd.base.errors import BodyFileError, EhdError, InputError, SettingsError
 from fenics_ehd.base.files import (
@@ -45,6 +45,7 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.processes import begin_worker, interrupt_between_steps
+from fenics_ehd.base.progress import Stage, read_progress, say, shown_progress
 from fenics_ehd.reduction.body import load_body
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.needed_bodies import NeededBody
@@ -53,6 +54,7 @@ from fenics_ehd.study.worker import (
     CaseResult,
     CaseTask,
     Outcome,
+    PartTask,
     StoredBody,
     body_path,
     failed,
@@ -96,6 +98,7 @@ def outcomes(
     function: Callable[[T], R],
     tasks: Iterable[T],
     check: Callable[[], None],
+    watch: Callable[[Sequence[T]], None] = lambda running: None,
 ) -> Iterator[tuple[T, R | Outcome]]:
     """Run tasks, and yield each task with its result, in the order in which the tasks end.
 
@@ -111,6 +114,8 @@ def outcomes(
         Arguments of the function.
     check
         Function that is called several times a second, and may raise `KeyboardInterrupt`.
+    watch
+        Function that is called as often, with the tasks that are running.
     """
     waiting: dict[Future[R], T] = {}
     try:
@@ -122,6 +127,7 @@ def outcomes(
         while waiting:
             ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
             check()
+            watch([task for future, task in waiting.items() if future.running()])
             for future in ended:
                 result = _result(future)
                 yield waiting.pop(future), result
@@ -201,8 +207,38 @@ def _block_interrupts() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
 
 
+class Watch:
+    """Progress of many tasks, which shows the first running task and how far it is.
+
+    Parameters
+    ----------
+    stage
+        Stage of the progress, in cases.
+    folder
+        Folder of the files to which worker processes write their progress.
+    """
+
+    def __init__(self, stage: Stage, folder: Path):
+        self.stage = stage
+        self.failed = 0
+        self._folder = folder
+
+    def file(self, name: str) -> Path:
+        """Path of the file for the progress of a task."""
+        return self._folder / name
+
+    def __call__(self, running: Sequence[CaseTask | PartTask]) -> None:
+        """Show how far the first of the running tasks is."""
+        notes = [f"{self.failed} failed"] if self.failed else []
+        if running:
+            first = running[0]
+            reported = read_progress(self.file(first.name)).partition(": ")[2]
+            notes.append(": ".join(filter(None, [first.name, reported])))
+        self.stage.to(self.stage.done, ", ".join(notes))
+
+
 def reduce_missing(
-    cases: Iterable[Case], directory: Path, pool: Executor, check: Callable[[], None]
+    cases: Iterable[Case], directory: Path, pool: Executor, check: Callable[[], None], watch: Watch
 ) -> Mapping[str, Outcome]:
     """Reduce bodies whose files are missing or damaged.
 
@@ -216,18 +252,18 @@ def reduce_missing(
     reduce = partial(reduce_part, directory=directory)
     failures: dict[str, Outcome] = {}
     reduced = read = 0
-    for bodies, answer in outcomes(pool, reduce, map(in_turn, parts.values()), check):
+    tasks = [PartTask(in_turn(bodies)) for bodies in parts.values()]
+    tasks = [replace(task, progress=watch.file(task.name)) for task in tasks]
+    for task, answer in outcomes(pool, reduce, tasks, check, watch):
         if isinstance(answer, Outcome):
-            lost = (body for body in bodies if not _is_usable(body_path(directory, body)))
+            lost = (body for body in task.bodies if not _is_usable(body_path(directory, body)))
             failures |= {body.name: answer for body in lost}
         else:
             failures |= answer.failures
             reduced += answer.reduced
             read += answer.read
     if parts:
-        words = f"reduced bodies: {reduced} made, {read} read from the cache"
-        with suppress(OSError):  # the standard error output is closed
-            tqdm.write(f"fenics-ehd: {words}", file=sys.stderr)
+        say(f"fenics-ehd: reduced bodies: {reduced} made, {read} read from the cache")
     return failures
 
 
@@ -448,29 +484,27 @@ def run_cases(
     keep
         Whether the files of each run are kept in its folder.
     """
+    total = len(folder.cases)
+    done = total - len(cases)
     with (
-        tqdm(
-            total=len(folder.cases),
-            initial=len(folder.cases) - len(cases),
-            unit="case",
-            file=sys.stderr,
-            mininterval=0.2 if sys.stderr.isatty() else 10.0,
-        ) as bar,
+        TemporaryDirectory(prefix="fenics-ehd-", ignore_cleanup_errors=True) as files,
+        shown_progress(logs=True).stage(folder.command, total, "cases", done=done) as stage,
         interrupt_between_steps() as check,
     ):
-        failures = reduce_missing(cases, folder.bodies, pool, check)
+        watch = Watch(stage, Path(files))
+        failures = reduce_missing(cases, folder.bodies, pool, check, watch)
         needed = ((case, body.name) for case in cases for body in case.bodies.values())
         lost = {case: failures[name] for case, name in needed if name in failures}
         ready = (case for case in cases if case not in lost)
         tasks = folder.tasks(ready, keep, travel=executor is not None)
-        results = outcomes(executor or pool, run_case, tasks, check)
+        if executor is None:
+            tasks = (replace(task, progress=watch.file(task.name)) for task in tasks)
+        results = outcomes(executor or pool, run_case, tasks, check, watch)
         ended = ((task.case, result) for task, result in results)
-        incomplete = 0
         for case, result in chain(lost.items(), ended):
             folder.add(case, result if isinstance(result, CaseResult) else CaseResult(result))
-            incomplete += not folder.outcomes[case.name].complete
-            bar.set_postfix_str(f"{incomplete} failed", refresh=False)
-            bar.update()
+            watch.failed += not folder.outcomes[case.name].complete
+            stage.add()
 
 
 def _share(file: Path, copy: Path) -> None:

@@ -29,6 +29,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.files import SUMMARY, listed
 from fenics_ehd.base.processes import one_blas_thread
+from fenics_ehd.base.progress import written_progress
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
@@ -93,17 +94,40 @@ class Reductions:
     failures: Mapping[str, Outcome]
 
 
-def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> Reductions:
+@dataclass(frozen=True)
+class PartTask:
+    """Bodies of one part that are reduced in one process.
+
+    Attributes
+    ----------
+    bodies
+        Bodies in the order in which they are reduced.
+    progress
+        Path of the file to which the process writes its progress.
+    """
+
+    bodies: Sequence[NeededBody]
+    progress: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the part in a progress."""
+        return f"reduction of {self.bodies[0].key.rpartition('.')[2]}"
+
+
+def reduce_part(task: PartTask, directory: Path) -> Reductions:
     """Reduce bodies of one part in this process, or read all from the cache; save each to a file.
 
     Parameters
     ----------
-    bodies
-        Bodies of the same part, in the order in which they are reduced.
+    task
+        Bodies of the part.
     directory
         Folder of all reduced bodies; a body is saved as soon as it is reduced.
     """
     comm = MPI.COMM_SELF
+    bodies = task.bodies
+    progress = written_progress(task.progress)
     directory.mkdir(parents=True, exist_ok=True)
     entries: list[Entry] = []
     for body in bodies:
@@ -118,18 +142,27 @@ def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> Reductions:
         return Reductions(0, len(read), {})
     first = bodies[0]
     try:
-        part = elastic_part(first.settings, first.key, first.film_element, comm, first.film_edges)
+        part = elastic_part(
+            first.settings,
+            first.key,
+            first.film_element,
+            comm,
+            first.film_edges,
+            progress=progress,
+        )
         reductor = part.reductor() if len(bodies) > 1 else None
     except Exception as error:
         return Reductions(0, 0, {body.name: failed(error) for body in bodies})
     failures = {}
-    for body, entry in zip(bodies, entries, strict=True):
-        try:
-            part = replace(part, settings=body.settings, entry=entry)
-            save_body(part.reduce(reductor=reductor).body, body_path(directory, body))
-            part = replace(part, spent=np.zeros(2))
-        except Exception as error:
-            failures[body.name] = failed(error)
+    with progress.stage("bodies", len(bodies)) as stage:
+        for body, entry in zip(bodies, entries, strict=True):
+            try:
+                part = replace(part, settings=body.settings, entry=entry)
+                save_body(part.reduce(reductor=reductor).body, body_path(directory, body))
+                part = replace(part, spent=np.zeros(2))
+            except Exception as error:
+                failures[body.name] = failed(error)
+            stage.add()
     return Reductions(len(bodies) - len(failures), 0, failures)
 
 
@@ -177,12 +210,21 @@ class CaseTask:
         Command that owns the run's folder, ``"study"`` or ``"sweep"``.
     keep
         Whether the files of the run are returned.
+    progress
+        Path of the file to which the process writes its progress; None if the process may be on
+        another machine.
     """
 
     case: Case
     bodies: Mapping[str, StoredBody]
     command: str
     keep: bool
+    progress: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the case."""
+        return self.case.name
 
 
 @dataclass(frozen=True)
@@ -232,7 +274,14 @@ def _summary(task: CaseTask, directory: Path) -> dict[str, Any]:
     seconds = sum(float(body.provenance[SECONDS]) for body in bodies.values())
     timed = replace(built, seconds=seconds)
     with RunFolder(directory, flexible(scene), command=task.command) as folder:
-        summary = run_scene(scene, timed, folder.path, interval=inf, alone=False)
+        summary = run_scene(
+            scene,
+            timed,
+            folder.path,
+            interval=inf,
+            alone=False,
+            progress=written_progress(task.progress),
+        )
     return summary | part_figures(bodies.values()) | {"film_cells": _film_cells(built.mechanism)}
 
 
