@@ -67,7 +67,7 @@ from fenics_ehd.multibody.periodic import CYCLE_NOISE
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.summary import RunSummary
+from fenics_ehd.multibody.summary import PEAKS, RunSummary
 from fenics_ehd.multibody.surface import MissingFlexibility
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
@@ -708,7 +708,17 @@ class Estimator:
             largest[quantity] = summed(over)
             errors[quantity]["between_nodes"] = extreme.near(self._curves.between_nodes)
             errors[quantity]["bias"] = extreme.bias([*changes.values()])
-        return errors | {"largest_over_cycle": largest}
+        return errors | {"largest_over_cycle": largest, "figures": self._figures(binding, errors)}
+
+    def _figures(self, binding: FilmBinding, errors: Mapping[str, Any]) -> dict[str, float | str]:
+        """Absolute errors of the figures of a joint, from relative `errors` by quantity."""
+        figures: dict[str, float | str] = {}
+        for quantity, column in zip(QUANTITIES, PEAKS, strict=False):
+            known = errors[quantity]["known"]
+            if not isinstance(known, str):
+                known *= self._summary.extremes[binding.name][quantity][0]
+            figures |= {column: known, f"cycle_{column}": known}
+        return figures
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
         """Relative errors of an extreme and of its curve, due to a cycle that is not yet periodic.

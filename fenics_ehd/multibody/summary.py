@@ -19,6 +19,7 @@ from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.extremes import over_time
 from fenics_ehd.film.film import steepest_thickening
 from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle
+from fenics_ehd.multibody.figures import stated_errors
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.notices import (
     RINGING,
@@ -244,10 +245,13 @@ class RunSummary:
             figures |= self._means(binding, rates)
         if name in self.recorder.slid:
             figures |= wear(binding, self.recorder.slid[name])
-        if name in self.error_budget:
-            figures["error_budget"] = self.error_budget[name]
         figures |= orbit_figures(binding, cycle, self.columns)
-        return figures | cycle_figures(cycle, self.columns, name, rates)
+        figures |= cycle_figures(cycle, self.columns, name, rates)
+        if name in self.error_budget:
+            budget = dict(self.error_budget[name])
+            errors = budget.pop("figures", {})
+            figures |= {"error_budget": budget, "errors": stated_errors(figures, errors)}
+        return figures
 
     def _basis_error(self, binding: FilmBinding) -> float:
         """Largest estimated gap error at a joint due to the basis of a reduced body [m].
