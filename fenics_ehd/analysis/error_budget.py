@@ -552,7 +552,7 @@ class Estimator:
                 estimates = {}
             common = self._left_out
             for number, (name, change) in enumerate(estimates.items(), start=1):
-                stage.to(number, name)
+                stage.to(number, name.replace("_", " "))
                 self._left_out = common
                 try:
                     changes[name] = change(again)

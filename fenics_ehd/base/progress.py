@@ -41,8 +41,10 @@ REPORT_INTERVAL = 0.5
 #: Beginning of a line in the log of a command.
 LOG_PREFIX = "progress: "
 
-#: Time from the start of a stage before which the time left is not estimated [s].
+#: Time [s] and share of the work from which on the time left is estimated: the first steps of a run
+#: are much shorter than later ones.
 FIRST_ESTIMATE = 0.5
+FIRST_SHARE = 0.02
 
 
 class Stage:
@@ -102,13 +104,19 @@ class Stage:
         if self.total:
             words.append(f"{100 * min(self.done / self.total, 1.0):.0f} %")
             advance = self.done - self._first
-            if advance > 0 and elapsed > FIRST_ESTIMATE:
+            if advance > FIRST_SHARE * self.total and elapsed > FIRST_ESTIMATE:
                 remaining = elapsed * max(self.total - self.done, 0.0) / advance
                 words.append(f"{duration(remaining)} left")
-            words.append(f"{self.done:.6g} of {self.total:.6g} {self._unit}".rstrip())
+            amounts = f"{_amount(self.done)} of {_amount(self.total)}"
+            words.append(f"{amounts} {self._unit}".rstrip())
         elif elapsed >= 1.0:
             words.append(duration(elapsed))
         return ", ".join(filter(None, [*words, self._note]))
+
+
+def _amount(value: float) -> str:
+    """Text of an amount: all digits of a count, four digits of any other number."""
+    return f"{value:.0f}" if value == round(value) else f"{value:.4g}"
 
 
 def duration(seconds: float) -> str:
