@@ -94,7 +94,7 @@ def test_logs_have_lines_only_of_long_work_and_ranks_but_the_first_none(clock, m
 
 
 def test_a_line_of_a_terminal_is_rewritten_and_removed(tmp_path):
-    """The terminal is a real one; the cursor stays at the start of the line, where the next output begins."""
+    """The terminal is a real one; the cursor stays at the start of the line."""
     code = (
         "from fenics_ehd.base.progress import shown_progress\n"
         "with shown_progress().stage('solves', 2) as stage:\n"
