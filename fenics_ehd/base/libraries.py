@@ -24,6 +24,7 @@ ARRAYS = ("numpy", "scipy", "scipy.linalg", "h5py")
 #: Modules of this package that import a library without options of the current folder.
 STARTS = {
     "dolfinx": "fenics_ehd.base.compat",
+    "gmsh": "fenics_ehd.base.gmsh_start",
     "matplotlib": "fenics_ehd.base.matplotlib_start",
     "petsc4py": "fenics_ehd.base.petsc_start",
     "slepc4py": "fenics_ehd.base.petsc_start",
@@ -60,7 +61,7 @@ def version_of(name: str) -> str:
         return "broken"
 
 
-#: Folder of Debian's packages for Python, and folder in which Debian has all libraries: petsc4py and
+#: Folder of Debian's packages for Python, and folder of all of Debian's libraries: petsc4py and
 #: dolfinx of several versions are elsewhere in it.
 DEBIAN = Path("/usr/lib/python3/dist-packages")
 DEBIAN_LIBRARIES = Path("/usr/lib")
@@ -110,8 +111,8 @@ def _numpy_in(folder: Path) -> str:
     """Version of NumPy in a folder of packages, from its metadata; empty if there are none."""
     from importlib import metadata
 
-    found = metadata.distributions(name="numpy", path=[str(folder)])
-    return next((each.version for each in found), "")
+    distributions = metadata.distributions(name="numpy", path=[str(folder)])
+    return next((each.version for each in distributions), "")
 
 
 def _without(folder: Path) -> str:

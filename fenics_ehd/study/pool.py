@@ -484,11 +484,11 @@ def run_cases(
     keep
         Whether the files of each run are kept in its folder.
     """
-    total = len(folder.cases)
-    done = total - len(cases)
+    complete = sum(outcome.complete for outcome in folder.outcomes.values())
+    total = complete + len(cases)
     with (
         TemporaryDirectory(prefix="fenics-ehd-", ignore_cleanup_errors=True) as files,
-        shown_progress(logs=True).stage(folder.command, total, "cases", done=done) as stage,
+        shown_progress(logs=True).stage(folder.command, total, "cases", done=complete) as stage,
         interrupt_between_steps() as check,
     ):
         watch = Watch(stage, Path(files))
