@@ -46,6 +46,7 @@ from fenics_ehd.results.recorded_run import (
     estimate_errors,
     load_run_state,
     record_run,
+    summarised_run,
     written_by_run,
 )
 from fenics_ehd.scenes.accuracy import Search, account, search_of, start_search
@@ -165,6 +166,7 @@ def run_scene(
     multiplier: bool = False,
     search: Search | None = None,
     progress: Progress = SILENT,
+    between: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Integrate a scene and write its results into a folder; on one rank.
 
@@ -187,6 +189,8 @@ def run_scene(
         Search for settings that meet an accuracy, to which the run is added; None without a search.
     progress
         Progress in which the run and the estimates open their stages.
+    between
+        Function that is called between two steps; it may raise an error, which ends the run.
 
     Returns
     -------
@@ -215,28 +219,53 @@ def run_scene(
             verified=_verified_errors(built),
             progress=progress,
         )
-    run = Run(built.mechanism, built.steps, scene.span)
-    time = scene.time
-    cycles = (
-        PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
-    )
     return record_run(
-        Recorder(run, scene.span, cycles),
+        _recorder(scene, built),
         directory,
-        {
-            "warnings": [*scene.warnings, *built.warnings],
-            "scene": scene.name,
-            **_reductions(built),
-            "reduction_time_s": built.seconds,
-            "versions": versions(),
-        },
+        _about(scene, built) | {"versions": versions()},
         _fingerprints(scene, built),
         interval=interval,
         progress=progress,
         former=former,
         multiplier=multiplier,
         judge=judge,
+        between=between,
     )
+
+
+def summarise_scene(
+    scene: Scene, built: Machine, between: Callable[[], None] = lambda: None
+) -> dict[str, Any]:
+    """Integrate a scene without files; return its summary, which is that of `run_scene`.
+
+    The summary has no versions, and the run is not shown. The parameters are those of `run_scene`.
+
+    Raises
+    ------
+    SolverError
+        Raised by `Run.until` and `PeriodicSolver`.
+    """
+    return summarised_run(_recorder(scene, built), _about(scene, built), between)
+
+
+def _recorder(scene: Scene, built: Machine) -> Recorder:
+    """Recorder of the run of a scene at its start."""
+    run = Run(built.mechanism, built.steps, scene.span)
+    time = scene.time
+    cycles = (
+        PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
+    )
+    return Recorder(run, scene.span, cycles)
+
+
+def _about(scene: Scene, built: Machine) -> dict[str, Any]:
+    """Entries of the summary about the scene and its bodies."""
+    return {
+        "warnings": [*scene.warnings, *built.warnings],
+        "scene": scene.name,
+        **_reductions(built),
+        "reduction_time_s": built.seconds,
+    }
 
 
 def _judged(
