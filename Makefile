@@ -1,9 +1,12 @@
 .DEFAULT_GOAL := help
-.PHONY: help set-up demo test test-slow test-all test-mpi test-kernels test-faults figures pictures docs lint clean
+.PHONY: help set-up demo test test-slow test-all test-mpi test-wheels test-kernels test-faults figures pictures docs lint clean
 
 # Debian's dolfinx belongs to this interpreter; the first python3 on the path may be another one.
 PYTHON := /usr/bin/python3
 VENV := .venv
+# An interpreter of Python 3.12 or later, for the environment with PyPI's wheels.
+WHEELS_PYTHON := python3
+WHEELS_VENV := .venv-wheels
 LINT_VENV := .venv-lint
 # Pinned, so that a new release of a linter cannot fail an old commit.
 LINTERS := ruff==0.17.5 mypy==2.4.1
@@ -32,19 +35,35 @@ test-slow: set-up  ## run the slow tests
 test-all: set-up  ## run fast and slow tests
 	$(VENV)/bin/python -m pytest $(ON_ALL_CORES) -m "" $(ARGS)
 
-# Containers run as root and may offer one core, both of which Open MPI 4 and 5 refuse unless told.
-# Rank 1 writes to a file, or its lines would cut through those of rank 0.
-test-mpi: export OMPI_ALLOW_RUN_AS_ROOT := 1
-test-mpi: export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
-test-mpi: export OMP_NUM_THREADS := 1
-test-mpi: export OPENBLAS_NUM_THREADS := 1
+# Containers run as root and may offer one core, both of which Open MPI refuses unless told; MPICH of
+# PyPI's wheels has no switches for that. Rank 1 writes to a file, or its lines would cut through
+# those of rank 0.
+define test_on_two_ranks
+@rm -f $(1)/rank-1.log
+PATH="$(CURDIR)/$(1)/bin:$$PATH" timeout $(MPI_TIME_LIMIT) mpirun -n 2 sh -c ' \
+  test "$${OMPI_COMM_WORLD_RANK:-$$PMI_RANK}" = 0 || exec > $(1)/rank-1.log 2>&1; \
+  exec $(1)/bin/python -m pytest -m mpi -p no:cacheprovider --color=no \
+    $$(grep -l mark.mpi tests/test_*.py) $(ARGS)' \
+|| { status=$$?; cat $(1)/rank-1.log; exit $$status; }
+endef
+
+test-mpi test-wheels: export OMPI_ALLOW_RUN_AS_ROOT := 1
+test-mpi test-wheels: export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
+test-mpi test-wheels: export OMPI_MCA_rmaps_base_oversubscribe := 1
+test-mpi test-wheels: export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
+test-mpi test-wheels: export OMP_NUM_THREADS := 1
+test-mpi test-wheels: export OPENBLAS_NUM_THREADS := 1
 test-mpi: set-up  ## run the parallel tests on 2 ranks
-	@rm -f $(VENV)/rank-1.log
-	timeout $(MPI_TIME_LIMIT) mpirun -n 2 --oversubscribe sh -c ' \
-	  test "$$OMPI_COMM_WORLD_RANK" = 0 || exec > $(VENV)/rank-1.log 2>&1; \
-	  exec $(VENV)/bin/python -m pytest -m mpi -p no:cacheprovider --color=no \
-	    $$(grep -l mark.mpi tests/test_*.py) $(ARGS)' \
-	|| { status=$$?; cat $(VENV)/rank-1.log; exit $$status; }
+	$(call test_on_two_ranks,$(VENV))
+
+# The installed copy is tested, not the checkout: what the package forgot to ship fails here.
+test-wheels: export PYTHONSAFEPATH := 1
+test-wheels: $(WHEELS_VENV)/stamp  ## fast tests, tests on 2 ranks and the demo with PyPI's wheels
+	$(WHEELS_VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps .
+	rm -rf build/lib build/bdist.*
+	$(WHEELS_VENV)/bin/python -m pytest $(ON_ALL_CORES) $(ARGS)
+	$(call test_on_two_ranks,$(WHEELS_VENV))
+	$(WHEELS_VENV)/bin/fenics-ehd run slider-crank --overwrite -o build/wheels-demo
 
 test-kernels: set-up  ## run the numeric tests on every BLAS kernel this processor has
 	$(VENV)/bin/python tests/kernels.py $(ARGS)
@@ -81,7 +100,7 @@ lint: set-up $(LINT_VENV)/stamp  ## ruff, mypy, and the rules of the house: laye
 	$(VENV)/bin/python tests/lint_house.py
 
 clean:  ## remove the environments and everything built, but no results
-	rm -rf $(VENV) $(LINT_VENV) build *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(LINT_VENV) $(WHEELS_VENV) build *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Install what a list of packages names and the system lacks, or say how.
@@ -101,7 +120,8 @@ endef
 
 $(VENV)/stamp: pyproject.toml debian-packages.txt
 	@command -v dpkg-query >/dev/null || { \
-	  echo "fenics_ehd takes dolfinx from Debian 12 or later; elsewhere use the Dockerfile" >&2; exit 1; }
+	  echo "no Debian packages here: python3 -m venv ehd && ehd/bin/pip install '.[wheels]' installs" \
+	    "PyPI's libraries (Python 3.12 or later), or use the Dockerfile, see docs/installation.md" >&2; exit 1; }
 	@$(call install,debian-packages.txt)
 	$(PYTHON) -m venv --clear --system-site-packages $(VENV)
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check \
@@ -121,6 +141,13 @@ $(VENV)/exudyn: $(VENV)/stamp
 $(VENV)/ross/stamp: $(VENV)/stamp
 	$(PYTHON) -m venv --clear $(@D)
 	$(@D)/bin/pip install --quiet --disable-pip-version-check ross-rotordynamics==2.3.0 'plotly<6'
+	@touch $@
+
+# Without system packages: libraries of Debian and of PyPI are never mixed.
+$(WHEELS_VENV)/stamp: pyproject.toml
+	$(WHEELS_PYTHON) -m venv --clear $(WHEELS_VENV)
+	$(WHEELS_VENV)/bin/pip install --quiet --disable-pip-version-check '.[wheels]' \
+	  pytest pytest-xdist hypothesis setuptools wheel
 	@touch $@
 
 # Linters import nothing of ours, so they may come from PyPI.

@@ -1,49 +1,38 @@
-"""Figures and statements of the paper from studies of its two machines.
+"""Statements of the paper, judged from studies of its two machines.
 
-    python benchmarks/paper.py --run slider-crank-paper CRANK
-    python benchmarks/paper.py --run rotor-paper ROTOR
-    python benchmarks/paper.py CRANK ROTOR
+    python benchmarks/paper.py --run slider-crank-paper DIR/slider-crank-paper
+    python benchmarks/paper.py --run rotor-paper DIR/rotor-paper
+    python benchmarks/paper.py DIR/slider-crank-paper DIR/rotor-paper
 
-The first two make studies of the scenes with the paper's numbers of modes; a study that was stopped
-continues. The third one reads studies that are there, those of ``fenics-ehd study`` as well.
+The first two make studies of the scenes with the paper's numbers of modes and some more; a study
+that was stopped continues, and the runs of ``fenics-ehd paper -o DIR``, which draws the paper's
+figures, are used. The third one reads studies that exist, those of ``fenics-ehd study`` as well.
 
 Krinner and Rixen, Interface reduction methods for mechanical systems with elastohydrodynamic
-lubricated revolute joints: figures 5 to 8, 10 and 11, and the statements of sections 4.2, 5.2 and 6
-in our words, each with the rule by which we call it true. Each study's folder gets ``paper.md`` and
-``paper/`` with the figures; the statements are printed as well.
+lubricated revolute joints: the statements of sections 4.2, 5.2 and 6 in our words, each with the
+rule by which we call it true. The table is printed, and written to ``paper.md`` in the folder of
+the study.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import paper_rotor
 import paper_slider_crank
-from matplotlib.figure import Figure
-from paper_statement import NOT_RUN, near, paper_m3
+from paper_statement import NOT_RUN
 
 import fenics_ehd as ehd
-from fenics_ehd.base.files import PICTURE_FORMATS, write_whole
-from fenics_ehd.plotting.picture import SETTINGS, plt, save
-from fenics_ehd.study.report.figures import best, draw_errors, draw_methods
-from fenics_ehd.study.report.study_data import JointData, StudyData, StudyRow, read_study
+from fenics_ehd.base.files import write_whole
+from fenics_ehd.study.paper import ROTOR, SLIDER_CRANK
+from fenics_ehd.study.report.study_data import JointData, StudyData, read_study
 
 #: By scene.
 STATEMENTS = {
-    "slider-crank-paper": paper_slider_crank.STATEMENTS,
-    "rotor-paper": paper_rotor.STATEMENTS,
+    SLIDER_CRANK: paper_slider_crank.STATEMENTS,
+    ROTOR: paper_rotor.STATEMENTS,
 }
-
-#: Typical safe film thickness of engine bearings, section 4.2 [um].
-SAFE_FILM_THICKNESS = 2.5
-
-#: Most curves in one panel with the reference.
-MOST = 4
-
-#: Overall modes of the errors over time of the slider-crank: M3 with 31 residual modes.
-M3_SIZE = 39
 
 HEADS = ("where", "statement", "we call it true if", "measured", "verdict")
 
@@ -65,60 +54,6 @@ def read_paper(directory: Path) -> JointData:
     return study.joints[0]
 
 
-def spread(rows: Sequence[StudyRow], most: int = MOST) -> list[StudyRow]:
-    """At most so many of the runs, from few coordinates to many, evenly by rank."""
-    ordered = sorted(rows, key=lambda row: row["coordinates"])
-    if len(ordered) <= most:
-        return ordered
-    return [ordered[round(i * (len(ordered) - 1) / (most - 1))] for i in range(most)]
-
-
-def of_size(joint: JointData, size: int) -> list[StudyRow]:
-    """One run of each method with about so many coordinates, and M4 with its own."""
-    kinds = ({"method": "m1"}, {"method": "m2"}, paper_m3(joint))
-    rows = [near(joint.measured("methods", **kind), size)[:1] for kind in kinds]
-    return [row for found in rows for row in found] + best(joint.study, "m4")
-
-
-def figures(joint: JointData) -> Iterator[tuple[str, Figure | None, str]]:
-    """Name, figure, None where there is nothing to draw, and caption of the paper's figures."""
-    if joint.study.info["scene"] == "slider-crank-paper":
-        yield from crank_figures(joint)
-        return
-    few, many = (of_size(joint, size) for size in (paper_rotor.FEW, paper_rotor.MANY))
-    yield "curves", draw_methods(joint.study, few), f"About {paper_rotor.FEW} coordinates."
-    yield "figure_10", draw_errors(joint.study, few), f"About {paper_rotor.FEW} coordinates."
-    yield "figure_11", draw_errors(joint.study, many), f"About {paper_rotor.MANY} coordinates."
-
-
-def crank_figures(joint: JointData) -> Iterator[tuple[str, Figure | None, str]]:
-    """Those of the slider-crank, with the line of a safe film."""
-    pc1 = joint.measured("methods", method="m3", pressure_set="pc1")
-    rich = [row for row in pc1 if row["residual_modes"] in paper_slider_crank.RICH]
-    wanted = {
-        "figure_5": (sorted(rich, key=lambda row: row.worst_error)[:1], "the reference, here the "
-                     "full interface, and the paper's, M3 with 60 residual modes of unit pressures "
-                     "(61 here, where run so)"),
-        "figure_6": (spread(joint.measured("methods", method="m1")), "M1"),
-        "figure_7": (spread(joint.measured("methods", method="m2")), "M2"),
-        "figure_8": (spread(joint.measured("methods", **paper_m3(joint))), "M3 with long and short "
-                     "bearing shapes"),
-        "selections": (joint.measured("methods", **paper_slider_crank.FEW), "M3 with 31 residual "
-                       "modes by each selection; the smallest eigenvalues are (31)-(32) to the "
-                       "letter"),
-    }  # fmt: skip
-    for name, (rows, caption) in wanted.items():
-        figure = draw_methods(joint.study, rows)
-        if figure is not None:
-            axes = figure.axes[1]
-            axes.axhline(SAFE_FILM_THICKNESS, color="0.3", linestyle=(0, (1, 2)), linewidth=1.2)
-            axes.annotate("safe film of engine bearings", (0.02, SAFE_FILM_THICKNESS), fontsize=7.5,
-                          xycoords=("axes fraction", "data"), va="top")  # fmt: skip
-        yield name, figure, caption
-    caption = f"about {M3_SIZE} coordinates"
-    yield "errors_over_time", draw_errors(joint.study, of_size(joint, M3_SIZE)), caption
-
-
 def statement_table(joint: JointData) -> list[str]:
     """Statements, what was measured and the verdict, as rows of a Markdown table."""
     rows = [HEADS, ("---",) * len(HEADS)]
@@ -131,18 +66,11 @@ def statement_table(joint: JointData) -> list[str]:
 
 
 def write_paper(directory: Path) -> list[str]:
-    """Write ``paper.md`` and ``paper/`` into a study's folder; lines of the page."""
+    """Write the statements and verdicts to ``paper.md`` in a study's folder; lines of the page."""
     joint = read_paper(directory)
     lines = [f"## {joint.study.info['scene']}", "", *progress(joint.study)]
     lines += ["Errors are the largest ones of peak pressure / minimum film.", ""]
     lines += [*statement_table(joint), ""]
-    with plt.rc_context(SETTINGS):
-        for name, figure, caption in figures(joint):
-            if figure is not None:
-                save(
-                    figure, [directory / "paper" / f"{name}.{ending}" for ending in PICTURE_FORMATS]
-                )
-                lines += [f"![{name}](paper/{name}.png)", "", f"*{name}: {caption}*", ""]
     write_whole(directory / "paper.md", "\n".join(lines))
     return lines
 
@@ -176,7 +104,7 @@ def main() -> None:
     for directory in asked.studies:
         if asked.run:
             run_paper(asked.run, directory, asked.workers)
-        print("\n".join(write_paper(directory)).partition("\n![")[0])
+        print("\n".join(write_paper(directory)))
 
 
 if __name__ == "__main__":

@@ -5,12 +5,20 @@ M1 and M2 get as many modes as M3 has vibration and residual modes together.
 
 from __future__ import annotations
 
+from fenics_ehd.study.paper import (
+    HOUSING_M3,
+    REFERENCES,
+    ROD_M3,
+    ROD_MODES,
+    ROD_RESIDUAL_MODES,
+    ROTOR,
+    SLIDER_CRANK,
+)
 from fenics_ehd.study.plan import (
     SELECTIONS,
     Scope,
     Variant,
     film,
-    full,
     m1,
     m2,
     m3,
@@ -24,16 +32,19 @@ def _selections(pressure_set: str, modes: tuple[int, ...]) -> list[Variant]:
     return [m3(pressure_set, selection, n) for selection in SELECTIONS for n in modes]
 
 
-#: The paper's M3 of either machine.
-ROD, HOUSING = m3("pc2", "lowest-frequency", 31), m3("pc1", "largest-eigenvalue", 20)
+#: The paper's M3 of either machine, and its reference, steps, check and start of the errors.
+ROD = m3(*ROD_M3, 31)
+HOUSING = m3(*HOUSING_M3, 20)
+ROD_REFERENCE, ROD_STEPS, ROD_CHECK, ROD_START = REFERENCES[SLIDER_CRANK]
+HOUSING_REFERENCE, HOUSING_STEPS, HOUSING_CHECK, HOUSING_START = REFERENCES[ROTOR]
 
-SLIDER_CRANK = Scope(
+ROD_SCOPE = Scope(
     methods=(
-        *map(m1, (22, 37, 67, 127)),
+        *map(m1, ROD_MODES),
         # Some more than four times as many as M3 needs for one per cent.
-        *map(m2, (22, 37, 67, 127, 157, 247)),
+        *map(m2, (*ROD_MODES, 157, 247)),
         *_selections("pc1", (16, 31, 61, 121)),
-        *_selections("pc2", (16, 31, 61, 80)),
+        *_selections("pc2", ROD_RESIDUAL_MODES),
         m3("pc2-long", "every-column", 40),
         m3("pc2-short", "every-column", 40),
         m3("journal", "largest-eigenvalue", 16),
@@ -51,14 +62,14 @@ SLIDER_CRANK = Scope(
     films=(0.5, 1, 1.5, 2, 3),
     meshed=(ROD,),
     finest_steps=steps(1e-8),
-    reference=full(20),
-    reference_steps=steps(1e-7),
+    reference=ROD_REFERENCE,
+    reference_steps=ROD_STEPS,
     step_check=steps(1e-6),
     film_check=film(2) | steps(1e-5),
-    basis_check=(full(6), steps(1e-6)),
+    basis_check=ROD_CHECK,
 )
 
-ROTOR = Scope(
+HOUSING_SCOPE = Scope(
     methods=(
         *map(m1, (30, 50, 90)),
         *map(m2, (30, 50, 90)),
@@ -74,13 +85,13 @@ ROTOR = Scope(
     films=(0.5, 1, 1.5, 2),
     meshed=(HOUSING,),
     finest_steps=steps(1e-6),
-    reference=full(20),
-    reference_steps=steps(1e-6),
+    reference=HOUSING_REFERENCE,
+    reference_steps=HOUSING_STEPS,
     # Errors fall as tolerance^(2/3): what these steps differ by is the error of the reference's.
     step_check=steps(3e-6),
     film_check=film(1.5) | steps(1e-5),
-    basis_check=(full(10), steps(1e-6)),
+    basis_check=HOUSING_CHECK,
 )
 
 #: By scene: what is run, and when errors begin to count [s]. Before, the film builds up.
-SCOPES = {"slider-crank-paper": (SLIDER_CRANK, 2e-4), "rotor-paper": (ROTOR, 1.05e-3)}
+SCOPES = {SLIDER_CRANK: (ROD_SCOPE, ROD_START), ROTOR: (HOUSING_SCOPE, HOUSING_START)}

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import fenics_ehd as ehd
+from fenics_ehd.study.paper import HOUSING_M3, ROD_M3, ROTOR, SLIDER_CRANK
 from fenics_ehd.study.plan import REFERENCE
 from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
@@ -44,8 +45,8 @@ BREAKDOWNS = tuple(
 
 #: M3 as the paper has it in either example.
 PAPER_M3 = {
-    "slider-crank-paper": {"pressure_set": "pc2", "selection": "lowest-frequency"},
-    "rotor-paper": {"pressure_set": "pc1", "selection": "largest-eigenvalue"},
+    scene: dict(zip(("pressure_set", "selection"), names, strict=True))
+    for scene, names in ((SLIDER_CRANK, ROD_M3), (ROTOR, HOUSING_M3))
 }
 
 #: A curve is followed well when its largest error is at most this.

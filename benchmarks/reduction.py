@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
+
+from fenics_ehd.base.processes import for_mpirun, mpirun
 
 HERE = Path(__file__).parent
 METHODS = ("m1-37", "m1-127", "m2-37", "m3-pc2", "m3-pc1", "m4")
@@ -34,14 +35,9 @@ def run_case(
 ) -> dict[str, object]:
     """Run one reduction in processes of its own."""
     command = [sys.executable, str(HERE / "reduction_case.py"), program, method, str(size)]
-    environment = os.environ | {
-        "OPENBLAS_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    }
+    environment = for_mpirun() | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), "--oversubscribe", *command]
+        command = [str(mpirun()), "-n", str(ranks), *command]
     done = subprocess.run(
         [*command, *options], env=environment, capture_output=True, text=True, check=False
     )

@@ -292,8 +292,10 @@ def test_a_python_without_debians_packages_is_told_what_to_install(command, tmp_
     )
     assert found.returncode == 1
     (line,) = found.stderr.splitlines()
-    packages = "python3-dolfinx python3-petsc4py python3-slepc4py python3-mpi4py python3-h5py"
-    assert f"lacks Debian's packages {packages}: install them" in line
+    names = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "h5py")
+    packages = " ".join(f"python3-{name}" for name in names)
+    assert f"lacks {', '.join(names)}: install them with pip install 'fenics-ehd[wheels]'" in line
+    assert f"Debian's packages {packages}, and" in line
 
 
 @pytest.mark.parametrize("closed", [pytest.param(">&-", marks=pytest.mark.slow), "<&- >&- 2>&-"])

@@ -18,8 +18,8 @@ from nested_film import GapChange, residual_change
 from rough_cases import surfaces
 
 import fenics_ehd as ehd
-from fenics_ehd.base import compat
 from fenics_ehd.base.compile_lock import orphans
+from fenics_ehd.base.compiler import quiet_compiler
 from fenics_ehd.film.kinematics import Gap
 from fenics_ehd.film.weak_form import compiled
 
@@ -141,7 +141,7 @@ def test_another_mesh_and_another_oil_compile_nothing():
 def test_what_compiles_leaves_logging_and_warnings_as_they_were(capfd):
     root, shown = logging.getLogger(), warnings.showwarning
     handlers, level, disabled = list(root.handlers), root.level, root.manager.disable
-    with compat.quiet_compiler():  # what setuptools does
+    with quiet_compiler():  # what setuptools does
         root.addHandler(logging.StreamHandler())
         root.setLevel(logging.INFO)
         logging.captureWarnings(True)

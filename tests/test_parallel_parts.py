@@ -14,12 +14,12 @@ from scene_cases import write_scene
 from scipy import sparse
 
 import fenics_ehd as ehd
-from fenics_ehd.base.processes import without_launcher
+from fenics_ehd.base.processes import for_mpirun, mpirun
 from fenics_ehd.fem.gmsh_session import gmsh, session
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),
+    pytest.mark.skipif(mpirun() is None, reason="mpirun is not installed"),
 ]
 
 #: Cells of the shipped rod's model, few of them.
@@ -141,12 +141,11 @@ def lines_of(folder, target):
 def launch(folder, target, *launcher):
     (folder / target).mkdir()
     paths = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
-    environment = without_launcher() | {"PYTHONPATH": paths}
-    allowed = ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM")
+    environment = for_mpirun() | {"PYTHONPATH": paths}
     command = [*launcher, sys.executable, "-c", REDUCE, target, *lines_of(folder, target)]
     done = subprocess.run(
         ["timeout", "400", *command], cwd=folder, capture_output=True, text=True,
-        env=environment | dict.fromkeys(allowed, "1"),
+        env=environment,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
 
@@ -159,7 +158,7 @@ def bodies(tmp_path_factory):
         write(folder)
     launch(folder, "serial")
     for ranks in ("1", "2"):
-        launch(folder, f"ranks-{ranks}", "mpirun", "-n", ranks, "--oversubscribe")
+        launch(folder, f"ranks-{ranks}", mpirun(), "-n", ranks)
     return folder
 
 

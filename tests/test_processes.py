@@ -3,7 +3,6 @@
 import json
 import os
 import resource
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ from command_line import COMMAND
 from sweep_cases import write_scene
 
 from fenics_ehd.base.errors import EhdError
-from fenics_ehd.base.processes import RANKS, in_child, without_launcher
+from fenics_ehd.base.processes import RANKS, for_mpirun, in_child, mpirun, without_launcher
 
 #: Of a launch by Open MPI 4 and PMIx, MPICH and Slurm.
 LAUNCHED = {
@@ -155,15 +154,14 @@ def test_a_run_whose_files_may_not_grow_ends_with_one_line(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed")
+@pytest.mark.skipif(mpirun() is None, reason="mpirun is not installed")
 def test_a_sweep_under_mpirun_has_workers_that_are_no_ranks(tmp_path):
     """They died, and mpirun with them."""
     write_scene(tmp_path)
-    allowed = ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM")
     sweep = ("sweep", "short.toml", "--set", "clearance=17e-6,20e-6", "--workers", "2", "-o", "out")
     done = subprocess.run(
-        ["timeout", "100", "mpirun", "-n", "1", "--oversubscribe", *COMMAND, *sweep], cwd=tmp_path,
-        env=without_launcher() | dict.fromkeys(allowed, "1"), capture_output=True, text=True,
+        ["timeout", "100", mpirun(), "-n", "1", *COMMAND, *sweep], cwd=tmp_path,
+        env=for_mpirun(), capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("complete") == 2

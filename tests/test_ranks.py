@@ -8,7 +8,7 @@ import pytest
 from scene_cases import write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.base.processes import without_launcher
+from fenics_ehd.base.processes import for_mpirun, mpirun
 
 #: A rod without elasticity, over the first degrees.
 SHORT = {
@@ -25,11 +25,9 @@ COMMAND = f"exec {sys.executable} -m fenics_ehd.cli"
 
 def on_ranks(*programs, folder):
     """Status and messages of programs and their arguments under one mpirun."""
-    environment = without_launcher()
-    environment |= dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"), "1")
     # Of a killed mpirun the ranks would go on: timeout asks it to end them.
-    command = ["timeout", "120", "mpirun", "--oversubscribe", *programs]
-    done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
+    command = ["timeout", "120", mpirun(), *programs]
+    done = subprocess.run(command, env=for_mpirun(), cwd=folder, capture_output=True, text=True)
     # Open MPI's own remarks may begin in the same line.
     messages = re.findall(r"fenics-ehd: .*|^Error: .*", done.stderr, flags=re.MULTILINE)
     return done.returncode, [text for text in messages if "warning" not in text], done.stderr
@@ -37,7 +35,7 @@ def on_ranks(*programs, folder):
 
 def two_ranks(line, folder):
     """Status and messages of a shell's line on two ranks, each of which knows its `$RANK`."""
-    script = f"RANK=$OMPI_COMM_WORLD_RANK; {line}"
+    script = f"RANK=${{OMPI_COMM_WORLD_RANK:-$PMI_RANK}}; {line}"
     return on_ranks("-n", "2", "sh", "-c", script, folder=folder)
 
 

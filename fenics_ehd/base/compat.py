@@ -10,10 +10,7 @@ imported explicitly, because ``import dolfinx`` does not import it in version 0.
 from __future__ import annotations
 
 import inspect
-import logging
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from pathlib import Path
 from types import ModuleType
@@ -29,6 +26,7 @@ from dolfinx import cpp, fem, jit, mesh
 from mpi4py import MPI
 
 from fenics_ehd.base.compile_lock import LIMIT, compiling, forms_folder, is_compiled
+from fenics_ehd.base.compiler import compiler_errors, quiet_compiler
 from fenics_ehd.base.processes import in_neutral_folder
 
 try:
@@ -226,7 +224,12 @@ def _one_at_a_time(compile_objects: Callable[..., Any]) -> Callable[..., Any]:
             pass
         folder = Path(options["cache_dir"]).absolute()
         limit = options.get("timeout", LIMIT)
-        with compiling(folder, limit=limit), in_neutral_folder(), quiet_compiler():
+        with (
+            compiling(folder, limit=limit),
+            in_neutral_folder(),
+            quiet_compiler(),
+            compiler_errors(folder),
+        ):
             return compile_objects(*arguments, **options | {"cache_dir": folder})
 
     return compiled
@@ -381,26 +384,3 @@ def native_matrix(form: Any, spaces: Sequence[fem.FunctionSpace], domain: mesh.M
         pattern = cpp.fem.create_sparsity_pattern(form)
         pattern.finalize()
     return cpp.la.MatrixCSR_float64(pattern)
-
-
-@contextmanager
-def quiet_compiler() -> Iterator[None]:
-    """Suppress the log of the C compiler; restore logging and warnings afterwards.
-
-    Setuptools runs the compiler. It also adds a handler to the root logger, sets its level, and
-    redirects Python's warnings to it.
-    """
-    root = logging.getLogger()
-    handlers = list(root.handlers)
-    level = root.level
-    disabled = root.manager.disable
-    shown = warnings.showwarning
-    logging.disable(max(disabled, logging.INFO))
-    try:
-        yield
-    finally:
-        logging.disable(disabled)
-        if warnings.showwarning is not shown:
-            logging.captureWarnings(False)
-        root.handlers[:] = handlers
-        root.setLevel(level)

@@ -39,7 +39,11 @@ class OutputError(EhdError):
 
 
 class CompilationError(EhdError):
-    """Forms cannot be compiled, because another process has held the lock for too long."""
+    """Forms cannot be compiled: no compiler, or another process has held the lock for too long."""
+
+
+class LibraryError(EhdError):
+    """A library cannot be loaded, because the system lacks another library that it needs."""
 
 
 class MeshError(InputError):

@@ -21,6 +21,7 @@ ARRAYS = ("numpy", "scipy", "scipy.linalg", "h5py")
 #: Modules of this package that import a library without options of the current folder.
 STARTS = {
     "dolfinx": "fenics_ehd.base.compat",
+    "gmsh": "fenics_ehd.base.gmsh_start",
     "matplotlib": "fenics_ehd.base.matplotlib_start",
     "petsc4py": "fenics_ehd.base.petsc_start",
     "slepc4py": "fenics_ehd.base.petsc_start",

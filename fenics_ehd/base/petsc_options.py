@@ -26,6 +26,19 @@ def options_of_user() -> dict[str, str]:
     return {name: str(value) for name, value in options.items() if name not in OWN_OPTIONS}
 
 
+#: Packages of PETSc that contain factorisations, by the name of the factorisation.
+_PACKAGES = {"cholmod": "suitesparse", "mumps": "mumps"}
+
+
+def available_factorisation(*names: str) -> str:
+    """First of the named factorisations that this PETSc contains; otherwise PETSc's own one.
+
+    PETSc of Debian contains CHOLMOD and MUMPS, PETSc of PyPI's wheels contains MUMPS.
+    """
+    known = (name for name in names if PETSc.Sys.hasExternalPackage(_PACKAGES[name]))
+    return next(known, "petsc")
+
+
 @contextmanager
 def configured(
     solver: PETSc.KSP | PETSc.SNES | SLEPc.EPS, prefix: str, defaults: Mapping[str, object]

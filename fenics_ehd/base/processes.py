@@ -18,6 +18,7 @@ import logging
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -94,6 +95,33 @@ def set_by_launcher(name: str, value: str) -> bool:
 def without_launcher() -> dict[str, str]:
     """Environment for a child process that is not a rank; settings of the user are kept."""
     return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
+
+
+#: Settings of Open MPI 4 and 5: more ranks than cores are accepted, and so is the root user of a
+#: container. MPICH accepts both and has no switches for them, so that there are settings only.
+ANY_RANKS = {
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+}
+
+
+def mpirun() -> str | None:
+    """Path of ``mpirun``, or None if there is none.
+
+    If MPI is installed by pip, its ``mpirun`` is in the folder of the interpreter, which need not
+    be on the search path. The ``mpirun`` of another MPI would start ranks of which each is alone.
+    """
+    return shutil.which("mpirun", path=str(Path(sys.executable).parent)) or shutil.which("mpirun")
+
+
+def for_mpirun() -> dict[str, str]:
+    """Environment in which ``mpirun`` starts any number of ranks; settings of the user are kept.
+
+    The variables of a launcher that has started this process would make ``mpirun`` fail.
+    """
+    return ANY_RANKS | without_launcher()
 
 
 def begin_worker() -> None:

@@ -7,8 +7,6 @@ import is reported as a failed check.
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -23,7 +21,7 @@ from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.base.files import versions
 from fenics_ehd.base.libraries import library_fault, origin
 from fenics_ehd.base.needs import Needs
-from fenics_ehd.base.processes import without_launcher
+from fenics_ehd.base.processes import for_mpirun, mpirun
 from fenics_ehd.cli.options import aligned, answer, echo, json_option, option
 
 
@@ -155,13 +153,12 @@ def _lowest(folder: Path, launcher: list[str]) -> float:
     `launcher` is the start of the command line of that process, for instance that of ``mpirun``.
     """
     command = [*launcher, sys.executable, "-m", "fenics_ehd.cli", *REDUCE, "-o"]
-    # mpirun fails with variables of MPI or a launcher: they are not passed on.
     done = subprocess.run(
         [*command, str(folder / "part.h5")],
         capture_output=True,
         text=True,
         timeout=PATIENCE,
-        env=without_launcher(),
+        env=for_mpirun(),
     )
     if done.returncode:
         raise VerificationError(done.stderr.strip().rpartition("\n")[2])
@@ -185,12 +182,11 @@ def _steps(folder: Path) -> str:
 def _ranks(folder: Path) -> str:
     from fenics_ehd.reduction.body import load_body
 
-    launcher = shutil.which("mpirun")
+    launcher = mpirun()
     if launcher is None:
         return "not tested: there is no mpirun"
     alone = load_body(folder / "part.h5").frequencies[0]
-    allowed = ["--allow-run-as-root"] if os.geteuid() == 0 else []
-    on_two = _lowest(folder, [launcher, *allowed, "--oversubscribe", "-n", "2"])
+    on_two = _lowest(folder, [launcher, "-n", "2"])
     return _within(on_two / alone, 1.0, 1e-6, "on two ranks over one: {:.9f}")
 
 

@@ -25,7 +25,6 @@ with ending_signals_raise():
 
     from fenics_ehd import __version__
     from fenics_ehd.base.command_start import start_command
-    from fenics_ehd.base.compile_lock import forms_folder
     from fenics_ehd.base.errors import EhdError
     from fenics_ehd.base.libraries import foreign_numpy, library_fault
     from fenics_ehd.base.needs import Needs
@@ -46,8 +45,12 @@ with ending_signals_raise():
     )
     from fenics_ehd.scenes.part_settings import CELLS, METHODS, OutputSettings, ReductionSettings
 
-#: Compiled libraries that pip does not install; Debian's packages are python3-NAME.
+#: Compiled libraries that pip installs only with the extra; Debian's packages are python3-NAME.
 COMPILED = ("dolfinx", "petsc4py", "slepc4py", "mpi4py", "gmsh", "h5py")
+
+
+#: Texts in the errors with which dolfinx reports a failed compilation to all ranks.
+FAILED_FORMS = ("just-in-time compilation", "JIT compilation")
 
 
 #: Least free address space with which a command starts: libraries and their buffers need it
@@ -70,6 +73,7 @@ COMMANDS = {
     "bearing": "bearing",
     "check": "check",
     "info": "check",
+    "paper": "paper",
     "paraview": "pictures",
     "part": "part",
     "plot": "pictures",
@@ -269,12 +273,14 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
     except OSError as error:
         return 1, _line(f"{error.filename or 'output'}: {error.strerror or error}")
     except Exception as error:
-        missing = [f"python3-{name}" for name in COMPILED if find_spec(name) is None]
+        missing = [name for name in COMPILED if find_spec(name) is None]
         if isinstance(error, ModuleNotFoundError) and missing:
+            packages = " ".join(f"python3-{name}" for name in missing)
             return 1, _line(
-                f"this Python, {sys.executable}, lacks Debian's packages {' '.join(missing)}: "
-                "install them, and use a Python that finds them, for example from /usr/bin/python3 "
-                "-m venv --system-site-packages"
+                f"this Python, {sys.executable}, lacks {', '.join(missing)}: install them with "
+                "pip install 'fenics-ehd[wheels]' (Python 3.12 or later); or install Debian's "
+                f"packages {packages}, and use a Python that finds them, for example from "
+                "/usr/bin/python3 -m venv --system-site-packages"
             )
         if fault := library_fault():
             return 1, _line(fault)
@@ -282,8 +288,8 @@ def _outcome(arguments: list[str], *, alone: bool) -> tuple[int, str]:
         last = str(error).strip().rpartition("\n")[2]
         if "petsc4py" in module:
             return 1, _line(f"PETSc: {last}: check the values of the material")
-        if "cffi" in module or "just-in-time" in str(error):
-            return 1, _line(f"forms are compiled by cc and stored in {forms_folder()}: {last}")
+        if any(text in str(error) for text in FAILED_FORMS):
+            return 1, _line(f"CompilationError: {last.partition(' of form: ')[2] or last}")
         return 1, traceback.format_exc().rstrip()
 
 

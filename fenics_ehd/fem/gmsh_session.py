@@ -16,15 +16,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
+import fenics_ehd.base.gmsh_start  # noqa: F401  # isort: skip
+import gmsh
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
 from fenics_ehd.base.processes import in_child, interrupt_kept
 from fenics_ehd.fem.models import check_model, is_shipped
 from fenics_ehd.fem.solid import GMSH_HEX, GMSH_TET
-
-with interrupt_kept():
-    import gmsh
 
 T = TypeVar("T")
 

@@ -11,9 +11,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+import fenics_ehd.base.gmsh_start  # isort: skip
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 from functools import partial
 
+import gmsh
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -24,7 +26,6 @@ from petsc4py import PETSc
 from fenics_ehd.base import compat
 from fenics_ehd.base.arguments import require_class, require_number, require_word
 from fenics_ehd.base.errors import MeshError, StructureError
-from fenics_ehd.base.processes import interrupt_kept
 from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.fem.elements import FAMILIES, quadratic_element, solid_element
 from fenics_ehd.fem.faces import cylinder_centre, rounded_middles
@@ -54,9 +55,6 @@ from fenics_ehd.reduction.matrices import inner, multiply, some_columns
 from fenics_ehd.reduction.mesh_error import SmoothResponses, smooth_responses
 from fenics_ehd.reduction.static import StaticSolver, mean_diagonal
 from fenics_ehd.reduction.structure import Recovery, Structure
-
-with interrupt_kept():
-    import gmsh
 
 #: Gmsh's type of the cells, by their names in scenes.
 CELLS = {"hex": HEXAHEDRON_27, "tet": TETRAHEDRON_10}

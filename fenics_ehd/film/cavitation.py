@@ -28,12 +28,18 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_ehd.base.errors import CavitationError, SolverError
-from fenics_ehd.base.petsc_options import configure, destroy_with, solve_columns
+from fenics_ehd.base.petsc_options import (
+    available_factorisation,
+    configure,
+    destroy_with,
+    solve_columns,
+)
 from fenics_ehd.film.assembly import Pattern
 
 #: PETSc's own Cholesky factorisation is the fastest one for film matrices of which only values
-#: change; for large ones CHOLMOD is faster (`docs/measurements.md`). Film matrices needed no
-#: pivoting for stability in any run so far, and every solution is verified.
+#: change; for large ones CHOLMOD is faster (`docs/measurements.md`), or MUMPS if PETSc contains no
+#: CHOLMOD. Film matrices needed no pivoting for stability in any run so far, and every solution is
+#: verified.
 SYMMETRIC_OPTIONS = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
@@ -42,7 +48,10 @@ SYMMETRIC_OPTIONS = {
     # Rows of nodes at which the film is thinnest are up to 1e-14 times smaller than the others.
     "pc_factor_zeropivot": "1e-100",
 }
-LARGE_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_factor_mat_solver_type": "cholmod"}
+LARGE_OPTIONS = {
+    **SYMMETRIC_OPTIONS,
+    "pc_factor_mat_solver_type": available_factorisation("cholmod", "mumps"),
+}
 GENERAL_OPTIONS = {**SYMMETRIC_OPTIONS, "pc_type": "lu"}
 
 #: Number of unknowns from which `LARGE_OPTIONS` are used.

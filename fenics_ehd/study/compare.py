@@ -17,7 +17,7 @@ import io
 import os
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import Executor
 from datetime import UTC, datetime
 from functools import cached_property
@@ -343,10 +343,16 @@ def describe_reference(folder: StudyFolder) -> dict[str, Any]:
         names = ("film_cells", "coordinates", "pressure_columns", "dropped_columns")
         description |= {name: outcome.figures[name] for name in names}
         description["dropped_because"] = DROPPED if description["dropped_columns"] else ""
-    return description | {kind: _own_error(folder, kind) for kind in ("step", "film", "basis")}
+    return description | {kind: _own_error(folder, kind) for kind in OWN_KINDS}
+
+
+#: Kinds of the reference's own errors.
+OWN_KINDS = ("step", "film", "basis")
 
 
 def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
+    if kind not in folder.study.checks:
+        return dict.fromkeys(ERRORS) | {"why": "the study has no run for it"}
     (run, meaning) = folder.study.checks[kind]
     errors = folder.own_error(kind)
     if errors is None:
@@ -474,7 +480,11 @@ def machine() -> dict[str, object]:
 
 
 def run_study(
-    folder: StudyFolder, pool: Executor, *, executor: Executor | None = None
+    folder: StudyFolder,
+    pool: Executor,
+    *,
+    executor: Executor | None = None,
+    names: Collection[str] | None = None,
 ) -> list[dict[str, Any]]:
     """Run cases that are not complete; write ``study.json``, ``reference.json``, ``table.csv``.
 
@@ -487,13 +497,15 @@ def run_study(
         Folder of the study.
     pool, executor
         Executors for reductions and for cases, see `run_cases`.
+    names
+        Names of the cases to run; by default all.
 
     Returns
     -------
     list of dict
         Rows of ``table.csv``, by column.
     """
-    missing = folder.take_stock()
+    missing = [case for case in folder.take_stock() if names is None or case.name in names]
     path = folder.path / STUDY
     calls = read_json(path)["calls"] if path.exists() else []
     if missing:

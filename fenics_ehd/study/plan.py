@@ -156,7 +156,7 @@ class Scope:
     step_check, film_check
         Settings with which the reference is run again, to show its own step error and film mesh
         error. If `step_check` is None, the run of `basis_check` shows the sum of step and basis
-        error.
+        error. If `film_check` is None, the film mesh error is not computed.
     basis_check
         Variant whose parts have another basis than those of the reference, and settings of its run.
         It shows the basis error of the reference.
@@ -176,7 +176,7 @@ class Scope:
     reference: Variant
     reference_steps: Mapping[str, Any]
     step_check: Mapping[str, Any] | None
-    film_check: Mapping[str, Any]
+    film_check: Mapping[str, Any] | None
     basis_check: tuple[Variant, Mapping[str, Any]]
     loose: tuple[Variant, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -366,7 +366,7 @@ def make_study(
     if scope is not None:
         scene = with_values(scene, values_in(scene, scope.settings))
     scope = scope or usual_scope(scene, quick=quick)
-    if scope.film_check.get(FILM, 1.0) < FINER:
+    if scope.film_check is not None and scope.film_check.get(FILM, 1.0) < FINER:
         raise SettingsError(
             f"film_check has film({scope.film_check.get(FILM, 1.0):g}), a film mesh that is too "
             f"coarse to show the error of the film mesh: use film({FINER:g}) or more"
@@ -432,13 +432,14 @@ def _film_rows(add: Add, scope: Scope) -> list[Row]:
 def _checks(add: Add, scope: Scope) -> dict[str, tuple[str, str]]:
     basis, other = scope.basis_check
     changed = {
+        "step": (scope.reference, scope.step_check),
         "film": (scope.reference, scope.film_check),
         "basis": (basis, {**basis.values, **other}),
     }
-    if scope.step_check is not None:
-        changed = {"step": (scope.reference, scope.step_check)} | changed
     checks = {}
     for kind, (variant, values) in changed.items():
+        if values is None:
+            continue
         merged = {**variant.values, **scope.reference_steps, **values}
         run = add(Variant(f"{REFERENCE}-{kind}", merged))
         words = (f"{'film cells times' if k == FILM else f'{k} ='} {v}" for k, v in values.items())

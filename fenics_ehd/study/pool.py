@@ -448,10 +448,11 @@ def run_cases(
     keep
         Whether the files of each run are kept in its folder.
     """
+    complete = sum(outcome.complete for outcome in folder.outcomes.values())
     with (
         tqdm(
-            total=len(folder.cases),
-            initial=len(folder.cases) - len(cases),
+            total=complete + len(cases),
+            initial=complete,
             unit="case",
             file=sys.stderr,
             mininterval=0.2 if sys.stderr.isatty() else 10.0,

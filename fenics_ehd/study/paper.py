@@ -1,0 +1,262 @@
+"""Figures 5 to 8, 10 and 11 of Krinner and Rixen: their runs, and estimates of the time they take.
+
+The paper has two machines, the slider-crank of section 4 and the rotor of section 5, which are the
+shipped scenes ``slider-crank-paper`` and ``rotor-paper``. The runs of all figures of a machine are
+a study of its scene. A figure needs the reference and some variants, which other figures of the
+same machine share.
+
+M1 and M2 have as many modes as M3 has vibration and residual modes together, as in the paper.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.study.compare import StudyFolder
+from fenics_ehd.study.plan import (
+    REFERENCE,
+    Scope,
+    Study,
+    Variant,
+    full,
+    m1,
+    m2,
+    m3,
+    m4,
+    make_study,
+    steps,
+)
+
+#: Names of the scenes of the paper's machines.
+SLIDER_CRANK = "slider-crank-paper"
+ROTOR = "rotor-paper"
+
+#: M3 of either machine: pressure set, and selection of residual modes. The paper prints (31)-(32),
+#: the smallest eigenvalues; with these, the errors exceed 50 %.
+ROD_M3 = ("pc2", "lowest-frequency")
+HOUSING_M3 = ("pc1", "largest-eigenvalue")
+
+#: Quantities of a figure: peak pressure and minimum film thickness, or the errors of both.
+VALUES = "values"
+ERRORS = "errors"
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """A figure of the paper.
+
+    Attributes
+    ----------
+    number
+        Number of the figure in the paper.
+    scene
+        Name of the scene of its machine.
+    variants
+        Variants of the scene that are drawn, in addition to the reference.
+    shown
+        Quantities over time, `VALUES` or `ERRORS`.
+    caption
+        Contents of the figure in words.
+    """
+
+    number: int
+    scene: str
+    variants: tuple[Variant, ...]
+    shown: str
+    caption: str
+
+    @property
+    def name(self) -> str:
+        """Stem of the figure's files, ``figure_5``."""
+        return f"figure_{self.number}"
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Names of all runs that the figure needs, reference first."""
+        own_error = () if self.shown == VALUES else (OWN_ERROR,)
+        return (REFERENCE, *own_error, *(variant.name for variant in self.variants))
+
+
+#: Name of the run that shows the error of the reference itself.
+OWN_ERROR = f"{REFERENCE}-basis"
+
+#: Modes of M1 and M2 in figures 6 and 7, and residual modes of M3 in figure 8: P_c2 has only 80
+#: columns.
+ROD_MODES = (22, 37, 67, 127)
+ROD_RESIDUAL_MODES = (16, 31, 61, 80)
+
+
+def _alike(modes: int) -> tuple[Variant, ...]:
+    """M1, M2 and M3 of the rotor with equally many modes, and M4 with its 10 vibration modes."""
+    return (m1(modes), m2(modes), m3(*HOUSING_M3, modes - 10), m4(10))
+
+
+FIGURES = {
+    figure.number: figure
+    for figure in (
+        PaperFigure(
+            5,
+            SLIDER_CRANK,
+            (m3("pc1", "lowest-frequency", 60),),
+            VALUES,
+            "full interface, and the paper's reference, M3 with 60 residual modes of unit "
+            "pressures",
+        ),
+        PaperFigure(6, SLIDER_CRANK, tuple(map(m1, ROD_MODES)), VALUES, "M1, Craig-Bampton"),
+        PaperFigure(7, SLIDER_CRANK, tuple(map(m2, ROD_MODES)), VALUES, "M2, two Craig-Bampton "
+                    "steps"),
+        PaperFigure(8, SLIDER_CRANK, tuple(m3(*ROD_M3, n) for n in ROD_RESIDUAL_MODES), VALUES,
+                    "M3 with long and short bearing shapes"),
+        PaperFigure(10, ROTOR, _alike(30), ERRORS, "M1, M2, M3 with 30 modes"),
+        PaperFigure(11, ROTOR, _alike(50), ERRORS, "M1, M2, M3 with 50 modes"),
+    )
+}  # fmt: skip
+
+#: Reference of each machine with its steps, the run that shows its own error, and the time after
+#: which errors are evaluated [s]: the film builds up before.
+REFERENCES = {
+    SLIDER_CRANK: (full(20), steps(1e-7), (full(6), steps(1e-6)), 2e-4),
+    ROTOR: (full(20), steps(1e-6), (full(10), steps(1e-6)), 1.05e-3),
+}
+
+
+def figures_of(scene: str) -> list[PaperFigure]:
+    """Figures of a machine, by the name of its scene."""
+    return [figure for figure in FIGURES.values() if figure.scene == scene]
+
+
+def paper_study(scene: str, settings: Mapping[str, object] | None = None) -> Study:
+    """Study with the runs of all figures of a machine.
+
+    `settings` replace those of the scene in all runs, by full key.
+    """
+    reference, reference_steps, check, start = REFERENCES[scene]
+    variants = {v.name: v for figure in figures_of(scene) for v in figure.variants}
+    scope = Scope(
+        methods=tuple(variants.values()),
+        tolerances=(),
+        stepped=(),
+        films=(),
+        meshed=(),
+        finest_steps={},
+        reference=reference,
+        reference_steps=reference_steps,
+        step_check=None,
+        film_check=None,
+        basis_check=check,
+        settings=settings or {},
+    )
+    return make_study(scene, scope=scope, start=start)
+
+
+def parse_figures(text: str) -> tuple[int, ...]:
+    """Numbers of figures from a text with numbers and ranges, ``5 7``, ``5,7`` or ``5-8,10``.
+
+    A range has the paper's figures within its ends. The result is in ascending order.
+
+    Raises
+    ------
+    SettingsError
+        The text is malformed, or a number is not one of `FIGURES`.
+    """
+    numbers: set[int] = set()
+    for item in re.split(r"[\s,]+", text.strip()):
+        match = re.fullmatch(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", item)
+        ends = [int(end) for end in match.groups() if end] if match else []
+        if not ends or not {ends[0], ends[-1]} <= FIGURES.keys() or ends[0] > ends[-1]:
+            known = ", ".join(map(str, FIGURES))
+            raise SettingsError(
+                f"--figures {text!r}: {item!r} is no figure of computed results in the paper: "
+                f"choose from {known}, for instance --figures 5,7 or --figures 5-8"
+            )
+        numbers.update(n for n in FIGURES if ends[0] <= n <= ends[-1])
+    return tuple(sorted(numbers))
+
+
+#: Processor time of the runs of figures, including their reductions, on one core of a virtual
+#: machine of 2026, by scene and run [s].
+SECONDS: Mapping[str, Mapping[str, float]] = {
+    SLIDER_CRANK: {
+        REFERENCE: 64,
+        "m1-22": 2.3,
+        "m1-37": 2.6,
+        "m1-67": 3.2,
+        "m1-127": 8.4,
+        "m2-22": 2.2,
+        "m2-37": 2.7,
+        "m2-67": 3.6,
+        "m2-127": 7.6,
+        "m3-pc1-lowest-frequency-60": 4.7,
+        "m3-pc2-lowest-frequency-16": 1.9,
+        "m3-pc2-lowest-frequency-31": 2.4,
+        "m3-pc2-lowest-frequency-61": 2.9,
+        "m3-pc2-lowest-frequency-80": 3.6,
+    },
+    ROTOR: {
+        REFERENCE: 59,
+        OWN_ERROR: 59,
+        "m1-30": 3,
+        "m1-50": 4,
+        "m2-30": 3,
+        "m2-50": 4,
+        "m3-pc1-largest-eigenvalue-20": 4,
+        "m3-pc1-largest-eigenvalue-40": 5,
+        "m4-10-2e-03": 6,
+    },
+}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Time that runs will take.
+
+    Attributes
+    ----------
+    runs, missing
+        Number of runs, and number of those that are not complete.
+    seconds
+        Estimated processor time of the missing runs [s].
+    """
+
+    runs: int
+    missing: int
+    seconds: float
+
+
+def estimate(folder: StudyFolder, runs: Collection[str]) -> Estimate:
+    """Time that some runs of a machine will take, from the runs in its folder.
+
+    The times in `SECONDS` are multiplied by the ratio of measured to stored times of the runs that
+    are complete.
+    """
+    stored = SECONDS[folder.study.scene.name]
+    complete = {
+        name: outcome
+        for name, outcome in folder.outcomes.items()
+        if outcome.complete and name in stored
+    }
+    measured = sum(
+        outcome.figures["processor_time_s"] + outcome.figures["offline_s"]
+        for outcome in complete.values()
+    )
+    expected = sum(stored[name] for name in complete)
+    factor = measured / expected if complete else 1.0
+    missing = [name for name in runs if name not in complete]
+    return Estimate(len(runs), len(missing), factor * sum(stored[name] for name in missing))
+
+
+def sum_of(estimates: Iterable[Estimate]) -> Estimate:
+    """Sum of the estimates of several machines."""
+    each = list(estimates)
+    return Estimate(
+        sum(e.runs for e in each), sum(e.missing for e in each), sum(e.seconds for e in each)
+    )
+
+
+def needed_runs(figures: Iterable[PaperFigure], scene: str) -> Sequence[str]:
+    """Names of the runs of a machine that some figures need, each once."""
+    of_machine = [figure for figure in figures if figure.scene == scene]
+    return tuple(dict.fromkeys(run for figure in of_machine for run in figure.runs))

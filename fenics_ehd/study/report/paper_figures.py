@@ -1,0 +1,47 @@
+"""Figures 5 to 8, 10 and 11 of Krinner and Rixen, drawn from studies of the paper's machines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
+from matplotlib.figure import Figure
+
+from fenics_ehd.plotting.picture import SETTINGS, plt, save_in_formats
+from fenics_ehd.study.paper import VALUES, PaperFigure
+from fenics_ehd.study.report.figures import draw_errors, draw_methods
+from fenics_ehd.study.report.study_data import StudyData
+
+#: Typical safe film thickness of engine bearings in section 4.2 [um].
+SAFE_FILM_THICKNESS = 2.5
+
+
+def draw_figure(figure: PaperFigure, study: StudyData) -> Figure | None:
+    """Draw a figure of the paper; None without a run of the reference.
+
+    Runs that are not complete are left out.
+    """
+    names = [variant.name for variant in figure.variants]
+    measured = {row["run"]: row for row in study.joints[0].measured("methods")}
+    rows = [measured[name] for name in names if name in measured]
+    if figure.shown != VALUES:
+        return draw_errors(study, rows)
+    drawn = draw_methods(study, rows)
+    if drawn is not None:
+        _draw_safe_film(drawn)
+    return drawn
+
+
+def _draw_safe_film(figure: Figure) -> None:
+    """Draw the line of a safe film thickness into the panel of the film."""
+    axes = figure.axes[1]
+    axes.axhline(SAFE_FILM_THICKNESS, color="0.3", linestyle=(0, (1, 2)), linewidth=1.2)
+    axes.annotate("safe film of engine bearings", (0.02, SAFE_FILM_THICKNESS), fontsize=7.5,
+                  xycoords=("axes fraction", "data"), va="top")  # fmt: skip
+
+
+def write_figure(figure: PaperFigure, study: StudyData, directory: Path) -> list[Path]:
+    """Write the files of a figure into a folder; return their paths, none without a reference."""
+    with plt.rc_context(SETTINGS):
+        drawn = draw_figure(figure, study)
+        return [] if drawn is None else save_in_formats(drawn, directory, figure.name)

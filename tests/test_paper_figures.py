@@ -1,0 +1,205 @@
+"""``fenics-ehd paper``: figures, estimates, and the documented parameters of the paper."""
+
+import json
+import re
+import tomllib
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import exit_of
+from report_cases import m1, m2, m3, write_history, write_study
+from study_cases import COARSE
+from sweep_cases import Inline
+
+import fenics_ehd as ehd
+from fenics_ehd.scenes.scene import as_stored
+from fenics_ehd.study import paper, pool
+from fenics_ehd.study.plan import REFERENCE, full, steps
+from fenics_ehd.study.report.paper_figures import draw_figure
+
+#: A revolution's beginning, coarse.
+TINY = {"time.revolutions": 0.02, "time.largest_step": 0.0055, **COARSE, **steps(1e-4)}
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [("5", (5,)), ("7 5", (5, 7)), ("5,7", (5, 7)), ("5-8,10", (5, 6, 7, 8, 10)),
+     ("8-11", (8, 10, 11)), (" 11 , 11 ", (11,))],
+)  # fmt: skip
+def test_figures_are_numbers_and_ranges(text, numbers):
+    assert paper.parse_figures(text) == numbers
+
+
+@pytest.mark.parametrize("text", ["9", "four", "5;7", "8-5", "5-", "-5", "", "1-99", "5-8-10"])
+def test_other_figures_are_refused_in_one_line(text, capfd, tmp_path):
+    status, out, err = exit_of(capfd, "paper", f"--figures={text or ' '}", "-o", tmp_path / "out")
+    assert status == 2
+    assert not out
+    (line,) = err.splitlines()
+    assert "--figures" in line
+    assert "5, 6, 7, 8, 10, 11" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_another_command_is_refused(capfd, tmp_path):
+    (tmp_path / "manifest.txt").write_text(
+        "fenics_ehd made these in this folder, and may remove or replace them:\ncommand: sweep\n"
+    )
+    status, _, err = exit_of(capfd, "paper", "-o", tmp_path)
+    assert status == 2
+    assert "was made by fenics-ehd sweep, not by paper" in err
+
+
+@pytest.mark.parametrize("scene", [paper.SLIDER_CRANK, paper.ROTOR])
+def test_every_run_of_a_figure_is_planned_and_has_an_estimate(scene):
+    study = paper.paper_study(scene)
+    runs = {run for figure in paper.figures_of(scene) for run in figure.runs}
+    assert runs == study.cases.keys() - ({paper.OWN_ERROR} - runs)
+    assert paper.SECONDS[scene].keys() == runs
+
+
+def test_the_runs_have_the_paper_s_numbers_of_modes():
+    study = paper.paper_study(paper.ROTOR)
+    for number, modes in ((10, 30), (11, 50)):
+        for run in paper.FIGURES[number].runs[2:5]:
+            reduction = study.cases[run].scene.bodies["housing"].reduction
+            counted = reduction.modes
+            if reduction.method == "m3":
+                counted = reduction.vibration_modes + reduction.residual_modes
+                assert reduction.pressure_set == "pc1"
+            assert counted == modes
+    rod = paper.paper_study(paper.SLIDER_CRANK).cases
+    reference = rod["m3-pc1-lowest-frequency-60"].scene.bodies["rod"].reduction
+    assert (reference.vibration_modes, reference.residual_modes) == (6, 60)
+    assert rod[REFERENCE].scene.time.tolerance == 1e-7
+
+
+@pytest.fixture
+def tiny_figures(monkeypatch):
+    """Figure 5 of values and figure 6 of errors, with coarse runs; the pool that runs them."""
+    inline = Inline()
+    scene = paper.SLIDER_CRANK
+    variants = (paper.m1(10),), (paper.m1(10), paper.m1(14))
+    figures = {
+        5: paper.PaperFigure(5, scene, variants[0], paper.VALUES, "values"),
+        6: paper.PaperFigure(6, scene, variants[1], paper.ERRORS, "errors"),
+    }
+    check = full(6), steps(1e-5)
+    study_of = paper.paper_study
+    monkeypatch.setattr(paper, "FIGURES", figures)
+    monkeypatch.setattr(paper, "REFERENCES", {scene: (full(8), steps(1e-6), check, 1e-4)})
+    seconds = {REFERENCE: 90.0, paper.OWN_ERROR: 20.0, "m1-10": 5.0, "m1-14": 5.0}
+    monkeypatch.setattr(paper, "SECONDS", {scene: seconds})
+    monkeypatch.setattr(paper, "paper_study", lambda name: study_of(name, TINY))
+    monkeypatch.setattr(pool, "open_pool", lambda workers: nullcontext(inline))
+    return inline
+
+
+def test_figures_are_made_and_complete_runs_are_not_repeated(tiny_figures, capfd, tmp_path):
+    folder = tmp_path / "out"
+    status, out, err = exit_of(capfd, "paper", "--figures", "5", "-o", folder, "--json")
+    assert status == 0, err
+    lines = [line.split() for line in err.splitlines()]
+    # Two of the four runs, 90 s and 5 s, before anything is run.
+    assert ["5", "2", "0", "95", "s"] in lines
+    assert lines.index(["5", "2", "0", "95", "s"]) < 3
+    assert tiny_figures.cases == [REFERENCE, "m1-10"]
+    (entry,) = json.loads(out)["figures"]
+    assert entry["files"] == [str(folder / f"figure_5.{ending}") for ending in ("png", "svg")]
+    first = (folder / "figure_5.svg").read_bytes()
+
+    tiny_figures.tasks.clear()
+    status, out, err = exit_of(capfd, "paper", "-o", folder)
+    assert status == 0, err
+    assert set(tiny_figures.cases) == {paper.OWN_ERROR, "m1-14"}
+    lines = [line.split() for line in err.splitlines()]
+    assert ["5", "2", "2", "0", "s"] in lines
+    assert (folder / "figure_5.svg").read_bytes() == first
+    assert (folder / "figure_6.png").is_file()
+    assert "figure_6.png" in out
+    # Estimates are in proportion to the times of the complete runs.
+    (row,) = [line for line in lines if line[:3] == ["6", "4", "2"]]
+    assert row[-1] == "s"
+    assert float(row[-2]) < 25
+
+
+def test_a_run_that_fails_is_named(tiny_figures, capfd, tmp_path, monkeypatch):
+    def fail(task):
+        return pool.CaseResult(pool.failed(ehd.errors.StepSizeError("1e-13 s")))
+
+    monkeypatch.setattr(pool, "run_case", fail)
+    status, _, err = exit_of(capfd, "paper", "--figures", "5", "-o", tmp_path / "out")
+    assert status == 1
+    assert "2 runs failed, the first is reference: failed: StepSizeError: 1e-13 s" in err
+    assert not list((tmp_path / "out").glob("figure*"))
+
+
+@pytest.mark.parametrize(
+    ("number", "rows"),
+    [
+        (5, [m3(60, pressure_set="pc1")]),
+        (6, [m1(22), m1(37), m1(67), m1(127)]),
+        (7, [m2(22), m2(37), m2(67), m2(127)]),
+        (8, [m3(16), m3(31), m3(61), m3(80)]),
+    ],
+)
+def test_curves_of_the_slider_crank_are_those_of_the_figure_s_runs(number, rows, tmp_path):
+    study = write_study(tmp_path, [*rows, m1(99)])
+    figure = paper.FIGURES[number]
+    assert draw_figure(figure, study) is None
+    assert set(figure.runs) == {REFERENCE, *(row["run"] for row in rows)}
+    for name in (REFERENCE, "m1-99", *(row["run"] for row in rows)):
+        write_history(study, name)
+    drawn = draw_figure(figure, study)
+    curves = [line for line in drawn.axes[0].lines if len(line.get_xdata()) > 2]
+    assert len(curves) == 1 + len(rows)
+    safe = [line for line in drawn.axes[1].lines if set(line.get_ydata()) == {2.5}]
+    assert len(safe) == 1
+
+
+def test_curves_of_the_rotor_are_errors(tmp_path):
+    unit = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
+    rows = [m1(30), m2(30), m3(20, coordinates=30, **unit)]
+    study = write_study(tmp_path, rows, ("bearing",), scene="rotor-paper")
+    for name, above in ((REFERENCE, 0.0), *((row["run"], 0.1) for row in rows)):
+        write_history(study, name, above=above)
+    drawn = draw_figure(paper.FIGURES[10], study)
+    curves = [line for line in drawn.axes[0].lines if len(line.get_xdata()) > 2]
+    errors = [np.nanmax(line.get_ydata()) for line in curves]
+    assert errors == pytest.approx([10.0, 10.0, 10.0])
+
+
+#: Page with the parameters; rows of Table 2 and section 5 are those of the rotor.
+PAGE = Path(__file__).parents[1] / "docs" / "paper.md"
+
+
+def documented_settings():
+    """Settings in the table of parameters: scene, key and value of each."""
+    for line in PAGE.read_text().splitlines():
+        cells = [cell.strip() for cell in line.split("|")[1:-1]]
+        if len(cells) == 5 and re.match(r"Table \d|[\d.]+$|\(\d", cells[0]):
+            rotor = cells[0] == "Table 2" or cells[0][0] == "5"
+            scene = paper.ROTOR if rotor else paper.SLIDER_CRANK
+            for text in re.findall(r"`([\w.]+ = [^`]+)`", " ".join(cells[3:])):
+                ((key, value),) = _flat(tomllib.loads(text))
+                yield scene, key, value
+
+
+def _flat(tables, prefix=""):
+    for name, value in tables.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def test_the_documented_parameters_are_those_of_the_scenes():
+    settings = {
+        scene: dict(_flat(as_stored(scene).tables)) for scene in (paper.SLIDER_CRANK, paper.ROTOR)
+    }
+    documented = list(documented_settings())
+    assert len(documented) > 60
+    for scene, key, value in documented:
+        assert settings[scene][key] == value, (scene, key)
