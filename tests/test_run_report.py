@@ -160,9 +160,10 @@ def test_a_folder_without_a_run_is_refused_in_one_line(tmp_path, capfd):
 
 NAMES = st.sampled_from(
     ["max_pressure_Pa", "max_pressure_time_s", "min_film_thickness_m", "cycle_max_pressure_Pa",
-     "cycle_max_pressure_angle_deg", "cycle_max_pressure_crank_angle_deg", "mean_side_flow_m3_per_s",
-     "cycle_mean_side_flow_m3_per_s", "inlet.flow_m3_per_s", "contact_share", "outlet_temperature_C",
-     "cycle_max_force_N", "cycle_max_force_angle_deg", "orbit_1x_phase_deg", "anything_new"]
+     "cycle_max_pressure_angle_deg", "cycle_max_pressure_crank_angle_deg", "contact_share",
+     "mean_side_flow_m3_per_s", "cycle_mean_side_flow_m3_per_s", "inlet.flow_m3_per_s",
+     "outlet_temperature_C", "cycle_max_force_N", "cycle_max_force_angle_deg",
+     "orbit_1x_phase_deg", "anything_new"]
 )  # fmt: skip
 VALUES = st.floats(-1e9, 1e9, allow_nan=False)
 
