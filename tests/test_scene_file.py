@@ -437,7 +437,10 @@ OF_A_SHAFT = [
     ),
     ({"bodies.shaft.points.left": 1.5}, "shaft.points.left = 1.5 must be a share"),
     ({"bodies.shaft.modes": 11}, "shaft.modes = 11 must be even"),
-    ({"bodies.shaft.disks": [[1.5, 40.0, 0.3, 0.16]]}, "disks: position = 1.5 must be a share"),
+    ({"bodies.shaft.disks": [[1.5, 40.0, 0.3, 0.16]]}, "disks: position = 1.5 must be at least 0"),
+    ({"bodies.shaft.disks": [[0.5, 40.0, -0.3, 0.16]]}, "disks: polar_inertia = -0.3 must be at"),
+    ({"bodies.shaft.disks": [[0.5, 40.0, 0.3]]}, "must be a list of rows with 4 numbers each"),
+    ({"joints.left.journal": "shaft"}, "joints.left.journal = 'shaft': a shaft needs one of its"),
 ]
 
 

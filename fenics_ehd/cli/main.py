@@ -210,8 +210,9 @@ def run(
     "--export",
     "exports",
     multiple=True,
-    type=click.Choice(["npz"]),
-    help="Also export the body to a NumPy file, next to the HDF5 file.",
+    type=click.Choice(["npz", "op4", "dmig"]),
+    help="Also export the body next to the HDF5 file: to a NumPy file, or as a Craig-Bampton "
+    "superelement of Nastran (not of m4).",
 )
 @no_cache_option
 @json_option
