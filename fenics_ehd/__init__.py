@@ -21,6 +21,9 @@ from importlib import import_module
 from typing import Any
 
 from fenics_ehd.base.lazy import lazily
+from fenics_ehd.base.libraries import require_matching_numpy
+
+require_matching_numpy()
 
 __version__ = "0.4.0.dev0"
 

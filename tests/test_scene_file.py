@@ -18,7 +18,7 @@ from fenics_ehd.reduction.reductor import rigid
 from fenics_ehd.scenes import films, part_settings, schema
 from fenics_ehd.scenes import part as elastic_part
 from fenics_ehd.scenes.library import shipped, shipped_names
-from fenics_ehd.scenes.part import with_method
+from fenics_ehd.scenes.part_changes import with_method
 from fenics_ehd.scenes.scene import scene_of
 
 FOUR_BAR, SLIDER_CRANK, ROTOR = "four-bar", "slider-crank-paper", "rotor-two-bearings"

@@ -58,9 +58,11 @@ from fenics_ehd.analysis.replay import (
     with_finer_films,
 )
 from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.base.progress import SILENT, Progress, chosen_progress
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import Instant, Motion, System
+from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import CYCLE_NOISE, PeriodicSolver
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
@@ -312,9 +314,17 @@ class Estimator:
         Recorder of the run.
     parts
         Parts in memory, by the name of their body, see `checked_errors`.
+    progress
+        Progress in which the replays open their stages.
     """
 
-    def __init__(self, solved: Recorder, parts: Mapping[str, PartInMemory] | None = None):
+    def __init__(
+        self,
+        solved: Recorder,
+        parts: Mapping[str, PartInMemory] | None = None,
+        progress: Progress = SILENT,
+    ):
+        self._progress = progress
         self._parts = parts or {}
         self._summary = RunSummary(solved)
         self._trajectory = trajectory_of(solved)
@@ -349,22 +359,24 @@ class Estimator:
         if any(binding.film.elastic for binding in self._system.films):
             for component in UNKNOWN:
                 estimates[component] = partial(self._change_by_gaps, component)
-        try:
-            again = self._follow(self._long, stride=self._stride)
-        except FAILURES as error:
-            notes = dict.fromkeys(estimates, _one_line(error))
-            estimates = {}
         left_out: dict[str, float] = {}
-        common = self._left_out
-        for name, change in estimates.items():
-            self._left_out = common
+        with self._progress.stage("error budget", 1 + len(estimates), "estimates") as stage:
             try:
-                changes[name] = change(again)
+                again = self._follow(self._long, stride=self._stride)
             except FAILURES as error:
-                notes[name] = _one_line(error)
-                continue
-            if self._left_out:
-                left_out[name] = self._left_out
+                notes = dict.fromkeys(estimates, _one_line(error))
+                estimates = {}
+            common = self._left_out
+            for number, (name, change) in enumerate(estimates.items(), start=1):
+                stage.to(number, name.replace("_", " "))
+                self._left_out = common
+                try:
+                    changes[name] = change(again)
+                except FAILURES as error:
+                    notes[name] = _one_line(error)
+                    continue
+                if self._left_out:
+                    left_out[name] = self._left_out
         joints = {
             binding.name: self._joint(i, binding, changes)
             for i, binding in enumerate(self._system.films)
@@ -408,11 +420,18 @@ class Estimator:
         tolerance = min(SETTLED * self._run.control.tolerance, LITTLE)
         replay = Replay(run or self._run, trajectory, tolerance, forgiving=True, **how)
         end = float(trajectory.times[-1])
+        began = trajectory.began
         try:
-            return recorded(replay, end, look=replay.columns)
+            with self._progress.stage("replay", 1e3 * (end - began), "ms") as stage:
+
+                def look(step: MechanismStep) -> Mapping[str, float]:
+                    stage.to(1e3 * (step.time - began))
+                    return replay.columns(step)
+
+                return recorded(replay, end, look=look)
         finally:
             self.iterations += replay.iterations
-            self._left_out = max(self._left_out, replay.left_out / (end - trajectory.began))
+            self._left_out = max(self._left_out, replay.left_out / (end - began))
 
     def _change_by_steps(self, again: Trajectory) -> np.ndarray:
         """Curves of the step-size error; `again` is the replay of the run in long steps."""
@@ -586,12 +605,20 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def error_budget(history: History) -> ErrorBudget:
+def error_budget(history: History, *, progress: Progress | bool = True) -> ErrorBudget:
     """Estimate the errors of a run whose history `simulate` returned.
+
+    Parameters
+    ----------
+    history
+        History of the run.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the replays
+        open their stages.
 
     Raises
     ------
     InputError
         The history was read from a folder.
     """
-    return Estimator(solved_run(history)).budget()
+    return Estimator(solved_run(history), progress=chosen_progress(progress)).budget()

@@ -26,7 +26,7 @@ with ending_signals_raise():
     from fenics_ehd import __version__
     from fenics_ehd.base.command_start import start_command
     from fenics_ehd.base.errors import EhdError
-    from fenics_ehd.base.libraries import foreign_numpy, library_fault
+    from fenics_ehd.base.libraries import foreign_numpy, library_fault, numpy_conflict
     from fenics_ehd.base.needs import Needs
     from fenics_ehd.base.printed import escaped
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
@@ -323,9 +323,10 @@ def _require_arrays(arguments: list[str]) -> None:
     EhdError
         Python would import another NumPy; the message has the path of that NumPy.
     """
-    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
+    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]}:
         return
-    if fault := library_fault():
+    fault = numpy_conflict() or (library_fault() if foreign_numpy() else "")
+    if fault:
         raise EhdError(fault)
 
 

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import naming, require_output, versions
 from fenics_ehd.base.processes import require_alike
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.base.settings import unusual
 from fenics_ehd.cli.options import answer, say_reducing, warn_of
 from fenics_ehd.reduction.body import (
@@ -76,9 +77,13 @@ def reduce_part(
     say_reducing([name] if body is None else [], [] if body is None else [name])
     rod = None
     if body is None or basis_path:
-        elastic = elastic_part(settings, f"bodies.{name}", element, comm, edges, entry)
-        start = perf_counter()
-        rod = elastic.reduce(mesh_error=True)
+        progress = shown_progress(logs=True)
+        with progress.stage(name):
+            elastic = elastic_part(
+                settings, f"bodies.{name}", element, comm, edges, entry, progress
+            )
+            start = perf_counter()
+            rod = elastic.reduce(mesh_error=True)
         body = rod.body
     seconds = perf_counter() - start
     # Other processes may have written files since the first check.

@@ -6,7 +6,6 @@ Imports inside functions: ``--help`` must work without NumPy and films, and quic
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from math import isclose
 from pathlib import Path
@@ -212,22 +211,19 @@ def _within(speeds: Sequence[float], shown: float) -> float:
 
 def _solved(folder: RotorFolder) -> RotorMap:
     """Compute the rotor map of a folder, and show the progress on standard error."""
-    from tqdm import tqdm
-
     from fenics_ehd.base.processes import interrupt_between_steps
+    from fenics_ehd.base.progress import shown_progress
     from fenics_ehd.scenes.rotor_map import solve_map
 
-    interval = 0.2 if sys.stderr.isatty() else 10.0
     total = len(folder.plan.speeds)
     with (
-        tqdm(total=total, unit="speed", file=sys.stderr, mininterval=interval) as bar,
+        shown_progress(logs=True).stage("rotor map", total, "speeds") as stage,
         interrupt_between_steps() as check,
     ):
 
         def progress(speed: float) -> None:
             check()
-            bar.set_postfix_str(f"{speed:.5g} rad/s", refresh=False)
-            bar.update()
+            stage.add(f"{speed:.5g} rad/s")
 
         return solve_map(folder.plan, stored=folder.points, progress=progress)
 
