@@ -61,7 +61,7 @@ def plan() -> Study:
 #
 # First the bodies of the part are reduced, with one factorisation. Then the cases run, in any
 # number of processes. Every case has its folder in `FOLDER/runs`, and `FOLDER/table.csv` is
-# rewritten whenever one ends.
+# rewritten once a second.
 
 
 def run(folder: Path, workers: int = 1) -> list[dict[str, Any]]:

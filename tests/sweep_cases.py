@@ -1,6 +1,7 @@
 """Short scenes to sweep, and sweeps in this process or another one."""
 
 import csv
+import pickle
 from concurrent.futures import Executor, Future
 
 import scene_cases
@@ -40,10 +41,10 @@ class Inline(Executor):
     def __init__(self):
         self.tasks = []
 
-    def submit(self, function, task):
-        self.tasks.append(task)
+    def submit(self, function, letter):
+        self.tasks.append(pickle.loads(letter)[1])
         future = Future()
-        future.set_result(function(task))
+        future.set_result(function(letter))
         return future
 
     @property

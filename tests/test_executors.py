@@ -10,8 +10,9 @@ from study_cases import COARSE
 from sweep_cases import Inline, results, rows_of, scene_as, write_scene
 
 from fenics_ehd.base.processes import _thread_functions, one_blas_thread
-from fenics_ehd.study.pool import ProcessPool, outcomes
+from fenics_ehd.study.pool import ProcessPool, Tasks
 from fenics_ehd.study.sweep import SweepFolder, make_sweep, run_sweep
+from fenics_ehd.study.worker import CaseTask, _body
 
 SHORT = {"time.revolutions": 0.002, "time.tolerance": 1e-3, "reduction.estimate_error": False}
 CLEARANCES = ["clearance=14e-6,17e-6"]
@@ -25,7 +26,7 @@ class Elsewhere(Executor):
         self.tasks = []
 
     def submit(self, function, /, *arguments):
-        self.tasks.append(arguments[0])
+        self.tasks.append(pickle.loads(arguments[0])[1])
         letter = pickle.dumps((function, arguments))
         hidden = self.folder.with_name("hidden")
         self.folder.rename(hidden)
@@ -41,7 +42,7 @@ class Elsewhere(Executor):
 
 def sweep_on(directory, scene, executor, *, keep=False):
     with SweepFolder(directory, make_sweep(scene, CLEARANCES)) as folder:
-        return run_sweep(folder, Inline(), executor=executor, keep=keep)
+        return run_sweep(folder, executor or Inline(), keep=keep)
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +64,13 @@ def local(scene, tmp_path_factory):
 def test_cases_travel_with_their_bodies_and_their_files_return(scene, local, tmp_path):
     directory = tmp_path / "swept"
     executor = Elsewhere(directory)
+    _body.cache_clear()
     sweep_on(directory, scene, executor, keep=True)
     assert results(rows_of(directory)) == results(rows_of(local))
-    assert all(body.content for task in executor.tasks for body in task.bodies.values())
+    cases = [task for task in executor.tasks if isinstance(task, CaseTask)]
+    bodies = [body.content for task in cases for body in task.bodies.values()]
+    # The other machine is sent the bytes of the body once.
+    assert sum(content is not None for content in bodies) == 1
     for case in ("0001", "0002"):
         names = {path.name for path in (local / "runs" / case).iterdir()}
         assert {path.name for path in (directory / "runs" / case).iterdir()} == names
@@ -101,14 +106,14 @@ def killed(number):
 @pytest.mark.parametrize("make", [ThreadPoolExecutor, ProcessPool])
 def test_an_error_is_the_outcome_of_its_task(make):
     with make(1) as executor:
-        answers = dict(outcomes(executor, raised, range(3), lambda: None))
+        answers = dict(Tasks(executor, raised, lambda: None).outcomes(range(3)))
     assert answers.pop(1).status == "failed: ValueError: one of them"
     assert answers == {0: 0, 2: 2}
 
 
 def test_a_broken_executor_fails_its_tasks_and_ends():
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as executor:
-        answers = dict(outcomes(executor, killed, [1, 2], lambda: None))
+        answers = dict(Tasks(executor, killed, lambda: None).outcomes([1, 2]))
     assert answers[1].status.startswith("failed: WorkerDiedError")
 
 

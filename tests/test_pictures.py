@@ -424,13 +424,14 @@ def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):
     assert [path.read_bytes() for path in again] == [path.read_bytes() for path in files[2:]]
     names = set(Pictures({"": bearings.directory}).names)
     assert {"max_pressure", "orbit", "force", "film_map", "bore", "energy"} <= names
-    assert not {"friction", "contact", "flow"} & names
+    assert {"friction", "flow", "specific_load"} <= names
+    assert not {"contact", "oil_content"} & names
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--quantity", "friction"], "--quantity friction: no such quantity in"),
+        (["--quantity", "contact"], "--quantity contact: no such quantity in"),
         (["--quantity", "speed"], "choose from max_pressure, min_film_thickness, orbit, force"),
         (["--joint", "middle"], "has no such lubricated joint: choose"),
         (["--joint", "middle"], "choose from left, right"),

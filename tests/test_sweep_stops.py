@@ -12,7 +12,7 @@ from command_line import program as call
 from command_line import start
 from sweep_cases import MANY, rows_of, write_scene
 
-from fenics_ehd.study.pool import ProcessPool, outcomes
+from fenics_ehd.study.pool import ProcessPool, Tasks
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +30,12 @@ def process_of(number):
 
 def test_processes_serve_one_task_after_the_other_and_one_that_dies_costs_its_own_task_only():
     with ProcessPool(2) as pool:
-        answers = dict(outcomes(pool, process_of, range(8), lambda: None))
+        answers = dict(Tasks(pool, process_of, lambda: None).outcomes(range(8)))
         processes = {process.pid for process in multiprocessing.active_children()}
         assert sorted(answers) == list(range(8))
         assert set(answers.values()) == processes
         assert len(processes) == 2
-        answers = dict(outcomes(pool, process_of, range(5, 11), lambda: None))
+        answers = dict(Tasks(pool, process_of, lambda: None).outcomes(range(5, 11)))
     assert answers.pop(8).status.startswith("failed: WorkerDiedError")
     assert sorted(answers) == [5, 6, 7, 9, 10]
     assert all(isinstance(number, int) for number in answers.values())

@@ -260,7 +260,7 @@ COMMAND = "command"
 #: All keys of a manifest.
 KEYS = (COMMAND,)
 
-#: Name of the file with status and figures of one run of a sweep or study, in the run's folder.
+#: Name of the file with status and figures of a run in a sweep or study of versions before 0.4.
 OUTCOME = "outcome.json"
 
 #: Commands by file names in manifests of version 0.3, which do not have the key of the command.
@@ -532,6 +532,7 @@ PICTURES = (
     "min_film_thickness",
     "orbit",
     "force",
+    "specific_load",
     "eccentricity",
     "places",
     "friction",
@@ -772,9 +773,9 @@ def _is_film(path: Path) -> bool:
     return False
 
 
-def to_json(values: Mapping[str, object]) -> str:
+def to_json(values: Mapping[str, object], *, indent: int | None = 2) -> str:
     """Convert values to JSON text; numbers that are not finite become null."""
-    return json.dumps(_plain(values), indent=2, allow_nan=False)
+    return json.dumps(_plain(values), indent=indent, allow_nan=False)
 
 
 def _plain(value: object) -> object:

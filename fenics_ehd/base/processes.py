@@ -13,6 +13,7 @@ environment is set up, and a single process need not start MPI. Only workers nee
 from __future__ import annotations
 
 import ctypes
+import functools
 import io
 import logging
 import multiprocessing
@@ -125,11 +126,21 @@ def for_mpirun() -> dict[str, str]:
 
 
 def begin_worker() -> None:
-    """Set up a worker process of a pool: it is no rank, has one BLAS thread, ends with its parent.
+    """Set up a worker process of a pool on this machine, which ends with its parent."""
+    set_up_worker()
+    logging.disable(logging.INFO)  # the build log of forms
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
-    The function must be called before MPI starts: the process would otherwise act as the rank of
-    its parent.
+
+@functools.cache
+def set_up_worker() -> None:
+    """Set up a process that runs cases: it is no rank of MPI, and has one BLAS thread.
+
+    The function has no effect in a process that has started MPI: a process that inherits the
+    variables of a launcher would otherwise act as the rank of its parent.
     """
+    if "mpi4py.MPI" in sys.modules:
+        return
     from tqdm import tqdm
 
     for name, value in list(os.environ.items()):
@@ -139,10 +150,23 @@ def begin_worker() -> None:
     os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    logging.disable(logging.INFO)  # the build log of forms
     # Processes share the default lock, which a killed process never releases.
     tqdm.set_lock(threading.RLock())
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def letter_of(function: Callable[[Any], Any], argument: Any) -> bytes:
+    """Pickle a call of a function of a module, for `call_of_letter` in another process."""
+    return pickle.dumps((function, argument), pickle.HIGHEST_PROTOCOL)
+
+
+def call_of_letter(letter: bytes) -> Any:
+    """Call the function in a letter from `letter_of`, in a worker of any executor.
+
+    The process is set up first: the modules of the function may start MPI.
+    """
+    set_up_worker()
+    function, argument = pickle.loads(letter)
+    return function(argument)
 
 
 #: Names of the functions of OpenBLAS that set and return its number of threads. In wheels they have
@@ -169,6 +193,14 @@ def one_blas_thread() -> Iterator[None]:
 
 def _thread_functions() -> list[tuple[Callable[[int], None], Callable[[], int]]]:
     """Functions of every loaded OpenBLAS that set and return its number of threads."""
+    return _functions_of_libraries(len(sys.modules))
+
+
+@functools.lru_cache(maxsize=1)
+def _functions_of_libraries(
+    _modules: int,
+) -> list[tuple[Callable[[int], None], Callable[[], int]]]:
+    """Result of `_thread_functions`, which takes 3 ms; an import may load another library."""
     functions = []
     for library in map(ctypes.CDLL, _loaded("blas")):
         for write, read in THREAD_FUNCTIONS:

@@ -399,15 +399,15 @@ FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m":
 
 #: Printed lines of a joint by the result that a line requires; values are in printed units.
 JOINT_LINES = {
-    "max_pressure_Pa": "    maximum pressure        {max_pressure_Pa:9.3f} MPa {pressure_error}at "
+    "max_pressure_Pa": "    peak pressure (POFP)    {max_pressure_Pa:9.3f} MPa {pressure_error}at "
     "{max_pressure_time_s:.3f} ms",
-    "min_film_thickness_m": "    minimum film thickness  {min_film_thickness_m:9.4f} um  "
+    "min_film_thickness_m": "    minimum film (MOFT)     {min_film_thickness_m:9.4f} um  "
     "{film_error}at {min_film_thickness_time_s:.3f} ms",
     "basis_error_estimate_m": "    basis error estimate    {basis_error_estimate_m:9.4f} um  of gap"
     "{large}",
-    "mean_friction_power_W": "    mean friction power     {mean_friction_power_W:9.3f} W   "
-    "{mean_friction_torque_Nm:.4g} N m on the journal, {mean_bore_friction_torque_Nm:.4g} N m on "
-    "the bore",
+    "mean_friction_power_W": "    friction power loss     {mean_friction_power_W:9.3f} W   "
+    "mean; friction torque {mean_friction_torque_Nm:.4g} N m on the journal, "
+    "{mean_bore_friction_torque_Nm:.4g} N m on the bore{on_bodies}",
     "cycle_mean_force_N": "    peak of the {span:12}{cycle_max_pressure_Pa:9.3f} MPa "
     "at {cycle_max_pressure_angle_deg:.1f} deg of the bore, {cycle_max_pressure_height_m:+.2f} mm, "
     "crank {cycle_max_pressure_crank_angle_deg:.1f} deg\n"
@@ -418,11 +418,18 @@ JOINT_LINES = {
     "{cycle_max_force_angle_deg:.1f} deg, crank {cycle_max_force_crank_angle_deg:.1f} deg\n"
     "    eccentricity            {cycle_max_eccentricity_ratio:9.3f} c   at most in the deformed "
     "bore, crank {cycle_max_eccentricity_crank_angle_deg:.1f} deg",
+    "cycle_mean_specific_load_Pa": "    specific load F / (2RB) "
+    "{cycle_mean_specific_load_Pa:9.3f} MPa mean, {cycle_max_specific_load_Pa:.4g} MPa at most",
+    "cycle_min_lambda_ratio": "    lambda ratio            {cycle_min_lambda_ratio:9.3f}     "
+    "thinnest film over combined roughness, crank {cycle_min_lambda_ratio_crank_angle_deg:.1f} deg",
     "effective_temperature_C": "    effective temperature   {effective_temperature_C:9.2f} C   "
     "from {supply_temperature_C:.2f} C, {outlet_temperature_C:.2f} C with "
     "{mean_leaving_flow_m3_per_s:.3f} cm3/s that leave",
     "mean_contact_force_N": "    mean contact force      {mean_contact_force_N:9.3g} N   of "
     "contact pressure up to {max_contact_pressure_Pa:.3g} MPa",
+    "cycle_max_contact_share": "    load on asperities      {mean_contact_share:9.3g}     share, "
+    "mean, {cycle_max_contact_share:.3g} at most, crank "
+    "{cycle_max_contact_share_crank_angle_deg:.1f} deg",
 }
 
 #: Printed lines of a run by the key of the summary that a line requires; values are in SI units.
@@ -453,6 +460,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         "span": span,
         "pressure_error": error_text(joint, "max_pressure", pressure, "MPa"),
         "film_error": error_text(joint, "min_film_thickness", film, "um"),
+        "on_bodies": "" if "mean_film_power_W" in joint else ", not applied to the bodies",
         "large": ", not small compared with the film: use more modes" * large,
     }
     values = figures | words

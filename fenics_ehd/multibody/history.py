@@ -92,6 +92,7 @@ FIELD_UNITS = {
     "gap": "m",
     "fluid_fraction": DIMENSIONLESS,
     "quasi_static": "Pa",
+    "quasi_static_rates": "Pa/s",
     "multipliers": MIXED,
     "corner": DIMENSIONLESS,
     "powers": "W",
@@ -132,6 +133,7 @@ LAYOUT = Group(
                 "multipliers": Value("float", ("STEPS", "multipliers"), required=False),
                 "corner": Value("truth", ("STEPS",), required=False),
                 "quasi_static": Value("float", ("STEPS", "patterns"), required=False),
+                "quasi_static_rates": Value("float", ("STEPS", "patterns"), required=False),
                 "powers": Value("float", ("STEPS", "powers"), required=False),
             }
         ),
@@ -537,12 +539,22 @@ class History(Described):
         with naming(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self.write(folder / FIELDS_NAME, PACKED)
+        self.write_columns(folder / CSV_NAME)
+        if self.entries:
+            write_summary(folder, self.entries)
+
+    def write_columns(self, path: Path) -> None:
+        """Write all columns to a file ``history.csv``, with ten digits.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written; an existing file is then unchanged.
+        """
         columns = self.columns
         rows = np.column_stack([*columns.values()])
         lines = [csv_line([*columns]), *(csv_line([f"{x:.10g}" for x in row]) for row in rows)]
-        write_whole(folder / CSV_NAME, b"".join(lines))
-        if self.entries:
-            write_summary(folder, self.entries)
+        write_whole(path, b"".join(lines))
 
     def write(
         self,

@@ -36,6 +36,12 @@ from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import PeriodicSolver, recurrence_of, reference_angle
 from fenics_ehd.multibody.quantities import joint_row, rubbing
+from fenics_ehd.multibody.reported_rows import (
+    AMPLITUDE_RATES,
+    AMPLITUDES,
+    Row,
+    with_reported,
+)
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import (
     SIGNS,
@@ -47,10 +53,6 @@ from fenics_ehd.multibody.trust import (
 
 #: Columns of a history by path with unit, each of shape (steps,).
 Columns = Mapping[str, np.ndarray]
-
-#: Row of a step: numbers by path with unit, such as ``joints/big_end/force_x_N``, and arrays by
-#: path.
-Row = Mapping[str, Any]
 
 #: Columns of the frame coordinates of a body.
 FRAME = ("x_m", "y_m", "angle_rad")
@@ -97,14 +99,15 @@ def history_of(system: System, rows: Sequence[Row]) -> History:
 def solution(run: Run, step: MechanismStep) -> dict[str, np.ndarray]:
     """State and nodal fields of the last accepted step of a run, by their paths in a history."""
     system = run.equations.system
-    patterns = run.equations.responses.size
     arrays = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
     assert run.state.solver is not None
     values = run.state.solver.values[0]
     arrays["state/multipliers"] = values[len(values) - 2 * system.m :]
     arrays["state/corner"] = np.array(len(run.state.times) == 1)
-    if patterns:
-        arrays["state/quasi_static"] = step.x[system.n : system.n + patterns]
+    if run.equations.responses.size:
+        indices = run.equations.responses.indices
+        arrays[AMPLITUDES] = step.x[indices]
+        arrays[AMPLITUDE_RATES] = step.rate[indices]
     for joint in step.solution.joints:
         path = f"joints/{joint.binding.name}/film"
         arrays[f"{path}/pressure"] = joint.pressure
@@ -413,6 +416,14 @@ class Recorder(Stateful):
                 if path.endswith("/angle"):
                     row[f"{path.removesuffix('angle')}speed_rad_per_s"] = rate
         return row
+
+    def add_reported(self) -> None:
+        """Add the quantities that are computed from recorded rows to all rows that are kept.
+
+        The method is called when the run has ended, and not at its steps.
+        """
+        if self.rows and with_reported(self.run, self.rows[-1]).keys() != self.rows[-1].keys():
+            self.rows = [with_reported(self.run, row) for row in self.rows]
 
     def history(self) -> History:
         """Make the history of the steps whose rows are kept."""

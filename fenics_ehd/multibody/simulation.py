@@ -34,6 +34,7 @@ from fenics_ehd.multibody.verdict import verdict
 
 def summarised_history(recorder: Recorder) -> History:
     """Make the history of a run that has ended, with verdict, summary and the recorder."""
+    recorder.add_reported()
     summary = RunSummary(recorder)
     entries = {"status": verdict(summary), **summary.entries()}
     return replace(recorder.final_history(), entries=entries, solved=recorder)

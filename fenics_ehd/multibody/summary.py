@@ -35,14 +35,20 @@ from fenics_ehd.multibody.quantities import CONTENT, averaged, oil_balance, wear
 from fenics_ehd.multibody.recorder import STEP_COUNTS, Columns, Recorder, columns_of
 from fenics_ehd.multibody.trust import balance_error, integral
 
-#: Cycle extremes: summary name, source column, prefix in the summary, and columns reported at the
-#: step of the extreme.
+#: Cycle extremes of a joint that has the source column: summary name, source column, prefix in the
+#: summary, and columns reported at the step of the extreme.
 EXTREMES = (
     ("max_pressure", "max_pressure_Pa", "", ("max_pressure_angle_deg", "max_pressure_height_m")),
     ("min_film", "min_film_thickness_m", "", ("min_film_angle_deg", "min_film_height_m")),
     ("max_force", "force_N", "max_", ("force_angle_deg",)),
+    ("max_specific_load", "specific_load_Pa", "max_", ()),
+    ("min_lambda_ratio", "min_lambda_ratio", "", ()),
+    ("max_contact_share", "contact_share", "max_", ()),
     ("max_eccentricity", "eccentricity_ratio", "max_", ()),
 )
+
+#: Columns whose mean over the last complete cycle is always an entry.
+CYCLE_MEANS = ("force_N", "specific_load_Pa")
 
 #: Columns whose extreme over the current cycle of a search, or over the run, and its time are
 #: entries.
@@ -110,6 +116,8 @@ def cycle_figures(
     rows = cycle.rows(times)
     period = float(times[rows][-1]) - cycle.start if cycle.periodic else None
     for name, column, prefix, others in EXTREMES:
+        if f"joints/{joint}/{column}" not in columns:
+            continue
         values = columns[f"joints/{joint}/{column}"][rows]
         row = rows.start + extreme_step(column, values)
         value, time = extreme_of(column, times[rows], values, period)
@@ -119,7 +127,7 @@ def cycle_figures(
         angle = float(np.interp(time, times[rows], columns["run/crank_angle_deg"][rows]))
         figures[f"cycle_{name}_crank_angle_deg"] = angle
     under_way = rows.stop == len(times) and (cycle.periodic or not cycle.start)
-    for name in ("force_N", *(() if under_way else rates)):
+    for name in (*CYCLE_MEANS, *(() if under_way else rates)):
         values = columns[f"joints/{joint}/{name}"]
         figures[f"cycle_mean_{name}"] = _mean_after(cycle.start, times, values, rows)
     return figures

@@ -557,6 +557,37 @@ def multiplier_figures(run: Recorder, between: Callable[[], None]) -> dict[str, 
         return {"multiplier_failure": str(error)}
 
 
+def _nothing() -> None:
+    """Do nothing between two steps."""
+
+
+def _entries(
+    run: Recorder, status: str, about: Mapping[str, Any], budgets: Budgets
+) -> dict[str, Any]:
+    """Entries of the summary of a run that has ended."""
+    seconds = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
+    return {"status": status, **about, **RunSummary(run, budgets).entries(), **seconds}
+
+
+def summarised_run(
+    run: Recorder, about: Mapping[str, Any], between: Callable[[], None] = _nothing
+) -> dict[str, Any]:
+    """Integrate a run as `record_run` does, but without files; return its summary.
+
+    The parameters are those of `record_run`.
+
+    Raises
+    ------
+    SolverError
+        Raised by `Run.until` and `PeriodicSolver`.
+    """
+    with interrupt_between_steps() as check:
+        for _ in run.steps():
+            check()
+            between()
+    return _entries(run, verdict(RunSummary(run)), about, {})
+
+
 def record_run(
     run: Recorder,
     directory: Path,
@@ -568,6 +599,7 @@ def record_run(
     former: Checkpoint | None,
     multiplier: bool,
     judge: Judge | None,
+    between: Callable[[], None] = _nothing,
 ) -> dict[str, Any]:
     """Integrate a run to its end, or until it is periodic; write its files, return its summary.
 
@@ -592,6 +624,8 @@ def record_run(
         Whether the largest Floquet multiplier of a periodic solution is computed.
     judge
         Function that estimates the errors of the complete run; None for no estimate.
+    between
+        Function that is called between two steps; it may raise an error, which ends the run.
 
     Raises
     ------
@@ -610,9 +644,7 @@ def record_run(
     steps = recorded_steps(run, directory, began, interval)
 
     def leave(status: str) -> dict[str, Any]:
-        seconds = {"wall_time_s": run.wall_time, "processor_time_s": run.processor_time}
-        figures = RunSummary(run, budgets).entries()
-        summary = {"status": status, **about, **figures, **seconds, **later_entries}
+        summary = _entries(run, status, about, budgets) | later_entries
         if run.rows:
             write_summary(directory, summary)
         return summary
@@ -633,8 +665,10 @@ def record_run(
                     )
                 _show(bar, run, step)
                 check()
+                between()
             if multiplier:
                 later_entries |= multiplier_figures(run, check)
+            run.add_reported()
             status = verdict(RunSummary(run))
         if judge is not None:
             budgets, judged = judge(run, directory)
@@ -647,6 +681,10 @@ def record_run(
     if run.cycles is not None:
         # Without its checkpoint, the complete periodic solution cannot be resumed.
         replace(run.final_history(), entries=summary).save(directory)
+    else:
+        # Rows that were written during the run lack the columns of `Recorder.add_reported`.
+        save_run_state(run, directory, began)
+        run.history().write_columns(directory / CSV_NAME)
     return summary
 
 

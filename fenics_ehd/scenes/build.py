@@ -36,7 +36,7 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import check_period
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.films import lubricated_joint, reference_rate
+from fenics_ehd.scenes.films import lubricated_joint, reference_rate, shut_supplies
 from fenics_ehd.scenes.inputs import Inputs, gravity, read_inputs
 from fenics_ehd.scenes.scene import Scene, flexible
 from fenics_ehd.scenes.start import assembled_bodies
@@ -66,7 +66,7 @@ class Machine:
     options
         Keyword arguments of `simulate`: end or period, and the options of the time integration.
     warnings
-        Notices on bodies from files, one line each.
+        Notices on bodies from files and on supplies of oil, one line each.
     """
 
     mechanism: Mechanism
@@ -155,8 +155,19 @@ def build(
         duration.get("period"),
         steps,
         duration | vars(steps),
-        tuple(line for name, part in parts.items() for line in _lacking_edges(name, part)),
+        _notices(parts, joints),
     )
+
+
+def _notices(
+    parts: Mapping[str, ElasticPart], joints: Mapping[str, Joint | LubricatedJoint]
+) -> tuple[str, ...]:
+    """Notices, one line each, on reduced bodies and on supplies of oil of a machine."""
+    lines = [line for name, part in parts.items() for line in _lacking_edges(name, part)]
+    for name, joint in joints.items():
+        if isinstance(joint, LubricatedJoint):
+            lines += shut_supplies(name, joint.film)
+    return tuple(lines)
 
 
 def _lacking_edges(name: str, part: ElasticPart) -> Iterator[str]:

@@ -111,6 +111,13 @@ def plan_map(
                 "motions about equilibria, and stiffness and damping of this film depend on the "
                 "frequency: use 'reynolds'"
             )
+        for label, supply in joint.supply.items():
+            if any(supply.head_radius):
+                raise SettingsError(
+                    f"joints.{name}.supply.{label}.head_radius = {list(supply.head_radius)} m: a "
+                    "rotor map changes the speed, on which the pressure in a drilling depends: "
+                    "drop head_radius, and give the pressure at the film"
+                )
     rotating = _rotating(scene, of)
     unbalances = _unbalances(scene, unbalance, rotating)
     notices = tuple(

@@ -45,6 +45,7 @@ from fenics_ehd.results.recorded_run import (
     estimate_errors,
     load_run_state,
     record_run,
+    summarised_run,
     written_by_run,
 )
 from fenics_ehd.scenes.accuracy import Search, account, search_of, start_search
@@ -152,6 +153,7 @@ def run_scene(
     alone: bool = True,
     multiplier: bool = False,
     search: Search | None = None,
+    between: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Integrate a scene and write its results into a folder; on one rank.
 
@@ -172,6 +174,8 @@ def run_scene(
         Whether the largest Floquet multiplier of a periodic solution is computed.
     search
         Search for settings that meet an accuracy, to which the run is added; None without a search.
+    between
+        Function that is called between two steps; it may raise an error, which ends the run.
 
     Returns
     -------
@@ -199,28 +203,53 @@ def run_scene(
             parts=_parts_in_memory(scene, built),
             verified=_verified_errors(built),
         )
-    run = Run(built.mechanism, built.steps, scene.span)
-    time = scene.time
-    cycles = (
-        PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
-    )
     return record_run(
-        Recorder(run, scene.span, cycles),
+        _recorder(scene, built),
         directory,
-        {
-            "warnings": [*scene.warnings, *built.warnings],
-            "scene": scene.name,
-            **_reductions(built),
-            "reduction_time_s": built.seconds,
-            "versions": versions(),
-        },
+        _about(scene, built) | {"versions": versions()},
         _fingerprints(scene, built),
         interval=interval,
         shown=alone,
         former=former,
         multiplier=multiplier,
         judge=judge,
+        between=between,
     )
+
+
+def summarise_scene(
+    scene: Scene, built: Machine, between: Callable[[], None] = lambda: None
+) -> dict[str, Any]:
+    """Integrate a scene without files; return its summary, which is that of `run_scene`.
+
+    The summary has no versions, and the run is not shown. The parameters are those of `run_scene`.
+
+    Raises
+    ------
+    SolverError
+        Raised by `Run.until` and `PeriodicSolver`.
+    """
+    return summarised_run(_recorder(scene, built), _about(scene, built), between)
+
+
+def _recorder(scene: Scene, built: Machine) -> Recorder:
+    """Recorder of the run of a scene at its start."""
+    run = Run(built.mechanism, built.steps, scene.span)
+    time = scene.time
+    cycles = (
+        PeriodicSolver(run, scene.span, time.periodicity, time.cycles) if time.periodic else None
+    )
+    return Recorder(run, scene.span, cycles)
+
+
+def _about(scene: Scene, built: Machine) -> dict[str, Any]:
+    """Entries of the summary about the scene and its bodies."""
+    return {
+        "warnings": [*scene.warnings, *built.warnings],
+        "scene": scene.name,
+        **_reductions(built),
+        "reduction_time_s": built.seconds,
+    }
 
 
 def _judged(

@@ -480,23 +480,19 @@ def machine() -> dict[str, object]:
 
 
 def run_study(
-    folder: StudyFolder,
-    pool: Executor,
-    *,
-    executor: Executor | None = None,
-    names: Collection[str] | None = None,
+    folder: StudyFolder, executor: Executor, *, names: Collection[str] | None = None
 ) -> list[dict[str, Any]]:
     """Run cases that are not complete; write ``study.json``, ``reference.json``, ``table.csv``.
 
     If a run fails, or if its files cannot be compared, its row has the reason, and the other cases
-    are run. The table has a row for every run from the beginning, and is rewritten after each run.
+    are run. The table has a row for every run from the beginning, and is rewritten once a second.
 
     Parameters
     ----------
     folder
         Folder of the study.
-    pool, executor
-        Executors for reductions and for cases, see `run_cases`.
+    executor
+        Executor that does the reductions and runs the cases, see `run_cases`.
     names
         Names of the cases to run; by default all.
 
@@ -513,7 +509,7 @@ def run_study(
         call = {
             "date": date,
             "version": __version__,
-            "workers": getattr(executor or pool, "width", None),
+            "workers": getattr(executor, "width", None),
             "runs": len(missing),
         }
         calls.append(call)
@@ -521,5 +517,5 @@ def run_study(
     folder.write_tables()
     # Runs with the shortest steps take longest, and are started first.
     missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))
-    run_cases(folder, missing, pool, executor=executor)
+    run_cases(folder, missing, executor)
     return folder.rows()

@@ -1,50 +1,59 @@
 """Folder of many runs, their worker processes, and the order of reductions and runs.
 
-Cases are run by any `concurrent.futures.Executor`. Worker processes on this machine are the
-default, and do all reductions. If a process dies, only its task is lost.
+Reductions and cases are run by any `concurrent.futures.Executor`; worker processes on this machine,
+`ProcessPool`, are the default. If a process dies, its task is tried once more. Outcomes of runs are
+gathered, and written once a second.
 """
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import shutil
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
+    CancelledError,
     Executor,
     Future,
     ProcessPoolExecutor,
     ThreadPoolExecutor,
     wait,
 )
-from contextlib import ExitStack, suppress
-from functools import partial
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from itertools import chain
+from math import inf
 from pathlib import Path
-from time import sleep
-from typing import Any, ClassVar, TypeVar
+from time import monotonic, sleep
+from typing import Any, ClassVar, Generic, TypeVar
 
 from mpi4py import MPI
 from tqdm import tqdm
 
 from fenics_ehd.base.errors import BodyFileError, EhdError, InputError, SettingsError
 from fenics_ehd.base.files import (
-    OUTCOME,
     claim,
     clear,
     locked,
+    naming,
     new_part,
-    read_json,
     require_writable,
     to_json,
     write_whole,
 )
-from fenics_ehd.base.processes import begin_worker, interrupt_between_steps
+from fenics_ehd.base.processes import (
+    begin_worker,
+    call_of_letter,
+    interrupt_between_steps,
+    letter_of,
+)
 from fenics_ehd.reduction.body import load_body
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.needed_bodies import NeededBody
@@ -52,6 +61,7 @@ from fenics_ehd.study.cases import Case, difference
 from fenics_ehd.study.worker import (
     CaseResult,
     CaseTask,
+    MissingBodies,
     Outcome,
     StoredBody,
     body_path,
@@ -66,6 +76,32 @@ R = TypeVar("R")
 #: Interval at which Ctrl-C is checked [s].
 POLL = 0.2
 
+#: Interval at which outcomes and tables are written [s], and the largest share of the time that
+#: this may take.
+WRITE_EVERY = 1.0
+WRITING_SHARE = 0.1
+
+#: Interval at which the number of workers of an executor is counted [s].
+RECOUNT = 1.0
+
+#: File with the outcomes of all runs of a folder, one JSON object a line. The last line of a case
+#: is valid; a killed process may leave an incomplete line.
+OUTCOMES = "outcomes.jsonl"
+
+
+def read_records(path: Path) -> dict[str, dict[str, Any]]:
+    """Read a file of outcomes, by name of the case; incomplete lines are ignored."""
+    records = {}
+    try:
+        lines = path.read_bytes().splitlines()
+    except FileNotFoundError:
+        return {}
+    for line in lines:
+        with suppress(ValueError, KeyError, TypeError):
+            record = json.loads(line)
+            records[str(record["case"])] = record
+    return records
+
 
 class WorkerDiedError(EhdError):
     """The process of a worker ended during a task."""
@@ -73,6 +109,10 @@ class WorkerDiedError(EhdError):
 
 class FailedCasesError(EhdError):
     """Some cases failed; the results of all others are stored."""
+
+
+#: Outcome of a task whose worker process died twice.
+DIED = failed(WorkerDiedError("the worker process ended twice: the machine may lack memory"))
 
 
 def open_pool(workers: int | None) -> ProcessPool:
@@ -91,53 +131,112 @@ def open_pool(workers: int | None) -> ProcessPool:
     return ProcessPool(workers or len(os.sched_getaffinity(0)))
 
 
-def outcomes(
-    executor: Executor,
-    function: Callable[[T], R],
-    tasks: Iterable[T],
-    check: Callable[[], None],
-) -> Iterator[tuple[T, R | Outcome]]:
-    """Run tasks, and yield each task with its result, in the order in which the tasks end.
+#: Number of tasks that an executor has at the same time, for each of its workers. Tasks beyond them
+#: wait here, so that a task that is sent again need not wait for all others.
+TASKS_PER_WORKER = 2
 
-    The result of a task that raises an exception is a failed `Outcome`.
+#: Number of workers of an executor that does not tell it.
+UNKNOWN_WIDTH = 32
 
-    Parameters
+
+def width_of(executor: Executor) -> int:
+    """Number of workers of an executor; `UNKNOWN_WIDTH` if the executor does not have it."""
+    client: Any = getattr(executor, "_client", None)  # of Dask, whose number of workers may change
+    if hasattr(client, "ncores"):
+        return max(1, sum(client.ncores().values()))
+    names = "width", "num_workers", "_max_workers"
+    numbers = (getattr(executor, name, None) for name in names)
+    return next((number for number in numbers if isinstance(number, int)), UNKNOWN_WIDTH)
+
+
+@dataclass
+class Tasks(Generic[T, R]):
+    """Tasks that an executor runs.
+
+    Attributes
     ----------
     executor
         Executor that runs the tasks.
     function
         Function that is called with every task; a module's function, so that it can be pickled.
-    tasks
-        Arguments of the function.
     check
         Function that is called several times a second, and may raise `KeyboardInterrupt`.
+    completed
+        Function of a task and its result that returns the task with further data if the result is
+        not final, else None.
     """
-    waiting: dict[Future[R], T] = {}
-    try:
-        for task in tasks:
+
+    executor: Executor
+    function: Callable[[T], R]
+    check: Callable[[], None]
+    completed: Callable[[T, R], T | None] = lambda task, result: None
+    _waiting: dict[Future[R], tuple[T, bool]] = field(default_factory=dict)
+
+    def outcomes(self, tasks: Iterable[T]) -> Iterator[tuple[T, R | Outcome]]:
+        """Run tasks, and yield each task with its result, in the order in which the tasks end.
+
+        The result of a task that raises an exception is a failed `Outcome`. A task whose worker
+        dies is tried once more. If the tasks are interrupted, those that have ended are yielded
+        before the exception.
+        """
+        queue = iter(tasks)
+        remaining = True
+        width = 0
+        counted = -inf
+        try:
+            while True:
+                if monotonic() > counted + RECOUNT:
+                    width = width_of(self.executor)
+                    counted = monotonic()
+                while remaining and len(self._waiting) < TASKS_PER_WORKER * width:
+                    task = next(queue, None)
+                    remaining = task is not None
+                    if task is not None:
+                        yield from self._submit(task, False)
+                if not self._waiting:
+                    return
+                wait(self._waiting, POLL, FIRST_COMPLETED)
+                yield from self._ended()
+                self.check()
+        except KeyboardInterrupt:
+            yield from self._ended(final=True)
+            raise
+        finally:
+            for future in self._waiting:
+                future.cancel()
+
+    def _submit(self, task: T, is_retry: bool) -> Iterator[tuple[T, Outcome]]:
+        """Submit a task; yield it with a failed outcome if the executor does not accept it."""
+        try:
+            future = self.executor.submit(call_of_letter, letter_of(self.function, task))
+            self._waiting[future] = task, is_retry
+        except BrokenExecutor:
+            yield task, DIED
+        except Exception as error:  # the executor was shut down, or the task cannot be pickled
+            yield task, failed(error)
+
+    def _ended(self, final: bool = False) -> Iterator[tuple[T, R | Outcome]]:
+        """Yield the tasks that have ended; unless `final`, submit those that are tried again."""
+        for future in [future for future in self._waiting if future.done()]:
+            task, is_retry = self._waiting.pop(future)
             try:
-                waiting[executor.submit(function, task)] = task
-            except Exception as error:  # the executor is broken or was shut down
-                yield task, failed(error)
-        while waiting:
-            ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
-            check()
-            for future in ended:
-                result = _result(future)
-                yield waiting.pop(future), result
-    finally:
-        for future in waiting:
-            future.cancel()
-
-
-def _result(future: Future[R]) -> R | Outcome:
-    """Result of a task that has ended; a failed `Outcome` if the task raised an exception."""
-    try:
-        return future.result()
-    except BrokenExecutor:
-        return failed(WorkerDiedError("the worker process ended: the machine may lack memory"))
-    except Exception as error:
-        return failed(error)
+                result = future.result()
+            except Exception as error:
+                is_lost = isinstance(error, (BrokenExecutor, CancelledError))
+                # Dask has tried the task again on other workers.
+                is_killed = type(error).__name__ == "KilledWorker"
+                if final and is_lost:
+                    continue
+                if is_lost and not is_retry:
+                    yield from self._submit(task, True)
+                else:
+                    yield task, DIED if is_lost or is_killed else failed(error)
+                continue
+            again = self.completed(task, result)
+            if again is None:
+                yield task, result
+            elif not final:
+                yield from self._submit(again, is_retry)
 
 
 class ProcessPool(Executor):
@@ -202,9 +301,9 @@ def _block_interrupts() -> None:
 
 
 def reduce_missing(
-    cases: Iterable[Case], directory: Path, pool: Executor, check: Callable[[], None]
+    cases: Iterable[Case], directory: Path, executor: Executor, check: Callable[[], None]
 ) -> Mapping[str, Outcome]:
-    """Reduce bodies whose files are missing or damaged.
+    """Reduce bodies whose files are missing or damaged, and write their files.
 
     Returns the outcomes of reductions that failed, by the checksum that names the body's file.
     """
@@ -213,21 +312,25 @@ def reduce_missing(
     for body in needed.values():
         if not _is_usable(body_path(directory, body)):
             parts.setdefault(body.part, []).append(body)
-    reduce = partial(reduce_part, directory=directory)
+    if not parts:
+        return {}
+    directory.mkdir(exist_ok=True)
     failures: dict[str, Outcome] = {}
     reduced = read = 0
-    for bodies, answer in outcomes(pool, reduce, map(in_turn, parts.values()), check):
+    reductions = Tasks(executor, reduce_part, check)
+    for bodies, answer in reductions.outcomes(map(in_turn, parts.values())):
         if isinstance(answer, Outcome):
-            lost = (body for body in bodies if not _is_usable(body_path(directory, body)))
-            failures |= {body.name: answer for body in lost}
-        else:
-            failures |= answer.failures
-            reduced += answer.reduced
-            read += answer.read
-    if parts:
-        words = f"reduced bodies: {reduced} made, {read} read from the cache"
-        with suppress(OSError):  # the standard error output is closed
-            tqdm.write(f"fenics-ehd: {words}", file=sys.stderr)
+            failures |= {body.name: answer for body in bodies}
+            continue
+        for body in bodies:
+            if body.name in answer.files:
+                write_whole(body_path(directory, body), answer.files[body.name])
+        failures |= answer.failures
+        reduced += answer.reduced
+        read += answer.read
+    words = f"reduced bodies: {reduced} made, {read} read from the cache"
+    with suppress(OSError):  # the standard error output is closed
+        tqdm.write(f"fenics-ehd: {words}", file=sys.stderr)
     return failures
 
 
@@ -315,14 +418,14 @@ class RunsFolder(ExitStack):
         self.path = Path(directory)
         self.cases = {case.name: case for case in cases}
         self.outcomes: dict[str, Outcome] = {}
+        self._gathered: list[dict[str, Any]] = []
         require_writable(self.path)
         self.path.mkdir(parents=True, exist_ok=True)
         with ExitStack() as held:
             held.enter_context(locked(self.path))
-            claim(self.path, (*made, "bodies/"), self.command)
+            claim(self.path, (*made, OUTCOMES, "bodies/"), self.command)
             if overwrite:
-                clear(self.path, made)
-            claim(self.path / "runs", [f"{name}/" for name in self.cases], self.command)
+                clear(self.path, (*made, OUTCOMES))
             self._require_same(self.path / made[0], about)
             self.push(held.pop_all())
 
@@ -351,10 +454,9 @@ class RunsFolder(ExitStack):
     def read(self, name: str) -> None:
         """Read the files of a complete run that the tables need; subclasses define the method."""
 
-    def stored(self, name: str) -> Outcome | None:
-        """Outcome of a former run with the same settings and version; None without such a run."""
+    def _stored(self, name: str, record: Mapping[str, Any]) -> Outcome | None:
+        """Outcome in a record of a former run; None if the run had other settings or versions."""
         try:
-            record = read_json(self.run(name) / OUTCOME)
             if record["identity"] != self.cases[name].identity:
                 return None
             outcome = Outcome(record["status"], record["figures"])
@@ -366,28 +468,30 @@ class RunsFolder(ExitStack):
 
     def take_stock(self) -> list[Case]:
         """Read the outcomes of former runs; return the cases still to be run."""
-        stored = {name: self.stored(name) for name in self.cases}
-        self.outcomes = {name: outcome for name, outcome in stored.items() if outcome is not None}
+        path = self.path / OUTCOMES
+        records = {name: r for name, r in read_records(path).items() if name in self.cases}
+        stored = {name: self._stored(name, record) for name, record in records.items()}
+        self.outcomes = {
+            name: outcome for name in self.cases if (outcome := stored.get(name)) is not None
+        }
+        kept = [to_json(records[name], indent=None) for name in self.outcomes]
+        write_whole(path, "".join(f"{line}\n" for line in kept))
         complete = {name for name, outcome in self.outcomes.items() if outcome.complete}
         return [case for name, case in self.cases.items() if name not in complete]
 
-    def tasks(self, cases: Iterable[Case], keep: bool, *, travel: bool) -> Iterator[CaseTask]:
-        """Make the tasks of cases; with `travel`, they contain the bytes of their reduced bodies.
-
-        The file of each body is read once.
-        """
-        contents: dict[Path, bytes] = {}
+    def tasks(self, cases: Iterable[Case], keep: bool) -> Iterator[CaseTask]:
+        """Make the tasks of cases."""
+        stored: dict[Path, StoredBody] = {}
         for case in cases:
-            bodies = {}
-            for name, body in case.bodies.items():
-                path = body_path(self.bodies, body)
-                if travel and path not in contents:
-                    contents[path] = path.read_bytes()
-                bodies[name] = StoredBody(path, contents.get(path))
+            paths = {name: body_path(self.bodies, body) for name, body in case.bodies.items()}
+            for path in paths.values():
+                if path not in stored:
+                    stored[path] = StoredBody.of(path)
+            bodies = {name: stored[path] for name, path in paths.items()}
             yield CaseTask(case, bodies, self.command, keep)
 
     def add(self, case: Case, result: CaseResult) -> None:
-        """Store the result of a run that has ended.
+        """Store the files of a run that has ended, and gather its outcome until `flush`.
 
         If the files of the run cannot be read, its outcome is stored as failed.
         """
@@ -398,20 +502,38 @@ class RunsFolder(ExitStack):
                 self.read(case.name)
         except (*DAMAGE, OSError) as error:
             outcome = failed(error)
-        claim(self.run(case.name), [OUTCOME])
-        contents = {
-            "identity": case.identity,
-            "status": outcome.status,
-            "figures": outcome.figures,
-        }
-        self.write(f"runs/{case.name}/{OUTCOME}", contents)
         self.outcomes[case.name] = outcome
+        self._gathered.append(
+            {
+                "case": case.name,
+                "identity": case.identity,
+                "status": outcome.status,
+                "figures": outcome.figures,
+            }
+        )
+
+    def flush(self) -> None:
+        """Append the gathered outcomes to the file of outcomes, and write the tables."""
+        if not self._gathered:
+            return
+        lines = [to_json(record, indent=None) for record in self._gathered]
+        path = self.path / OUTCOMES
+        with naming(path), open(path, "a", encoding="utf-8") as file:
+            file.writelines(f"{line}\n" for line in lines)
+            file.flush()
+            os.fsync(file.fileno())
+        self._gathered.clear()
         self.write_tables()
+
+    def claim_runs(self, cases: Iterable[Case]) -> None:
+        """Claim the names of the folders of runs, before the first of them is written."""
+        claim(self.path / "runs", [f"{case.name}/" for case in cases], self.command)
 
     def _write_run(self, case: Case, files: Mapping[str, bytes]) -> None:
         """Replace the files of a run, and add its reduced bodies; the summary is written last."""
         directory = self.run(case.name)
-        clear(directory)
+        if directory.exists():
+            clear(directory)
         if not files:
             return
         bodies = {BODY_FILE.format(name): body for name, body in case.bodies.items()}
@@ -423,17 +545,12 @@ class RunsFolder(ExitStack):
 
 
 def run_cases(
-    folder: RunsFolder,
-    cases: Sequence[Case],
-    pool: Executor,
-    *,
-    executor: Executor | None = None,
-    keep: bool = True,
+    folder: RunsFolder, cases: Sequence[Case], executor: Executor, *, keep: bool = True
 ) -> None:
     """Run cases as ``fenics-ehd run`` does.
 
     Bodies are reduced first. A case whose body could not be reduced has failed. Ctrl-C takes effect
-    between two cases.
+    between two cases. Outcomes are written once a second, and at the end.
 
     Parameters
     ----------
@@ -441,13 +558,13 @@ def run_cases(
         Folder of all cases, which stores each case that ends.
     cases
         Cases in the order in which they are started.
-    pool
-        Worker processes on this machine; they do the reductions, and run the cases by default.
     executor
-        Executor that runs the cases instead; bodies are sent to it as bytes.
+        Executor that does the reductions and runs the cases.
     keep
         Whether the files of each run are kept in its folder.
     """
+    if keep:
+        folder.claim_runs(cases)
     complete = sum(outcome.complete for outcome in folder.outcomes.values())
     with (
         tqdm(
@@ -457,21 +574,69 @@ def run_cases(
             file=sys.stderr,
             mininterval=0.2 if sys.stderr.isatty() else 10.0,
         ) as bar,
-        interrupt_between_steps() as check,
+        interrupt_between_steps() as interrupted,
+        _flushing(folder) as flush_in_time,
     ):
-        failures = reduce_missing(cases, folder.bodies, pool, check)
+
+        def check() -> None:
+            flush_in_time()
+            interrupted()
+
+        failures = reduce_missing(cases, folder.bodies, executor, check)
         needed = ((case, body.name) for case in cases for body in case.bodies.values())
         lost = {case: failures[name] for case, name in needed if name in failures}
         ready = (case for case in cases if case not in lost)
-        tasks = folder.tasks(ready, keep, travel=executor is not None)
-        results = outcomes(executor or pool, run_case, tasks, check)
-        ended = ((task.case, result) for task, result in results)
+        runs = Tasks[CaseTask, Any](executor, run_case, check, BodySender())
+        ended = ((t.case, result) for t, result in runs.outcomes(folder.tasks(ready, keep)))
         incomplete = 0
         for case, result in chain(lost.items(), ended):
-            folder.add(case, result if isinstance(result, CaseResult) else CaseResult(result))
+            folder.add(case, CaseResult(result) if isinstance(result, Outcome) else result)
             incomplete += not folder.outcomes[case.name].complete
             bar.set_postfix_str(f"{incomplete} failed", refresh=False)
             bar.update()
+
+
+@contextmanager
+def _flushing(folder: RunsFolder) -> Iterator[Callable[[], None]]:
+    """Yield a function that writes gathered outcomes once a second; write the last at the end.
+
+    If the tables take long to write, they are written less often, see `WRITING_SHARE`.
+    """
+    due = monotonic()
+
+    def flush_in_time() -> None:
+        nonlocal due
+        began = monotonic()
+        if began >= due:
+            folder.flush()
+            due = began + max(WRITE_EVERY, (monotonic() - began) / WRITING_SHARE)
+
+    try:
+        yield flush_in_time
+    finally:
+        folder.flush()
+
+
+class BodySender:
+    """Function that adds the bytes of bodies to the tasks of workers that do not have the bodies.
+
+    A worker that has several tasks at the same time may report a missing body several times before
+    it receives the bytes. Only every second task of such a worker therefore has the bytes.
+    """
+
+    def __init__(self) -> None:
+        self._reports = Counter[tuple[str, StoredBody]]()
+
+    def __call__(self, task: CaseTask, answer: CaseResult | MissingBodies) -> CaseTask | None:
+        """Return the task with the bytes of its missing bodies; None if the case has ended."""
+        if isinstance(answer, CaseResult):
+            return None
+        bodies = dict(task.bodies)
+        for name in answer.names:
+            self._reports[answer.worker, bodies[name]] += 1
+            if self._reports[answer.worker, bodies[name]] % 2:
+                bodies[name] = bodies[name].with_content()
+        return replace(task, bodies=bodies)
 
 
 def _share(file: Path, copy: Path) -> None:

@@ -1,7 +1,7 @@
 """Parameter sweeps: one scene is run for all combinations of given values.
 
 ``sweep.csv`` has a row for every case that has ended, in the order of the combinations. It is
-rewritten after each case. ``sweep.json`` has the scene and the values of the sweep. Complete cases
+rewritten once a second. ``sweep.json`` has the scene and the values of the sweep. Complete cases
 are not run again.
 """
 
@@ -172,7 +172,7 @@ def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
 
 
 class SweepFolder(RunsFolder):
-    """Folder of a sweep; its table is written after each case.
+    """Folder of a sweep; its table is written once a second.
 
     Parameters
     ----------
@@ -229,11 +229,7 @@ class SweepFolder(RunsFolder):
 
 
 def run_sweep(
-    folder: SweepFolder,
-    pool: Executor,
-    *,
-    executor: Executor | None = None,
-    keep: bool = False,
+    folder: SweepFolder, executor: Executor, *, keep: bool = False
 ) -> list[dict[str, Any]]:
     """Run every case that is not complete, and write its row.
 
@@ -241,8 +237,8 @@ def run_sweep(
     ----------
     folder
         Folder of the sweep.
-    pool, executor
-        Executors for reductions and for cases, see `run_cases`.
+    executor
+        Executor that does the reductions and runs the cases, see `run_cases`.
     keep
         Whether the results of every case are kept, in ``runs/0001`` and so on.
 
@@ -253,5 +249,5 @@ def run_sweep(
     """
     missing = folder.take_stock()
     folder.write_tables()
-    run_cases(folder, missing, pool, executor=executor, keep=keep)
+    run_cases(folder, missing, executor, keep=keep)
     return folder.rows()

@@ -1,10 +1,13 @@
 """Tasks of the workers of a study or sweep: reduce the bodies of one part, or run one case.
 
 A case is run by a function of plain values that returns plain values, so that any
-`concurrent.futures.Executor` can call it. Bodies are passed as paths of files or as their bytes;
-files of the run are returned as bytes, which the caller writes. A case runs on one process
-(``MPI.COMM_SELF``) with one BLAS thread, and a process runs one case at a time. Files to which a
-scene refers, such as tables, are read on the machine that runs the case.
+`concurrent.futures.Executor` can call it. Files are returned as bytes, which the caller writes. A
+case runs on one process (``MPI.COMM_SELF``) with one BLAS thread, and a process runs one case at a
+time. Files to which a scene refers, such as tables, are read on the machine that runs the case.
+
+A task names its bodies by the checksums of their files. A worker keeps the last bodies in memory. A
+body that it does not have is read from the file of the caller, if the worker can read that file. If
+it cannot, it returns the task, and the caller sends the task again with the bytes of the body.
 
 Errors are returned as one line of text, because exceptions may not survive pickling, and the error
 of a film holds arrays.
@@ -16,9 +19,13 @@ bodies of a part are in the cache, they are read from the cache.
 
 from __future__ import annotations
 
+import os
+import platform
 import threading
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from hashlib import sha256
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,19 +34,21 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from fenics_ehd.base.errors import EhdError
 from fenics_ehd.base.files import SUMMARY, listed
 from fenics_ehd.base.processes import one_blas_thread
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
-from fenics_ehd.scenes.build import build
+from fenics_ehd.scenes.build import Machine, build
 from fenics_ehd.scenes.kept_bodies import Entry
 from fenics_ehd.scenes.needed_bodies import NeededBody
 from fenics_ehd.scenes.part import PROCESSOR_SECONDS, SECONDS, elastic_part, kept_entry
-from fenics_ehd.scenes.run import run_scene
-from fenics_ehd.scenes.scene import flexible
+from fenics_ehd.scenes.run import run_scene, summarise_scene
+from fenics_ehd.scenes.scene import Scene, flexible
 from fenics_ehd.study.cases import Case
+from fenics_ehd.study.scheduler import require_wanted
 
 #: Status of a run whose results can be trusted.
 COMPLETE = "complete"
@@ -84,27 +93,27 @@ class Reductions:
     ----------
     reduced, read
         Number of bodies that were reduced, and number of bodies that were read from the cache.
+    files
+        Contents of the files of all bodies, by the checksum that names the file.
     failures
         Outcomes of the bodies whose reduction failed, by the checksum that names their file.
     """
 
     reduced: int
     read: int
+    files: Mapping[str, bytes]
     failures: Mapping[str, Outcome]
 
 
-def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> Reductions:
-    """Reduce bodies of one part in this process, or read all from the cache; save each to a file.
+def reduce_part(bodies: Sequence[NeededBody]) -> Reductions:
+    """Reduce bodies of one part in this process, or read all from the cache.
 
     Parameters
     ----------
     bodies
         Bodies of the same part, in the order in which they are reduced.
-    directory
-        Folder of all reduced bodies; a body is saved as soon as it is reduced.
     """
     comm = MPI.COMM_SELF
-    directory.mkdir(parents=True, exist_ok=True)
     entries: list[Entry] = []
     for body in bodies:
         settings = body.settings, body.key, body.film_element, body.film_edges
@@ -113,53 +122,92 @@ def reduce_part(bodies: Sequence[NeededBody], directory: Path) -> Reductions:
     kept = [entry.body() for entry in entries]
     read = [body for body in kept if body is not None]
     if len(read) == len(bodies):
-        for body, known in zip(bodies, read, strict=True):
-            save_body(known, body_path(directory, body))
-        return Reductions(0, len(read), {})
+        files = {body.name: _content(known) for body, known in zip(bodies, read, strict=True)}
+        return Reductions(0, len(read), files, {})
     first = bodies[0]
     try:
         part = elastic_part(first.settings, first.key, first.film_element, comm, first.film_edges)
         reductor = part.reductor() if len(bodies) > 1 else None
     except Exception as error:
-        return Reductions(0, 0, {body.name: failed(error) for body in bodies})
+        return Reductions(0, 0, {}, {body.name: failed(error) for body in bodies})
+    files = {}
     failures = {}
     for body, entry in zip(bodies, entries, strict=True):
         try:
             part = replace(part, settings=body.settings, entry=entry)
-            save_body(part.reduce(reductor=reductor).body, body_path(directory, body))
+            files[body.name] = _content(part.reduce(reductor=reductor).body)
             part = replace(part, spent=np.zeros(2))
         except Exception as error:
             failures[body.name] = failed(error)
-    return Reductions(len(bodies) - len(failures), 0, failures)
+    return Reductions(len(files), 0, files, failures)
+
+
+def _content(body: ReducedBody) -> bytes:
+    """Content of the file of a reduced body."""
+    with TemporaryDirectory(prefix="fenics-ehd-") as folder:
+        path = Path(folder, "body.h5")
+        save_body(body, path)
+        return path.read_bytes()
+
+
+#: Number of reduced bodies that a worker keeps in memory; a body has 1 to 40 MB.
+KEPT_BODIES = 8
+
+
+class MissingBodyError(EhdError):
+    """A worker does not have the file of a body."""
 
 
 @dataclass(frozen=True)
 class StoredBody:
-    """File of a reduced body, as a path or as its bytes.
+    """File of a reduced body; two objects with equal checksums are equal.
 
     Attributes
     ----------
+    checksum
+        SHA-256 checksum of the content of the file.
     path
         Path of the file on the caller's machine.
     content
-        Bytes of the file; None if the worker can read the path.
+        Bytes of the file; None if the worker may have the body, or may be able to read the file.
     """
 
-    path: Path
-    content: bytes | None = None
+    checksum: str
+    path: Path = field(compare=False)
+    content: bytes | None = field(default=None, compare=False, repr=False)
 
-    def load(self, directory: Path) -> ReducedBody:
-        """Load the body; bytes are first written to a file in the folder `directory`.
+    @classmethod
+    def of(cls, path: Path) -> StoredBody:
+        """Make the object of a file, without the bytes of the file."""
+        return cls(sha256(path.read_bytes()).hexdigest(), path)
 
-        Raises
-        ------
-        BodyFileError
-            The file cannot be read, see `load_body`.
-        """
-        if self.content is None:
-            return load_body(self.path)
-        copy = directory / self.path.name
-        copy.write_bytes(self.content)
+    def with_content(self) -> StoredBody:
+        """Return a copy with the bytes of the file."""
+        return replace(self, content=self.path.read_bytes())
+
+
+@lru_cache(maxsize=KEPT_BODIES)
+def _body(stored: StoredBody) -> ReducedBody:
+    """Load a body from its bytes, or from its file if the file is that of the caller.
+
+    Raises
+    ------
+    MissingBodyError
+        There are no bytes, and the worker cannot read the file.
+    BodyFileError
+        The file is damaged, see `load_body`.
+    """
+    content = stored.content
+    if content is None:
+        try:
+            content = stored.path.read_bytes()
+        except OSError as error:
+            raise MissingBodyError(str(error)) from None
+    if sha256(content).hexdigest() != stored.checksum:
+        raise MissingBodyError(f"{stored.path} has another checksum than the body of the case")
+    with TemporaryDirectory(prefix="fenics-ehd-") as folder:
+        copy = Path(folder, stored.path.name)
+        copy.write_bytes(content)
         return load_body(copy)
 
 
@@ -201,39 +249,79 @@ class CaseResult:
     files: Mapping[str, bytes] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class MissingBodies:
+    """Answer of a worker that does not have the bodies of a case.
+
+    Attributes
+    ----------
+    names
+        Names of these bodies in the scene.
+    worker
+        Name of the worker: host and number of the process.
+    """
+
+    names: tuple[str, ...]
+    worker: str
+
+
 #: Lock so that a process runs one case at a time: PETSc, form cache and working folder are shared.
 _ALONE = threading.Lock()
 
 
-def run_case(task: CaseTask) -> CaseResult:
+def run_case(task: CaseTask) -> CaseResult | MissingBodies:
     """Run a case as ``fenics-ehd run`` does; an error becomes the status of the outcome."""
-    with (
-        _ALONE,
-        one_blas_thread(),
-        TemporaryDirectory(prefix="fenics-ehd-", ignore_cleanup_errors=True) as scratch,
-    ):
-        directory = Path(scratch, task.case.name)
+    with _ALONE, one_blas_thread():
+        bodies = {}
+        missing = []
         try:
-            summary = _summary(task, directory)
-            outcome = Outcome(str(summary["status"]), summary)
+            for name, stored in task.bodies.items():
+                try:
+                    bodies[name] = _body(stored)
+                except MissingBodyError:
+                    missing.append(name)
+            if missing:
+                return MissingBodies(tuple(missing), f"{platform.node()} {os.getpid()}")
+            if not task.keep:
+                return CaseResult(_outcome(task.case.scene, bodies, summarise_scene))
+        except Exception as error:
+            return CaseResult(failed(error))
+        return _stored_run(task, bodies)
+
+
+def _stored_run(task: CaseTask, bodies: Mapping[str, ReducedBody]) -> CaseResult:
+    """Run a case in a temporary folder, and return its result with the files of the run."""
+    scene = task.case.scene
+    with TemporaryDirectory(prefix="fenics-ehd-", ignore_cleanup_errors=True) as scratch:
+        directory = Path(scratch, task.case.name)
+
+        def run(scene: Scene, built: Machine, between: Callable[[], None]) -> dict[str, Any]:
+            with RunFolder(directory, flexible(scene), command=task.command) as folder:
+                return run_scene(
+                    scene, built, folder.path, interval=inf, alone=False, between=between
+                )
+
+        try:
+            outcome = _outcome(scene, bodies, run)
         except Exception as error:
             outcome = Outcome(failed(error).status.replace(f"{directory}/", ""))
-        return CaseResult(outcome, _files(directory) if task.keep else {})
+        return CaseResult(outcome, _files(directory))
 
 
-def _summary(task: CaseTask, directory: Path) -> dict[str, Any]:
-    """Run a case; return its summary with results about its bodies and film meshes.
+def _outcome(
+    scene: Scene,
+    bodies: Mapping[str, ReducedBody],
+    run: Callable[[Scene, Machine, Callable[[], None]], dict[str, Any]],
+) -> Outcome:
+    """Build and run a scene; add the results about its bodies and film meshes to its summary.
 
-    `directory` is the folder of the run.
+    `run` is a function of the scene, its machine, and a function that is called between two steps.
     """
-    scene = task.case.scene
-    bodies = {name: body.load(directory.parent) for name, body in task.bodies.items()}
     built = build(scene, bodies=bodies)
     seconds = sum(float(body.provenance[SECONDS]) for body in bodies.values())
-    timed = replace(built, seconds=seconds)
-    with RunFolder(directory, flexible(scene), command=task.command) as folder:
-        summary = run_scene(scene, timed, folder.path, interval=inf, alone=False)
-    return summary | part_figures(bodies.values()) | {"film_cells": _film_cells(built.mechanism)}
+    summary = run(scene, replace(built, seconds=seconds), require_wanted)
+    summary |= part_figures(bodies.values()) | {"film_cells": _film_cells(built.mechanism)}
+    return Outcome(str(summary["status"]), summary)
 
 
 def _files(directory: Path) -> dict[str, bytes]:
