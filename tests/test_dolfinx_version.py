@@ -37,8 +37,9 @@ def test_an_untried_version_is_named(version):
 def test_an_untried_version_without_a_needed_name_is_refused():
     module = whole("0.12.0")
     module.mesh = SimpleNamespace()
-    with pytest.raises(LibraryError, match=r"dolfinx 0\.12\.0 lacks mesh\.create_mesh, which") as error:
+    with pytest.raises(LibraryError, match=r"lacks mesh\.create_mesh, which") as error:
         require_version(module)
+    assert "dolfinx 0.12.0" in str(error.value)
     assert "\n" not in str(error.value)
     module = whole("0.12.0")
     del module.fem

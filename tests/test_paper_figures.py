@@ -18,6 +18,7 @@ from fenics_ehd.scenes.scene import as_stored
 from fenics_ehd.study import paper, pool
 from fenics_ehd.study.plan import REFERENCE, full, steps
 from fenics_ehd.study.report.paper_figures import draw_figure
+from fenics_ehd.study.worker import CaseResult, failed
 
 #: A revolution's beginning, coarse.
 TINY = {"time.revolutions": 0.02, "time.largest_step": 0.0055, **COARSE, **steps(1e-4)}
@@ -126,11 +127,13 @@ def test_figures_are_made_and_complete_runs_are_not_repeated(tiny_figures, capfd
     assert float(row[-2]) < 25
 
 
-def test_a_run_that_fails_is_named(tiny_figures, capfd, tmp_path, monkeypatch):
-    def fail(task):
-        return pool.CaseResult(pool.failed(ehd.errors.StepSizeError("1e-13 s")))
+def without_steps(task):
+    """Result of a case whose steps become too small."""
+    return CaseResult(failed(ehd.errors.StepSizeError("1e-13 s")))
 
-    monkeypatch.setattr(pool, "run_case", fail)
+
+def test_a_run_that_fails_is_named(tiny_figures, capfd, tmp_path, monkeypatch):
+    monkeypatch.setattr(pool, "run_case", without_steps)
     status, _, err = exit_of(capfd, "paper", "--figures", "5", "-o", tmp_path / "out")
     assert status == 1
     assert "2 runs failed, the first is reference: failed: StepSizeError: 1e-13 s" in err
