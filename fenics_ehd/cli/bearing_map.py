@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import beginning_with, keeping_failed_film, require_output
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.cli.options import aligned, answer, warn_of
 
 if TYPE_CHECKING:
@@ -79,8 +80,18 @@ def answer_map(
         if Path(table).suffix.lower() != ".csv":
             raise SettingsError(f"--table {table}: the file must end with .csv")
         require_output(table, TABLE_KIND, inputs, "--table")
-    with keeping_failed_film("."):
-        points = bearing_map(settings, speeds=speeds, loads=loads, eccentricity=eccentricity)
+    count = len(speeds) * max(len(loads), 1)
+    with (
+        keeping_failed_film("."),
+        shown_progress(logs=True).stage("bearing", count, "points") as stage,
+    ):
+        points = bearing_map(
+            settings,
+            speeds=speeds,
+            loads=loads,
+            eccentricity=eccentricity,
+            progress=lambda number, _count: stage.to(number),
+        )
     rows = points.rows()
     if rows and table:
         Path(table).parent.mkdir(parents=True, exist_ok=True)

@@ -26,7 +26,7 @@ with ending_signals_raise():
     from fenics_ehd import __version__
     from fenics_ehd.base.command_start import start_command
     from fenics_ehd.base.errors import EhdError
-    from fenics_ehd.base.libraries import foreign_numpy, library_fault
+    from fenics_ehd.base.libraries import foreign_numpy, library_fault, numpy_conflict
     from fenics_ehd.base.needs import Needs
     from fenics_ehd.base.printed import escaped
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
@@ -218,8 +218,9 @@ def run(
     "--export",
     "exports",
     multiple=True,
-    type=click.Choice(["npz"]),
-    help="Also export the body to a NumPy file, next to the HDF5 file.",
+    type=click.Choice(["npz", "op4", "dmig"]),
+    help="Also export the body next to the HDF5 file: to a NumPy file, or as a Craig-Bampton "
+    "superelement of Nastran (not of m4).",
 )
 @no_cache_option
 @json_option
@@ -331,9 +332,10 @@ def _require_arrays(arguments: list[str]) -> None:
     EhdError
         Python would import another NumPy; the message has the path of that NumPy.
     """
-    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
+    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]}:
         return
-    if fault := library_fault():
+    fault = numpy_conflict() or (library_fault() if foreign_numpy() else "")
+    if fault:
         raise EhdError(fault)
 
 

@@ -5,7 +5,6 @@ Imports inside functions: ``--help`` must work without matplotlib and runs, and 
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -133,8 +132,7 @@ def animate(
     DIRECTORY holds a run, which may be incomplete or in progress. For a periodic run, the last
     cycle is shown. No part is meshed again.
     """
-    from tqdm import tqdm
-
+    from fenics_ehd.base.progress import shown_progress
     from fenics_ehd.plotting.animation import draw_run, require_animation_format, save_animation
 
     path = Path(target or Path(directory) / DEFAULT_NAME)
@@ -144,8 +142,8 @@ def animate(
         claim(path.parent, [DEFAULT_NAME])
     for hint in hints:
         echo(hint, err=True)
-    with tqdm(total=frames, unit="frame", file=sys.stderr, mininterval=0.5) as bar:
-        save_animation(figure, show, frames, path, rate, bar.update)
+    with shown_progress(logs=True).stage("animation", frames, "frames") as stage:
+        save_animation(figure, show, frames, path, rate, stage.add)
     echo(path)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
@@ -22,6 +23,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.files import complete_result, require_kept, require_writable
 from fenics_ehd.base.processes import require_alike
+from fenics_ehd.base.progress import Progress, shown_progress
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
 from fenics_ehd.multibody.cycle import Cycle
@@ -232,6 +234,8 @@ class RunOptions:
         Whether the largest Floquet multiplier of a periodic solution is computed.
     began
         Time at which the command began, by `perf_counter` [s].
+    progress
+        Progress of the command.
     """
 
     plots: bool
@@ -239,6 +243,7 @@ class RunOptions:
     as_json: bool
     multiplier: bool
     began: float = field(default_factory=perf_counter)
+    progress: Progress = field(default_factory=partial(shown_progress, logs=True))
 
 
 def run(
@@ -262,7 +267,7 @@ def run(
     scene, search = start_search(scene)
     require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
-        built = build(scene, MPI.COMM_WORLD, announce=say_reducing)
+        built = build(scene, MPI.COMM_WORLD, announce=say_reducing, progress=options.progress)
         warn_of(built.warnings)
         parts = _gathered_parts(built) if scene.output.paraview else {}
         # The time integration runs on the first rank only.
@@ -298,11 +303,13 @@ def changed_scene(
             raise SettingsError(
                 "--body and --method exclude each other: the body is already reduced"
             )
-        from fenics_ehd.scenes.part import with_body  # imports all reductions, which is slow
+        from fenics_ehd.scenes.part_changes import (
+            with_body,  # imports all reductions, which is slow
+        )
 
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
     if method is not None:
-        from fenics_ehd.scenes.part import with_method
+        from fenics_ehd.scenes.part_changes import with_method
 
         scene = with_method(scene, method)
     scene = changed(scene, {f"output.{key}": value for key, value in output.items()})
@@ -364,15 +371,18 @@ def _finish(
         former=former,
         multiplier=options.multiplier,
         announce=say_next,
+        progress=options.progress,
     )
     if options.plots and scene.output.plots:
-        from fenics_ehd.plotting.pictures import plot_run
+        with options.progress.stage("pictures"):
+            from fenics_ehd.plotting.pictures import plot_run
 
-        plot_run(folder.path)
+            plot_run(folder.path)
     if scene.output.paraview:
         if built is not first:
             parts = {**parts, **_gathered_parts(built)}
-        _write_series(scene, built, folder.path, parts)
+        with options.progress.stage("ParaView series"):
+            _write_series(scene, built, folder.path, parts)
     warn_of(summary["notices"])
     seconds = perf_counter() - options.began if former is None else None
     answer(summary, report(summary, folder.directory, seconds), options.as_json)

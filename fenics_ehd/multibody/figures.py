@@ -28,6 +28,7 @@ REASONS_BY_END = {
     "supply_temperature_C": GIVEN,
     "basis_error_estimate_m": ERROR_ITSELF,
     "oil_balance_defect": ERROR_ITSELF,
+    "contact_sliding_Pa_m": "not recorded",
     "_time_s": POSITION,
     "_angle_deg": POSITION,
     "_height_m": POSITION,

@@ -34,7 +34,7 @@ integrated at every Gauss point of the bore, over the run or the cycle, by the t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -328,6 +328,15 @@ def joint_row(joint: JointStep) -> dict[str, float]:
                 row |= feed_flows(joint)
             row[output.column] = float(output.value(joint))
     return row
+
+
+def joints_row(joints: Iterable[JointStep]) -> dict[str, float]:
+    """Values of all quantities of several joints at a step, by the paths of their columns."""
+    return {
+        f"joints/{joint.binding.name}/{column}": value
+        for joint in joints
+        for column, value in joint_row(joint).items()
+    }
 
 
 def averaged(row: Mapping[str, Any]) -> dict[str, Any]:
