@@ -29,6 +29,7 @@ from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.quantities import averaged, joint_row
 from fenics_ehd.multibody.recorder import Recorder
+from fenics_ehd.multibody.reported_rows import with_reported
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import film_friction
 from fenics_ehd.multibody.summary import RunSummary
@@ -83,6 +84,47 @@ def test_what_goes_into_a_joint_is_dissipated(name, figure):
             assert rates["friction_power_W"] == rates["dissipated_power_W"]
     title = f"energy of each joint, {name}: defect over what is dissipated"
     figure("friction", title, worst, most=1e-6)
+
+
+@pytest.mark.parametrize("name", machines())
+def test_recorded_rows_give_friction_and_side_flow_of_the_steps(name):
+    # Residual patterns, supplies and a shaped journal that turns among them.
+    end = 0.02 * REVOLUTION
+    run = Run(machines()[name], IntegratorOptions(tolerance=1e-4), end)
+    recorder = Recorder(run, end)
+    for number, (step, _) in enumerate(recorder.steps()):
+        if number % 5:
+            continue
+        row = recorder.rows[-1]
+        for joint in step.solution.joints:
+            path = f"joints/{joint.binding.name}/"
+            expected = joint_row(joint) | {"side_flow_m3_per_s": joint.flows.balance.side}
+            hidden = [f"{path}{name}" for name in expected if "friction" in name]
+            bare = {name: value for name, value in row.items() if name not in hidden}
+            found = with_reported(run, bare)
+            for column in (*(name.removeprefix(path) for name in hidden), "side_flow_m3_per_s"):
+                assert found[f"{path}{column}"] == pytest.approx(expected[column], rel=1e-9)
+
+
+def test_friction_is_reported_whether_it_acts_or_not():
+    rod, grid = rigid_rod(), film_of(22.5e-3, 22e-3, 17e-6, 0.01)
+    end = 0.02 * REVOLUTION
+    free, braked = (
+        ehd.simulate(slider_crank(rod, grid, friction=acts), end, tolerance=1e-4)
+        for acts in (False, True)
+    )
+    for name in ("friction_torque", "friction_power", "side_flow", "bore_friction_torque"):
+        column = f"big_end.{name}"
+        assert free[column][-1] == pytest.approx(braked[column][-1], rel=1e-3)
+        key = f"mean_{name}_{'Nm' if 'torque' in name else 'W' if 'power' in name else 'm3_per_s'}"
+        assert free.figures["big_end"][key] == pytest.approx(
+            braked.figures["big_end"][key], rel=1e-3
+        )
+    assert "big_end.film_power" not in free
+    load = np.hypot(free["big_end.force_x"], free["big_end.force_y"])
+    np.testing.assert_allclose(
+        free["big_end.specific_load"], load / (2 * 22.5e-3 * 22e-3), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["rigid", "elastic", "oval journal"])

@@ -21,12 +21,10 @@ OF_A_FILE = {f"{ROD}.model": None, f"{ROD}.body": "rod.h5"}
 ALONE = [
     (CRANK, {f"{SHAPE}.lobes": 3}, f"without {SHAPE}.ovality"),
     (CRANK, {f"{SHAPE}.ovality_angle": 30.0}, f"without {SHAPE}.ovality"),
-    (CRANK, {f"{FILM}.shear_rule": "full"}, f"without {FILM}.friction"),
     (CRANK, {f"{FILM}.initial_filling": 0.5}, f"without {FILM}.cavitation = 'mass-conserving'"),
     (CRANK, {f"{FILM}.ambient": "oil"}, f"without {FILM}.cavitation = 'mass-conserving'"),
     (CRANK, {f"{FILM}.contact.flow_factors": False}, "without journal_roughness or bore_rough"),
     (CRANK, {f"{FILM}.contact.journal_modulus": 1e11}, "without journal_roughness or bore_rou"),
-    (CRANK, ROUGH | {f"{FILM}.contact.boundary_friction": 0.2}, f"without {FILM}.friction"),
     (CRANK, ROUGH | {f"{FILM}.contact.bore_poissons_ratio": 0.2}, "without .*bore_modulus"),
     (CRANK, ROUGH | {f"{FILM}.contact.asperity_radius": 1e-5}, "without .*asperity_density"),
     (CRANK, M4 | {f"{ROD}.reduction.residual_modes": 20}, "without .*reduction.method = 'm3'"),
@@ -137,13 +135,15 @@ def test_a_table_without_keys_is_refused():
 def test_a_change_takes_along_what_depended_on_it():
     changes = {
         f"{ROD}.reduction.residual_modes": 20,
-        f"{FILM}.friction": True,
-        f"{FILM}.shear_rule": "full",
+        f"{FILM}.element": "bilinear",
+        f"{FILM}.cavitation": "mass-conserving",
+        f"{FILM}.initial_filling": 0.5,
     }
     scene = scene_of(tables_of(CRANK, changes), "case")
-    other = changed(scene, {f"{ROD}.reduction.method": "m1", f"{FILM}.friction": False})
+    full = {f"{FILM}.cavitation": "reynolds"}
+    other = changed(scene, {f"{ROD}.reduction.method": "m1", **full})
     assert other.bodies["rod"].reduction.residual_modes == 31
-    assert other.joints["big_end"].shear_rule == "streamers"
+    assert other.joints["big_end"].initial_filling == 1.0
     with pytest.raises(ehd.errors.SettingsError, match="residual_modes = 25 has no effect"):
         changed(scene, {f"{ROD}.reduction.method": "m1", f"{ROD}.reduction.residual_modes": 25})
     again = changed(scene, {"time.tolerance": 1e-4})

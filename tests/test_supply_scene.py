@@ -1,6 +1,7 @@
 """Supplies of a scene's films: read, refused, run."""
 
 import json
+import re
 from copy import deepcopy
 
 import numpy as np
@@ -94,6 +95,98 @@ def test_cells_that_grooves_stretch_must_hold_a_hole_before_anything_is_reduced(
         ehd.errors.SettingsError, match=r"^joints.bearing.supply.inlet has a size of 6.3 mm"
     ):
         build_film(scene, "bearing", None, 300.0, supplies_of(scene, "bearing"))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"pressure": 0.0}, r"supply\.inlet\.pressure is 0"),
+        ({"resistance": 1e15}, r"supply\.inlet\.resistance = 1e\+15 Pa s/m3 lets at most 0\.0003"),
+        ({}, None),
+    ],
+)
+def test_a_supply_that_is_shut_is_named_in_one_line(change, text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "load.csv").write_text(LOAD)
+    inlet = FED[f"{AT}.inlet"] | change
+    changes = {"joints.bearing.cells": [32, 8], f"{AT}.inlet": inlet}
+    built = ehd.build(scene_of(tables_of("loaded-journal", LOADED_JOURNAL | changes), "case"))
+    lines = [line for line in built.warnings if "no oil enters" in line]
+    assert len(lines) == (text is not None)
+    if text:
+        assert re.search(
+            rf"^joints\.bearing: no oil enters through 1 of its openings: {text}", lines[0]
+        )
+
+
+def fed_pin(speed, **changes):
+    """Supply of the crank's pin, 3 bar at the begin of its drilling, at a speed of the crank."""
+    hole = {"kind": "hole", "on": "journal", "diameter": 6e-3, "angle": 90.0, "pressure": 3e5}
+    changes = {
+        "joints.big_end.supply.inlet": hole | changes,
+        "joints.big_end.cells": [40, 8],
+        "lubricants.oil.density": 850.0,
+        **speed,
+    }
+    scene = scene_of(tables_of("slider-crank", changes), "case")
+    (supply,) = supplies_of(scene, "big_end")
+    return supply
+
+
+def rotating_column(density, radii, speed):
+    """Pressure between the ends of a rotating column of oil: the sum of its slices' weights."""
+    edges = np.linspace(*radii, 1001)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    return float(np.sum(density * middles * speed**2 * np.diff(edges)))
+
+
+@pytest.mark.parametrize(
+    ("radii", "speed"), [((0.0, 48e-3), 500.0), ((22e-3, 48e-3), -500.0), ((48e-3, 20e-3), 200.0)]
+)
+def test_oil_in_a_drilling_of_the_crank_has_the_pressure_of_a_rotating_column(radii, speed, figure):
+    supply = fed_pin({"drives.crank.speed": speed}, head_radius=list(radii))
+    rise = supply.pressure_at(0.0) - 3e5
+    expected = rotating_column(850.0, radii, speed)
+    name = f"pressure rise in a drilling, {1e3 * radii[0]:g} to {1e3 * radii[1]:g} mm"
+    figure("supply", name, abs(rise / expected - 1), most=1e-9)
+    if radii[0] == 0.0:
+        assert rise == pytest.approx(2.4e5, rel=0.03)
+
+
+def test_pressure_in_a_drilling_follows_a_speed_over_time(tmp_path):
+    table = tmp_path / "speed.csv"
+    table.write_text("time_s,speed_rad_per_s\n0,300\n5e-3,500\n1,500\n")
+    speed = {"drives.crank.speed": None, "drives.crank.table": str(table)}
+    speed |= {"time.periodic": False, "time.revolutions": None, "time.end": 0.01}
+    supply = fed_pin(speed, head_radius=[0.0, 48e-3])
+    assert supply.pressure_at(0.0) - 3e5 == pytest.approx(
+        rotating_column(850.0, (0.0, 48e-3), 300.0)
+    )
+    assert supply.pressure_at(0.5) - 3e5 == pytest.approx(
+        rotating_column(850.0, (0.0, 48e-3), 500.0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("speed", "changes", "message"),
+    [
+        (500.0, {"head_radius": [-1e-3, 48e-3]}, "must be two distances from the axis"),
+        (500.0, {"head_radius": [48e-3]}, "head_radius = .* must be two finite numbers"),
+        (
+            500.0,
+            {"head_radius": [48e-3, 0.0], "pressure": 1e5},
+            "gives -.* Pa at the film",
+        ),
+        (
+            500.0,
+            {"on": "bore", "head_radius": [0.0, 48e-3]},
+            "needs the speed of rod, the body",
+        ),
+    ],
+)
+def test_a_drilling_whose_pressure_is_unknown_or_negative_is_refused(speed, changes, message):
+    with pytest.raises(ehd.errors.SettingsError, match=message):
+        fed_pin({"drives.crank.speed": speed}, **changes)
 
 
 @pytest.mark.parametrize(("changes", "message"), WRONG)

@@ -532,6 +532,7 @@ PICTURES = (
     "min_film_thickness",
     "orbit",
     "force",
+    "specific_load",
     "eccentricity",
     "places",
     "friction",

@@ -230,17 +230,8 @@ class Roughness:
             most=2,
         )
     )
-    boundary_friction: float = only_with(
-        only_if_rough(
-            number(
-                0.1,
-                "coefficient of friction of asperities that touch [-], with friction",
-                least=0,
-                below=5,
-            )
-        ),
-        "friction",
-        "heat",
+    boundary_friction: float = only_if_rough(
+        number(0.1, "coefficient of friction of asperities that touch [-]", least=0, below=5)
     )
     flow_factors: bool = only_if_rough(
         flag(True, "whether oil flows as Patir and Cheng have it, or as in a smooth average gap")

@@ -220,6 +220,13 @@ class Film:
         return (self.pressure_areas.T @ directions.reshape(-1, directions.shape[-1])).T
 
     @cached_property
+    def points_around(self) -> np.ndarray:
+        """Indices of the Gauss points of every height, once around, shape (heights, points)."""
+        angle = self.points.angle.ravel()
+        height = np.round(self.points.height.ravel() / self.parameters.grid.radius, 12)
+        return np.lexsort((angle, height)).reshape(len(np.unique(height)), -1)
+
+    @cached_property
     def supplied_points(self) -> np.ndarray:
         """Mask of the Gauss points within regions of given pressure, shape (cells, points)."""
         p = self.parameters

@@ -135,11 +135,9 @@ def _streamers(film: Film, state: FilmState, source: np.ndarray) -> np.ndarray:
     h_rupture is the gap at the rupture of the film: at the nearest point upstream at which the mask
     `source` is True.
     """
-    # A row has the points of one height, once around.
     angle = film.points.angle.ravel()
     radius = film.parameters.grid.radius
-    height = np.round(film.points.height.ravel() / radius, 12)
-    order = np.lexsort((angle, height)).reshape(len(np.unique(height)), -1)
+    order = film.points_around
     thickness = film.equation.flow(state.gap).thickness.ravel()[order]
     fed = source.ravel()[order]
     forward = _forward(state.gap, angle[order], order, radius)

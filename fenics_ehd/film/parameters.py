@@ -186,6 +186,15 @@ class FeedTerm:
         return with_weights(assembly.tested, at_nodes - supplied[:, :, None])
 
 
+def _require_head(feed: Supply) -> None:
+    """Refuse a `head_radius` without the function `head`, which scenes make from it."""
+    if any(feed.head_radius) and feed.head is None:
+        raise SettingsError(
+            f"{feed.name}: head_radius = {list(feed.head_radius)} has no effect here: give head, a "
+            "function of time [s] that returns the pressure rise [Pa]"
+        )
+
+
 class Feeds:
     """All oil supplies of one film, with their conductances.
 
@@ -226,6 +235,7 @@ class Feeds:
             )
         for feed in feeds:
             require_read(feed.table, feed.curve, f"{feed.name}: table")
+            _require_head(feed)
         # A supply has either the film's own conductance, stored over w H^3, or that of its passage,
         # the pressure scale over the resistance, in units of the flow c Omega R^2.
         self._film = np.zeros((len(feeds), *area.shape))

@@ -18,7 +18,7 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.fields import LARGEST_LENGTH, REQUIRED, choice, number, text
+from fenics_ehd.base.fields import LARGEST_LENGTH, REQUIRED, choice, number, pair, text
 from fenics_ehd.base.needs import NONE, not_with
 from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.film.kinematics import SurfacePoints
@@ -172,6 +172,31 @@ AMBIENTS = ("air", "oil")
 SURFACES = ("bore", "journal")
 
 
+@dataclass(frozen=True)
+class Head:
+    """Pressure rise of oil in a drilling of a turning body: ``rho (r2^2 - r1^2) w^2 / 2``.
+
+    Attributes
+    ----------
+    radii
+        Distances r1 and r2 of the drilling's begin and end from the axis of rotation [m].
+    density
+        Density rho of the oil [kg/m3].
+    motion
+        Function of time [s]: angle [rad] and angular speed w [rad/s] of the body.
+    """
+
+    radii: tuple[float, float]
+    density: float
+    motion: Callable[[float], tuple[float, float]]
+
+    def __call__(self, time: float) -> float:
+        """Pressure rise at a time [s], negative if the drilling leads inward [Pa]."""
+        begin, end = self.radii
+        _, speed = self.motion(time)
+        return 0.5 * self.density * (end**2 - begin**2) * speed**2
+
+
 @attrs.frozen(kw_only=True)
 class Supply:
     """Region of the bore or of the journal through which oil is supplied under pressure."""
@@ -203,11 +228,18 @@ class Supply:
         above=-LARGEST_LENGTH,
         below=LARGEST_LENGTH,
     )
+    head_radius: tuple[float, float] = pair(
+        "distances of the begin and the end of a drilling from the axis about which its body turns "
+        "[m]: centrifugal pressure is added; [0, 0]: none",
+        below=LARGEST_LENGTH,
+    )
     #: Name of the supply and of its flow.
     name: str = ""
     #: Function of time [s] from the table: pressure [Pa] and its derivative [Pa/s]; None without
     #: one.
     curve: Callable[[float], tuple[float, float]] | None = None
+    #: Function of time [s] from `head_radius`: pressure rise in the drilling [Pa]; None without it.
+    head: Callable[[float], float] | None = None
 
     @property
     def middle(self) -> float:
@@ -220,8 +252,9 @@ class Supply:
         return self.on == "journal"
 
     def pressure_at(self, time: float) -> float:
-        """Supply pressure [Pa] at a time [s]."""
-        return self.pressure if self.curve is None else self.curve(time)[0]
+        """Supply pressure at the film [Pa] at a time [s], with the pressure rise in a drilling."""
+        pressure = self.pressure if self.curve is None else self.curve(time)[0]
+        return pressure if self.head is None else pressure + self.head(time)
 
     def sizes(self, radius: float) -> tuple[float, float]:
         """Smallest lengths of the region, around and along the axis, that cells must resolve [m].

@@ -47,7 +47,7 @@ from fenics_ehd.base.renamed import (
     renamed_attributes,
 )
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
-from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.cycle import TURN_ROUNDING, Cycle
 from fenics_ehd.multibody.names_without_joint import Columns, Summary
 from fenics_ehd.multibody.recorded_quantities import (
     FAMILIES,
@@ -61,10 +61,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
-
-
-#: Difference in turns up to which two angles count as equal, because of rounding.
-TURN_ROUNDING = 1e-6
 
 
 #: Names of the files, and name and version of the layout of ``history.h5``.
@@ -92,6 +88,7 @@ FIELD_UNITS = {
     "gap": "m",
     "fluid_fraction": DIMENSIONLESS,
     "quasi_static": "Pa",
+    "quasi_static_rates": "Pa/s",
     "multipliers": MIXED,
     "corner": DIMENSIONLESS,
     "powers": "W",
@@ -132,6 +129,7 @@ LAYOUT = Group(
                 "multipliers": Value("float", ("STEPS", "multipliers"), required=False),
                 "corner": Value("truth", ("STEPS",), required=False),
                 "quasi_static": Value("float", ("STEPS", "patterns"), required=False),
+                "quasi_static_rates": Value("float", ("STEPS", "patterns"), required=False),
                 "powers": Value("float", ("STEPS", "powers"), required=False),
             }
         ),
@@ -537,12 +535,22 @@ class History(Described):
         with naming(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self.write(folder / FIELDS_NAME, PACKED)
+        self.write_columns(folder / CSV_NAME)
+        if self.entries:
+            write_summary(folder, self.entries)
+
+    def write_columns(self, path: Path) -> None:
+        """Write all columns to a file ``history.csv``, with ten digits.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written; an existing file is then unchanged.
+        """
         columns = self.columns
         rows = np.column_stack([*columns.values()])
         lines = [csv_line([*columns]), *(csv_line([f"{x:.10g}" for x in row]) for row in rows)]
-        write_whole(folder / CSV_NAME, b"".join(lines))
-        if self.entries:
-            write_summary(folder, self.entries)
+        write_whole(path, b"".join(lines))
 
     def write(
         self,

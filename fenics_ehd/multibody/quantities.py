@@ -34,7 +34,7 @@ integrated at every Gauss point of the bore, over the run or the cycle, by the t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -244,6 +244,9 @@ class Output:
         the joint has it.
     mean
         Whether the summary contains the mean.
+    reported
+        Function that decides whether a joint without the quantity at its steps has it in the
+        output, computed from the recorded rows (`fenics_ehd.multibody.reported_rows`).
     """
 
     column: str
@@ -251,11 +254,17 @@ class Output:
     value: Value
     where: Condition
     mean: bool
+    reported: Condition
 
 
 def everywhere(_: JointStep) -> bool:
     """Condition that holds for every joint."""
     return True
+
+
+def nowhere(_: JointStep) -> bool:
+    """Condition that holds for no joint."""
+    return False
 
 
 def with_friction(joint: JointStep) -> bool:
@@ -283,6 +292,7 @@ def quantity(
     where: Condition = everywhere,
     *,
     mean: bool = False,
+    reported: Condition = nowhere,
 ) -> Callable[[Value], Value]:
     """Make a decorator that registers a function as a quantity of joints.
 
@@ -292,30 +302,44 @@ def quantity(
     ----------
     name, unit
         Name and unit, which are joined by an underscore in the column's name.
-    where, mean
-        Condition on joints, and whether the summary has the mean, see `Output`.
+    where, mean, reported
+        Condition on joints at a step, whether the summary has the mean, and condition on joints in
+        the output, see `Output`.
     """
     require_class("name", name, str)
     require_class("unit", unit, str)
     require_callable("where", where)
+    require_callable("reported", reported)
 
     def register(value: Value) -> Value:
         meaning = (value.__doc__ or "").rstrip(".")
-        OUTPUTS.append(Output(with_unit(name, unit), meaning, value, where, mean))
+        OUTPUTS.append(Output(with_unit(name, unit), meaning, value, where, mean, reported))
         return value
 
     return register
 
 
-def joint_row(joint: JointStep) -> dict[str, float]:
-    """Values of all quantities that a joint has, by column."""
+def joint_row(joint: JointStep, *, reported: bool = False) -> dict[str, float]:
+    """Values of all quantities that a joint has at a step, by column.
+
+    With `reported`, quantities that the joint has only in the output are included.
+    """
     row: dict[str, float] = {}
     for output in OUTPUTS:
-        if output.where(joint):
+        if output.where(joint) or (reported and output.reported(joint)):
             if output.value is side_flow:
                 row |= feed_flows(joint)
             row[output.column] = float(output.value(joint))
     return row
+
+
+def joints_row(joints: Iterable[JointStep], *, reported: bool = False) -> dict[str, float]:
+    """Values of all quantities of several joints at a step, by path, see `joint_row`."""
+    return {
+        f"joints/{joint.binding.name}/{column}": value
+        for joint in joints
+        for column, value in joint_row(joint, reported=reported).items()
+    }
 
 
 def averaged(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -382,6 +406,13 @@ def force(joint: JointStep) -> float:
     return np.hypot(joint.force[0], joint.force[1])
 
 
+@quantity("specific_load", "Pa")
+def specific_load(joint: JointStep) -> float:
+    """Specific load F / (2 R B): force over the projected area of the bore."""
+    grid = joint.film.parameters.grid
+    return force(joint) / (2.0 * grid.radius * grid.width)
+
+
 @quantity("force_angle", "deg")
 def force_angle(joint: JointStep) -> float:
     """Direction of the journal's load on the bore, in the bore's frame."""
@@ -430,37 +461,43 @@ def min_film_height(joint: JointStep) -> float:
     return joint.thinnest[1]
 
 
+@quantity("min_lambda_ratio", "1", with_contact)
+def min_lambda_ratio(joint: JointStep) -> float:
+    """Minimum oil film thickness over the combined roughness (lambda ratio)."""
+    return min_film_thickness(joint) / joint.rough.surfaces.roughness
+
+
 @quantity("max_contact_pressure", "Pa", with_contact)
 def max_contact_pressure(joint: JointStep) -> float:
     """Largest contact pressure, interpolated between the Gauss points."""
     return joint.film.points.rows.largest(joint.touch.pressure[None])[0][0]
 
 
-@quantity("friction_torque", "N m", with_friction, mean=True)
+@quantity("friction_torque", "N m", with_friction, mean=True, reported=everywhere)
 def friction_torque(joint: JointStep) -> float:
     """Torque T that brakes the journal about its own axis."""
     return joint.braking
 
 
-@quantity("bore_friction_torque", "N m", with_friction, mean=True)
+@quantity("bore_friction_torque", "N m", with_friction, mean=True, reported=everywhere)
 def bore_friction_torque(joint: JointStep) -> float:
     """Torque T_bore that drags the bore along about its own axis."""
     return joint.dragging
 
 
-@quantity("friction_power", "W", with_friction, mean=True)
+@quantity("friction_power", "W", with_friction, mean=True, reported=everywhere)
 def friction_power(joint: JointStep) -> float:
     """Power lost in the film, independent of which body is called the journal."""
     return joint.dissipated
 
 
-@quantity("journal_friction_power", "W", with_friction, mean=True)
+@quantity("journal_friction_power", "W", with_friction, mean=True, reported=everywhere)
 def journal_friction_power(joint: JointStep) -> float:
     """Power that the journal supplies: friction torque times angular speed of the journal."""
     return joint.braking * joint.speeds[0]
 
 
-@quantity("bore_friction_power", "W", with_friction, mean=True)
+@quantity("bore_friction_power", "W", with_friction, mean=True, reported=everywhere)
 def bore_friction_power(joint: JointStep) -> float:
     """Power that the bore supplies: minus friction torque times angular speed of the bore."""
     return -joint.dragging * joint.speeds[1]
@@ -543,6 +580,7 @@ def unpublished_share(joint: JointStep) -> float:
     "W",
     lambda joint: joint.contact is not None and bool(joint.contact.friction),
     mean=True,
+    reported=lambda joint: with_contact(joint) and joint.rough.surfaces.boundary_friction > 0.0,
 )
 def contact_power(joint: JointStep) -> float:
     """Power lost to boundary friction of asperities."""
@@ -561,6 +599,7 @@ def oil_content(joint: JointStep) -> float:
     "m3/s",
     lambda joint: with_oil(joint) or bool(joint.film.parameters.feeds),
     mean=True,
+    reported=everywhere,
 )
 def side_flow(joint: JointStep) -> float:
     """Flow out of the film at both sides."""

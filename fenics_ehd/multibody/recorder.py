@@ -11,7 +11,8 @@ from the rows, and `fenics_ehd.multibody.verdict` accepts or rejects them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter, process_time
 from typing import Any, ClassVar
@@ -21,12 +22,12 @@ import numpy as np
 from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
+from fenics_ehd.base.progress import Progress
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.cycle import Cycle, first_of_last
+from fenics_ehd.multibody.cycle import TURN_ROUNDING, Cycle, first_of_last
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
-    TURN_ROUNDING,
     History,
     column_name,
     fixed,
@@ -36,6 +37,12 @@ from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.multibody.newton import INTEGRATOR_STATE, CoupledSteps, MechanismStep, SolverState
 from fenics_ehd.multibody.periodic import PeriodicSolver, recurrence_of, reference_angle
 from fenics_ehd.multibody.quantities import joint_row, rubbing
+from fenics_ehd.multibody.reported_rows import (
+    AMPLITUDE_RATES,
+    AMPLITUDES,
+    Row,
+    with_reported,
+)
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.trust import (
     SIGNS,
@@ -47,10 +54,6 @@ from fenics_ehd.multibody.trust import (
 
 #: Columns of a history by path with unit, each of shape (steps,).
 Columns = Mapping[str, np.ndarray]
-
-#: Row of a step: numbers by path with unit, such as ``joints/big_end/force_x_N``, and arrays by
-#: path.
-Row = Mapping[str, Any]
 
 #: Columns of the frame coordinates of a body.
 FRAME = ("x_m", "y_m", "angle_rad")
@@ -97,14 +100,15 @@ def history_of(system: System, rows: Sequence[Row]) -> History:
 def solution(run: Run, step: MechanismStep) -> dict[str, np.ndarray]:
     """State and nodal fields of the last accepted step of a run, by their paths in a history."""
     system = run.equations.system
-    patterns = run.equations.responses.size
     arrays = {"state/coordinates": step.x[: system.n], "state/rates": step.rate[: system.n]}
     assert run.state.solver is not None
     values = run.state.solver.values[0]
     arrays["state/multipliers"] = values[len(values) - 2 * system.m :]
     arrays["state/corner"] = np.array(len(run.state.times) == 1)
-    if patterns:
-        arrays["state/quasi_static"] = step.x[system.n : system.n + patterns]
+    if run.equations.responses.size:
+        indices = run.equations.responses.indices
+        arrays[AMPLITUDES] = step.x[indices]
+        arrays[AMPLITUDE_RATES] = step.rate[indices]
     for joint in step.solution.joints:
         path = f"joints/{joint.binding.name}/film"
         arrays[f"{path}/pressure"] = joint.pressure
@@ -313,6 +317,22 @@ class Recorder(Stateful):
             self.processor_time = process_time() - processor_began
             yield step, row
 
+    @contextmanager
+    def shown(self, progress: Progress, name: str) -> Iterator[Callable[[MechanismStep], None]]:
+        """Open a stage of `progress` for the run; yield the function that shows a step in it."""
+        start = 0.0 if self.cycles is None else self.cycles.start
+        done = 1e3 * max(self.time - start, 0.0)
+        with progress.stage(name, 1e3 * self.end, "ms", done=done) as stage:
+
+            def show(step: MechanismStep) -> None:
+                peak = max((film.pressure.max() for film in step.solution.films), default=0.0)
+                start = 0.0 if self.cycles is None else self.cycles.start
+                cycle = "" if self.cycles is None else f"cycle {self.cycles.number}, "
+                note = f"{cycle}step {self.counts['steps']}, p {1e-6 * peak:.1f} MPa"
+                stage.to(1e3 * min(step.time - start, self.end), note)
+
+            yield show
+
     def add(self, step: MechanismStep) -> dict[str, float]:
         """Record an accepted step; in a search it belongs to the current cycle.
 
@@ -351,6 +371,12 @@ class Recorder(Stateful):
             self._resumed = False
         self.rows.append(row)
         return {column_name(name): value for name, value in row.items() if is_column(name)}
+
+    @property
+    def reference_body(self) -> str:
+        """Name of the body whose angle is the reference angle; empty if no body turns."""
+        angles = self.system.angles.items()
+        return next((name for name, index in angles if index == self._reference), "")
 
     def _angle(self, step: MechanismStep) -> float:
         """Reference angle at a step [degrees], continuous over a cycle; 0 if no body turns.
@@ -413,6 +439,14 @@ class Recorder(Stateful):
                 if path.endswith("/angle"):
                     row[f"{path.removesuffix('angle')}speed_rad_per_s"] = rate
         return row
+
+    def add_reported(self) -> None:
+        """Add the quantities that are computed from recorded rows to all rows that are kept.
+
+        The method is called when the run has ended, and not at its steps.
+        """
+        if self.rows and with_reported(self.run, self.rows[-1]).keys() != self.rows[-1].keys():
+            self.rows = [with_reported(self.run, row) for row in self.rows]
 
     def history(self) -> History:
         """Make the history of the steps whose rows are kept."""

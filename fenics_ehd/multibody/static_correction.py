@@ -316,6 +316,17 @@ class PatternResponses:
         for i, points in enumerate(self.points):
             gaps[i] = gaps[i].changed(change[points], rate[points])
 
+    def add_amplitudes(self, amplitudes: np.ndarray, rates: np.ndarray, gaps: list[Gap]) -> None:
+        """Replace the gaps of all films by gaps with the deformation of given amplitudes.
+
+        `amplitudes` are those of the residual patterns, `rates` their rates, shape (r,) each.
+        """
+        if not self.size:
+            return
+        change, rate = (self._to_gap @ self._displacement(y) for y in (amplitudes, rates))
+        for i, points in enumerate(self.points):
+            gaps[i] = gaps[i].changed(change[points], rate[points])
+
     def static(self, pressures: Sequence[np.ndarray], forces: np.ndarray) -> np.ndarray:
         """Static amplitudes of the r patterns of all bodies for loads on the films, shape (r,).
 

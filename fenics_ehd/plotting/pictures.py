@@ -27,7 +27,7 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
     "max_pressure": Curves(
         (
             Panel(
-                "maximum pressure [MPa]",
+                "peak oil film pressure, POFP [MPa]",
                 {"max_pressure_Pa": ""},
                 np.argmax,
                 budget="max_pressure",
@@ -37,7 +37,7 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
     "min_film_thickness": Curves(
         (
             Panel(
-                "minimum film thickness [µm]",
+                "minimum oil film thickness, MOFT [µm]",
                 {"min_film_thickness_m": ""},
                 np.argmin,
                 budget="min_film_thickness",
@@ -52,6 +52,9 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
         of_shaft=True,
     ),
     "force": Paths("load on the bore [kN]", load, ("force_N", "force_angle_deg")),
+    "specific_load": Curves(
+        (Panel("specific load F / (2 R B) [MPa]", {"specific_load_Pa": ""}, np.argmax),),
+    ),
     "eccentricity": Curves(
         (Panel("eccentricity / clearance", {"eccentricity_ratio": ""}, np.argmax),),
     ),
@@ -77,7 +80,7 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
             Panel(
                 "power [W]",
                 {
-                    "dissipated_power_W": "dissipated",
+                    "friction_power_W": "friction power loss",
                     "contact_power_W": "touching asperities",
                 },
                 mean=True,
@@ -91,8 +94,13 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
             Panel("contact pressure [MPa]", {"max_contact_pressure_Pa": "largest"}, np.argmax),
             Panel(
                 "shares [%]",
-                {"contact_share": "of the force", "contact_area_share": "of the area"},
+                {"contact_share": "load on asperities", "contact_area_share": "area in contact"},
                 mean=True,
+            ),
+            Panel(
+                "film / combined roughness (lambda ratio)",
+                {"min_lambda_ratio": ""},
+                np.argmin,
             ),
         ),
     ),

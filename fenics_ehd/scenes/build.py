@@ -27,6 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.film.grid import MeshMaker
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.body import Body, FlexibleBody, Pose, RigidBody, ground
@@ -36,7 +37,7 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.periodic import check_period
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.scenes import schema
-from fenics_ehd.scenes.films import lubricated_joint, reference_rate
+from fenics_ehd.scenes.films import lubricated_joint, reference_rate, shut_supplies
 from fenics_ehd.scenes.inputs import Inputs, gravity, read_inputs
 from fenics_ehd.scenes.scene import Scene, flexible
 from fenics_ehd.scenes.start import assembled_bodies
@@ -66,7 +67,7 @@ class Machine:
     options
         Keyword arguments of `simulate`: end or period, and the options of the time integration.
     warnings
-        Notices on bodies from files, one line each.
+        Notices on bodies from files and on supplies of oil, one line each.
     """
 
     mechanism: Mechanism
@@ -87,6 +88,7 @@ def build(
     bodies: Mapping[str, ReducedBody] | None = None,
     announce: Announce | None = None,
     cache: bool = True,
+    progress: Progress | bool = True,
 ) -> Machine:
     """Make the mechanism of a scene; its elastic parts are meshed and reduced; collective.
 
@@ -108,6 +110,9 @@ def build(
         bodies to mesh and reduce, and names of the bodies read from the cache.
     cache
         Whether the cache is used. The environment variable ``FENICS_EHD_CACHE=off`` excludes it.
+    progress
+        Whether progress of meshes and reductions is shown in a terminal or notebook; or the
+        progress in which they open their stages.
 
     Raises
     ------
@@ -117,10 +122,11 @@ def build(
         A mesh, file, bore or reduction cannot be used or failed.
     """
     require_class("scene", scene, Scene)
+    shown = chosen_progress(progress)
     inputs = read_inputs(scene, bodies or {})
     _require_period(scene, inputs)
     start = perf_counter()
-    parts = _parts(scene, inputs, comm, announce, cache=cache)
+    parts = _parts(scene, inputs, comm, announce, shown, cache=cache)
     seconds = perf_counter() - start
     joints = _joints(scene, inputs, parts, {})
     assembled = _assembled(scene, inputs, parts, joints)
@@ -132,7 +138,8 @@ def build(
         if isinstance(part.source, ReducedBody):
             elastic[name] = part.source
         else:
-            reduced[name] = part.reduce(mesh_error=with_mesh_error)
+            with shown.stage(name):
+                reduced[name] = part.reduce(mesh_error=with_mesh_error)
             elastic[name] = reduced[name].body
     seconds += perf_counter() - start
     if reduced:
@@ -155,8 +162,19 @@ def build(
         duration.get("period"),
         steps,
         duration | vars(steps),
-        tuple(line for name, part in parts.items() for line in _lacking_edges(name, part)),
+        _notices(parts, joints),
     )
+
+
+def _notices(
+    parts: Mapping[str, ElasticPart], joints: Mapping[str, Joint | LubricatedJoint]
+) -> tuple[str, ...]:
+    """Notices, one line each, on reduced bodies and on supplies of oil of a machine."""
+    lines = [line for name, part in parts.items() for line in _lacking_edges(name, part)]
+    for name, joint in joints.items():
+        if isinstance(joint, LubricatedJoint):
+            lines += shut_supplies(name, joint.film)
+    return tuple(lines)
 
 
 def _lacking_edges(name: str, part: ElasticPart) -> Iterator[str]:
@@ -223,7 +241,13 @@ def _with_mesh_error(scene: Scene) -> bool:
 
 
 def _parts(
-    scene: Scene, inputs: Inputs, comm: MPI.Comm, announce: Announce | None, *, cache: bool
+    scene: Scene,
+    inputs: Inputs,
+    comm: MPI.Comm,
+    announce: Announce | None,
+    progress: Progress,
+    *,
+    cache: bool,
 ) -> dict[str, ElasticPart]:
     """Elastic parts of a scene by name, each with its mesh or with a reduced body.
 
@@ -259,9 +283,10 @@ def _parts(
         if name in ready:
             parts[name] = ElasticPart(settings, ready[name], element, edges[name])
         else:
-            parts[name] = elastic_part(
-                settings, f"bodies.{name}", element, comm, edges[name], entries[name]
-            )
+            with progress.stage(name):
+                parts[name] = elastic_part(
+                    settings, f"bodies.{name}", element, comm, edges[name], entries[name], progress
+                )
     return parts
 
 

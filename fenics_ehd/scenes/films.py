@@ -147,6 +147,49 @@ def _in_hole(supply: Supply, key: str, holes: Sequence[BoreHole]) -> Supply:
     return _in_mesh(supply, min(holes, key=distance))
 
 
+#: Largest flow through the passage of a supply, over the flow ``c R w B / 2`` that a rotating
+#: surface drags, below which the supply counts as shut: it cannot change the film by 0.1 %.
+SHUT = 1e-3
+
+
+def shut_supplies(name: str, film: Film) -> list[str]:
+    """Notice, at most one line, of holes and supplies of a joint through which no oil enters.
+
+    They are holes in the mesh of the bore without a supply, supplies of pressure 0, and supplies
+    whose passage has a very large resistance.
+
+    Parameters
+    ----------
+    name
+        Name of the joint.
+    film
+        Film of the joint.
+    """
+    parameters = film.parameters
+    shut = [
+        f"the hole in the mesh of the bore at {hole.angle:.4g} degrees, z = "
+        f"{1e3 * hole.height:.4g} mm has no supply and is closed"
+        for hole in parameters.recesses
+    ]
+    grid = parameters.grid
+    dragged = 0.5 * parameters.clearance * grid.radius * parameters.rate * grid.width
+    for supply in parameters.feeds:
+        if not (supply.pressure or supply.curve or supply.head):
+            shut.append(f"supply.{supply.name}.pressure is 0, the cavitation pressure")
+        elif supply.resistance * SHUT * dragged > supply.pressure_at(0.0) > 0.0:
+            shut.append(
+                f"supply.{supply.name}.resistance = {supply.resistance:g} Pa s/m3 lets at most "
+                f"{1e6 * supply.pressure_at(0.0) / supply.resistance:.2g} cm3/s through, below "
+                f"{SHUT:g} of the {1e6 * dragged:.2g} cm3/s that the journal drags"
+            )
+    if not shut:
+        return []
+    return [
+        f"joints.{name}: no oil enters through {len(shut)} of its openings: {'; '.join(shut)}: "
+        f"give [joints.{name}.supply.NAME] with kind, angle, height and pressure"
+    ]
+
+
 #: Numbers of film cells around and along for a bore without a mesh.
 DEFAULT_CELLS = (20, 5)
 

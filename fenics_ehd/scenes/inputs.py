@@ -19,7 +19,7 @@ import numpy as np
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.needs import NONE
 from fenics_ehd.film.kinematics import ShapeTable, is_shape
-from fenics_ehd.film.supply import Supply
+from fenics_ehd.film.supply import Head, Supply
 from fenics_ehd.multibody.forces import (
     Force,
     PointForce,
@@ -34,7 +34,7 @@ from fenics_ehd.multibody.tabulated import Curve
 from fenics_ehd.reduction.body import ReducedBody, load_body
 from fenics_ehd.scenes import schema
 from fenics_ehd.scenes.library import table_file
-from fenics_ehd.scenes.scene import Scene, flexible
+from fenics_ehd.scenes.scene import Scene, flexible, joint_lubricant
 from fenics_ehd.scenes.shape_tables import read_shape_table
 from fenics_ehd.scenes.tables import (
     PRESSURES,
@@ -182,14 +182,54 @@ def supplies_of(scene: Scene, name: str) -> tuple[Supply, ...]:
     Raises
     ------
     SettingsError
-        A supply has both a pressure and a table, or its table cannot be used.
+        A supply has both a pressure and a table, its table cannot be used, or the pressure in its
+        drilling is unknown.
     """
     supplies = []
     for label, supply in scene.joints[name].supply.items():
         key = f"joints.{name}.supply.{label}"
         curve = _pressure_curve(supply, key, periodic=scene.time.periodic)
-        supplies.append(attrs.evolve(supply, name=label, curve=curve))
+        complete = attrs.evolve(supply, name=label, curve=curve)
+        if any(supply.head_radius):
+            complete = attrs.evolve(complete, head=_head(scene, name, complete, key))
+        supplies.append(complete)
     return tuple(supplies)
+
+
+def _head(scene: Scene, name: str, supply: Supply, key: str) -> Head:
+    """Pressure rise in the drilling of a supply, whose body a drive turns at a known speed.
+
+    A drive imposes the speed over time: the rise does not depend on the unknowns of a step.
+
+    Raises
+    ------
+    SettingsError
+        A radius is negative, no drive imposes the speed of the body, or the pressure at the film
+        would be below the cavitation pressure.
+    """
+    begin, end = supply.head_radius
+    setting = f"{key}.head_radius = [{begin:g}, {end:g}] m"
+    if begin < 0.0 or end < 0.0:
+        raise SettingsError(f"{setting} must be two distances from the axis, at least 0")
+    joint = scene.joints[name]
+    body = (joint.journal if supply.on_journal else joint.bore).partition(".")[0]
+    drive = imposed_angles(scene).get(body)
+    if not isinstance(drive, Speed):
+        raise SettingsError(
+            f"{setting} needs the speed of {body}, the body with the {supply.on}: give "
+            f"drives.{body} of kind speed, or drop head_radius and add the rise to pressure"
+        )
+    rise = Head((begin, end), joint_lubricant(scene, joint).density, drive)
+    supplied = attrs.evolve(supply, head=rise)
+    curves = (curve for curve in (supply.curve, drive.curve) if isinstance(curve, Curve))
+    times = np.concatenate([[0.0], *(curve.curve.x for curve in curves)])
+    least = min(supplied.pressure_at(time) for time in times)
+    if least < 0.0:
+        raise SettingsError(
+            f"{setting} gives {least:g} Pa at the film, below 0, the cavitation pressure: raise "
+            f"{key}.pressure to {supply.pressure - least:.4g} or more"
+        )
+    return rise
 
 
 def _pressure_curve(supply: Supply, key: str, *, periodic: bool) -> Curve | None:

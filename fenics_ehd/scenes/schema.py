@@ -279,8 +279,10 @@ class LubricatedSettings:
         "air", AMBIENTS,
         "what surrounds the sides if ambient_pressure is 0: air or oil (mass-conserving)",
     ), "cavitation", among=("mass-conserving",)), "ambient_pressure", notice=True)  # fmt: skip
-    friction: bool = flag(False, "whether the shear stress of the oil acts on the bodies")
-    shear_rule: str = only_with(quantities.shear_rule(), "friction", "heat")
+    friction: bool = flag(
+        False, "whether the shear stress of the oil acts on the bodies; it is reported anyway"
+    )
+    shear_rule: str = quantities.shear_rule()
     smallest_film: float = not_with(
         number(
             0.01,
