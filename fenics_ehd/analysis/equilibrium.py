@@ -749,6 +749,9 @@ class DynamicCoefficients:
     stiffness_scatter, damping_scatter
         Half the range of stiffness and damping over the film meshes, shape (2, 2) [N/m, N s/m];
         None for a single mesh.
+    critical_mass_scatter, whirl_ratio_scatter, threshold_scatter
+        Half the range of these values over the film meshes, in their units; None for a single mesh,
+        or without the value on a mesh.
     """
 
     stiffness: np.ndarray
@@ -758,6 +761,9 @@ class DynamicCoefficients:
     threshold: float | None
     stiffness_scatter: np.ndarray | None = None
     damping_scatter: np.ndarray | None = None
+    critical_mass_scatter: float | None = None
+    whirl_ratio_scatter: float | None = None
+    threshold_scatter: float | None = None
 
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:

@@ -449,7 +449,7 @@ class Replay(Run):
                 replace(joint, gap=joint.gap + _between(change, *self._position))
                 for joint, change in each
             ]
-        return joints_row(joints)
+        return joints_row(joints, reported=True)
 
     def _in_parts(self, row: int, time: float) -> Iterator[MechanismStep]:
         """Take a step to a row of the trajectory in several parts, and yield each solved part."""

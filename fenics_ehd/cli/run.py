@@ -9,6 +9,8 @@ them.
 
 from __future__ import annotations
 
+import re
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,6 +29,7 @@ from fenics_ehd.base.progress import Progress, shown_progress
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
 from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.figures import figures_of
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
     Checkpoint,
@@ -407,7 +410,8 @@ def _write_series(
 #: Factors to printed units, by endings of the names of results; the first matching ending is used.
 FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m": 1e6}
 
-#: Printed lines of a joint by the result that a line requires; values are in printed units.
+#: Printed lines of a joint by the result that a line requires; values are in printed units. The
+#: text of a value's error, `bound`, follows its unit (`VALUE`).
 JOINT_LINES = {
     "max_pressure_Pa": "    peak pressure (POFP)    {max_pressure_Pa:9.3f} MPa {pressure_error}at "
     "{max_pressure_time_s:.3f} ms",
@@ -430,15 +434,17 @@ JOINT_LINES = {
     "bore, crank {cycle_max_eccentricity_crank_angle_deg:.1f} deg",
     "cycle_mean_specific_load_Pa": "    specific load F / (2RB) "
     "{cycle_mean_specific_load_Pa:9.3f} MPa mean, {cycle_max_specific_load_Pa:.4g} MPa at most",
-    "cycle_min_lambda_ratio": "    lambda ratio            {cycle_min_lambda_ratio:9.3f}     "
-    "thinnest film over combined roughness, crank {cycle_min_lambda_ratio_crank_angle_deg:.1f} deg",
+    "cycle_min_lambda_ratio": "    lambda ratio            {cycle_min_lambda_ratio:9.3f}"
+    "{bound[cycle_min_lambda_ratio]}     thinnest film over combined roughness, "
+    "crank {cycle_min_lambda_ratio_crank_angle_deg:.1f} deg",
     "effective_temperature_C": "    effective temperature   {effective_temperature_C:9.2f} C   "
     "from {supply_temperature_C:.2f} C, {outlet_temperature_C:.2f} C with "
     "{mean_leaving_flow_m3_per_s:.3f} cm3/s that leave",
     "mean_contact_force_N": "    mean contact force      {mean_contact_force_N:9.3g} N   of "
     "contact pressure up to {max_contact_pressure_Pa:.3g} MPa",
-    "cycle_max_contact_share": "    load on asperities      {mean_contact_share:9.3g}     share, "
-    "mean, {cycle_max_contact_share:.3g} at most, crank "
+    "cycle_max_contact_share": "    load on asperities      {mean_contact_share:9.3g}"
+    "{bound[mean_contact_share]}     share, mean, {cycle_max_contact_share:.3g}"
+    "{bound[cycle_max_contact_share]} at most, crank "
     "{cycle_max_contact_share_crank_angle_deg:.1f} deg",
 }
 
@@ -451,6 +457,24 @@ RUN_LINES = {
     "energy_balance_error": "  energy balance error    {energy_balance_error:9.1e}     of the "
     "energy exchanged",
 }
+
+
+#: Printed value of a line with its unit; positions, in degrees, mm or ms, have no error.
+VALUE = re.compile(r"\{(\w+):[^}]*\} (?:MPa|N m|N|W|um|C|c|cm3/s)(?=[ ,\n]|$)")
+
+
+def bound_texts(joint: Mapping[str, Any]) -> Mapping[str, str]:
+    """Texts of the errors of a joint's figures by name, `` +- 0.5 %`` or `` (not estimated)``.
+
+    They are empty if the run has no error budget.
+    """
+    texts: dict[str, str] = defaultdict(str)
+    if "errors" in joint:
+        for figure in figures_of({"joints": {"": joint}}):
+            texts[figure.name] = f" {figure.bound}" if figure.known else f" ({figure.reason})"
+    # Lines of these figures have the text of `error_text`.
+    texts |= dict.fromkeys(("max_pressure_Pa", "min_film_thickness_m"), "")
+    return texts
 
 
 def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
@@ -466,7 +490,9 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
     pressure = figures["max_pressure_Pa"]
     film = figures["min_film_thickness_m"]
     large = figures.get("basis_error_estimate_m", 0.0) > LARGEST_ESTIMATE * film
+    bounds = bound_texts(joint)
     words: dict[str, Any] = {
+        "bound": bounds,
         "span": span,
         "pressure_error": error_text(joint, "max_pressure", pressure, "MPa"),
         "film_error": error_text(joint, "min_film_thickness", film, "um"),
@@ -475,7 +501,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
     }
     values = figures | words
     lines = [
-        text.format_map(values)
+        VALUE.sub(r"\g<0>{bound[\1]}", text).format_map(values)
         for key, text in JOINT_LINES.items()
         if np.isfinite(figures.get(key, np.nan))
     ]
@@ -483,7 +509,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         # The mean over the last cycle is printed in place of the mean over the run.
         if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
             name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
-            lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s")
+            lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s{bounds[key]}")
     return lines
 
 

@@ -69,14 +69,23 @@ def _shortened(status: str) -> str:
 @click.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: str) -> None:
-    """Write report.html, report.md and figures/ of the study in DIRECTORY.
+    """Write the report of the run or study in DIRECTORY.
 
-    'study' does the same at its end. A study that is in progress or was stopped is reported as far
-    as it is complete.
+    The report of a run is one page, report.html, which prints on two sheets: all figures with their
+    estimated errors, warnings, the scene in words, the pictures that decide, and how to repeat the
+    run. That of a study is report.html, report.md and figures/; 'study' writes it at its end. A run
+    or study that is in progress or was stopped is reported as far as it is complete.
     """
-    from fenics_ehd.study.report.write import write_report
+    from fenics_ehd.multibody.history import FIELDS_NAME
 
-    echo(write_report(directory))
+    if (Path(directory) / FIELDS_NAME).is_file():
+        from fenics_ehd.study.report.run_page import write_run_page
+
+        echo(write_run_page(directory))
+    else:
+        from fenics_ehd.study.report.write import write_report
+
+        echo(write_report(directory))
 
 
 #: Printed columns of a study: key, heading, factor to the printed unit, format.

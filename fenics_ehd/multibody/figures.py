@@ -83,6 +83,11 @@ class Figure:
         return split_unit(self.name)[1]
 
     @property
+    def known(self) -> bool:
+        """Whether the figure has an estimated error."""
+        return self.error is not None
+
+    @property
     def relative(self) -> float | None:
         """Error over the size of the value [-]; None without an error, and for angles and zero."""
         if self.error is None or self.unit in ("deg", "C") or not self.value:
