@@ -24,11 +24,10 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
 from fenics_ehd.base.progress import Progress
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.cycle import Cycle, first_of_last
+from fenics_ehd.multibody.cycle import TURN_ROUNDING, Cycle, first_of_last
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
-    TURN_ROUNDING,
     History,
     column_name,
     fixed,
@@ -372,6 +371,12 @@ class Recorder(Stateful):
             self._resumed = False
         self.rows.append(row)
         return {column_name(name): value for name, value in row.items() if is_column(name)}
+
+    @property
+    def reference_body(self) -> str:
+        """Name of the body whose angle is the reference angle; empty if no body turns."""
+        angles = self.system.angles.items()
+        return next((name for name, index in angles if index == self._reference), "")
 
     def _angle(self, step: MechanismStep) -> float:
         """Reference angle at a step [degrees], continuous over a cycle; 0 if no body turns.

@@ -18,7 +18,7 @@ import numpy as np
 from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.extremes import over_time
 from fenics_ehd.film.film import steepest_thickening
-from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle, first_of_last
+from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle, angle_before, first_of_last
 from fenics_ehd.multibody.figures import stated_errors
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.notices import (
@@ -115,6 +115,10 @@ def cycle_figures(
     times = columns["time_s"]
     rows = cycle.rows(times)
     period = float(times[rows][-1]) - cycle.start if cycle.periodic else None
+    angles = columns["run/crank_angle_deg"]
+    if not cycle.periodic:  # the angles of a search begin anew in every cycle
+        at_start = np.interp(cycle.start, times, angles)
+        angles = angles - angle_before(np.append(at_start, angles[rows]))
     for name, column, prefix, others in EXTREMES:
         if f"joints/{joint}/{column}" not in columns:
             continue
@@ -124,7 +128,7 @@ def cycle_figures(
         figures[f"cycle_{prefix}{column}"] = value
         for reported in others:
             figures[f"cycle_{prefix}{reported}"] = float(columns[f"joints/{joint}/{reported}"][row])
-        angle = float(np.interp(time, times[rows], columns["run/crank_angle_deg"][rows]))
+        angle = float(np.interp(time, times[rows], angles[rows]))
         figures[f"cycle_{name}_crank_angle_deg"] = angle
     under_way = rows.stop == len(times) and (cycle.periodic or not cycle.start)
     for name in (*CYCLE_MEANS, *(() if under_way else rates)):
@@ -253,6 +257,7 @@ class RunSummary:
         return {
             "joints": joints,
             **({} if cycle is None else cycle.entries()),
+            "reference_body": recorder.reference_body,
             "energy_balance_error": self.energy_error,
             "simulated_time_s": recorder.time,
             **{name: recorder.counts[name] for name in STEP_COUNTS},

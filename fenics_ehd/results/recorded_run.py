@@ -79,6 +79,9 @@ from fenics_ehd.multibody.verdict import verdict
 #: File with the stresses over the cycle, which are computed from the result of a run.
 STRESS = "stress.json"
 
+#: Page with the report of a run, which the command ``report`` writes.
+REPORT = "report.html"
+
 #: Name of the file of a flexible body in the folder of a run.
 BODY_FILE = "body-{}.h5"
 
@@ -97,6 +100,7 @@ MADE = (
     SUMMARY,
     ERROR_BUDGET,
     FAILED_FILM,
+    REPORT,
     SERIES,
     *(f"{name}.{ending}" for name in PICTURES for ending in PICTURE_FORMATS),
 )
