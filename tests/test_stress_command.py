@@ -117,7 +117,16 @@ def test_command_prints_a_table_and_its_files_go_with_the_run(folder, capfd):
         capfd, "stress", folder, "--complete", "--model", folder.parent / "rod.geo"
     )
     assert status == 0
-    for words in ("half-range, von Mises", "+- ", "mesh ", "run ", "its mean", "largest principal", "of crank", "piston"):
+    for words in (
+        "half-range, von Mises",
+        "+- ",
+        "mesh ",
+        "run ",
+        "its mean",
+        "largest principal",
+        "of crank",
+        "piston",
+    ):
         assert words in out
     assert "--complete" not in out
     assert json.loads((folder / "stress.json").read_text())["complete"]
