@@ -25,6 +25,7 @@ from fenics_ehd.cli.options import (
     json_option,
     no_cache_option,
     output_option,
+    question,
     say_reducing,
     warn_of,
     workers_option,
@@ -66,6 +67,7 @@ def _shortened(status: str) -> str:
     return status if len(status) <= STATUS_WIDTH else f"{status[: STATUS_WIDTH - 3]}..."
 
 
+@question("Which page do I hand on, from a run or a study?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: str) -> None:
@@ -98,6 +100,7 @@ SHOWN = (
 )
 
 
+@question("Which reduction method has which error, at which cost?")
 @click.command()
 @click.argument("scene")
 @output_option("directory", "Folder for tables, runs and report [default: results/SCENE-study].")
@@ -164,6 +167,7 @@ JOINT_SHOWN = (
 SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f"))
 
 
+@question("How does a result depend on one or several settings?")
 @click.command()
 @click.argument("scene")
 @click.option(
@@ -233,6 +237,7 @@ def sweep(
 METHODS = "differences in the same steps", "differences in the same steps, reduced anew"
 
 
+@question("Which setting changes a result, and by how much?")
 @click.command()
 @click.argument("scene")
 @click.option(
