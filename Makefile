@@ -73,8 +73,9 @@ test-faults: export OPENBLAS_NUM_THREADS := 1
 test-faults: set-up  ## malformed inputs, kills, full disks, errors on one rank
 	$(VENV)/bin/python tests/faults $(ARGS)
 
-figures: set-up $(VENV)/exudyn $(VENV)/ross/stamp  ## run the tests whose numbers the validation page shows
+figures: set-up $(VENV)/exudyn $(VENV)/ross/stamp $(VENV)/pynastran/stamp  ## run the tests whose numbers the validation page shows
 	$(VENV)/bin/python tests/ross_case.py --python $(VENV)/ross/bin/python -o tests/golden/ross.json
+	$(VENV)/bin/python tests/pynastran_case.py --python $(VENV)/pynastran/bin/python
 	PYTHONPATH=$(VENV)/exudyn $(VENV)/bin/python -m pytest -m "" --figures=docs/validation.json tests $(ARGS)
 	$(VENV)/bin/python docs/tables.py
 
@@ -141,6 +142,12 @@ $(VENV)/exudyn: $(VENV)/stamp
 $(VENV)/ross/stamp: $(VENV)/stamp
 	$(PYTHON) -m venv --clear $(@D)
 	$(@D)/bin/pip install --quiet --disable-pip-version-check ross-rotordynamics==2.3.0 'plotly<6'
+	@touch $@
+
+# Without system packages, as it needs older ones.
+$(VENV)/pynastran/stamp: $(VENV)/stamp
+	$(PYTHON) -m venv --clear $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check pyNastran==1.4.1
 	@touch $@
 
 # Without system packages: libraries of Debian and of PyPI are never mixed.

@@ -21,6 +21,9 @@ from importlib import import_module
 from typing import Any
 
 from fenics_ehd.base.lazy import lazily
+from fenics_ehd.base.libraries import require_matching_numpy
+
+require_matching_numpy()
 
 __version__ = "0.4.0.dev0"
 
@@ -63,7 +66,9 @@ _NAMES = {
     "reduction.body": ("ReducedBody", "load_body", "save_body"),
     "reduction.bore": ("bore_from_faces",),
     "reduction.fixed_interface_modes": ("craig_bampton",),
-    "reduction.foreign_matrices": ("read_abaqus", "read_calculix"),
+    "reduction.foreign_matrices": ("read_abaqus", "read_ansys", "read_calculix"),
+    "reduction.matrix_check": ("check_matrices",),
+    "reduction.nastran_matrices": ("read_dmig", "read_op4"),
     "reduction.load_dependent_basis": ("full_interface", "load_dependent"),
     "reduction.reductor": ("Reductor",),
     "reduction.residual_completion": ("residual_flexibility",),

@@ -40,6 +40,9 @@ def test_points_are_those_of_single_bearings():
     assert rows[3]["critical_mass_kg"] == linear.critical_mass
     assert rows[3]["whirl_frequency_ratio"] == linear.whirl_ratio
     assert rows[3]["stiffness_scatter_N_per_m"] == linear.stiffness_scatter.max()
+    assert rows[3]["kyx_scatter_N_per_m"] == linear.stiffness_scatter[1, 0]
+    assert rows[3]["critical_mass_scatter_kg"] == linear.critical_mass_scatter
+    assert 0.0 < linear.whirl_ratio_scatter < 0.05 * linear.whirl_ratio
 
 
 def test_coefficients_at_one_eccentricity_follow_similarity():
@@ -68,6 +71,7 @@ def test_a_map_has_a_table_a_picture_and_printed_rows(call, tmp_path):
     np.testing.assert_allclose(speeds, np.pi / 30 * np.array([1e3, 3e3, 5e3]), rtol=1e-11)
     assert all(float(row["cxx"]) > 0 for row in rows)
     assert "kxx MN/m" in out
+    assert out.count(" +- ") == 3 * 10
     assert "whirl" in out
     drawn = picture.read_text()
     for label in (

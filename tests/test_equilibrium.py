@@ -130,24 +130,30 @@ def fed(curve):
 
 
 VARYING = {
-    "no drive": (lambda: driven_at_nothing(), "nothing holds body shaft: give it a drive"),
+    "no drive": (
+        lambda: driven_at_nothing(),
+        "nothing holds body shaft at an angle or a speed: add drives.shaft",
+    ),
     "a table of force over time": (
         lambda: with_force(ehd.PointForce("shaft", (1.0, 0.0), table(200.0))),
-        "force more varies",
+        "forces.more varies",
     ),
     "a function of time": (
         lambda: with_force(ehd.PointForce("shaft", (1.0, 0.0), lambda t: (np.cos(t), 0.0))),
-        "force more varies",
+        "forces.more varies",
     ),
     "a table over an angle that turns": (
         lambda: with_force(ehd.PointForce("shaft", (1.0, 0.0), table(200.0), "shaft")),
-        "force more varies",
+        "forces.more varies",
     ),
     "a speed over time": (
         lambda: driven_at(ehd.Speed(curve=table(200.0))),
-        "speed of the drive of shaft varies",
+        "drives.shaft: its speed varies with time",
     ),
-    "a supply over time": (lambda: fed(table(200.0)), "supply of bearing varies"),
+    "a supply over time": (
+        lambda: fed(table(200.0)),
+        "joints.bearing: the pressure of a supply varies",
+    ),
     "a centre of mass off the axis": (
         lambda: eccentric(centre=(1e-6, 0.0)),
         "centre of mass of shaft is carried around",

@@ -18,12 +18,11 @@ from scene_cases import LOADED_JOURNAL, write_scene
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import (
     SETTLED,
-    ErrorCurves,
     Estimator,
-    Extreme,
     missing_gaps,
     summed,
 )
+from fenics_ehd.analysis.error_curves import ErrorCurves, Extreme
 from fenics_ehd.analysis.replay import (
     LONGEST,
     Replay,

@@ -148,11 +148,13 @@ def test_slow_motions_and_other_coordinates_have_the_same_stiffness():
 
 def test_a_stored_point_has_the_same_modes(tmp_path):
     rest, linear = linearised(1e-3)
-    growth = np.array([modes_of(linear).roots[0].real])
-    point = MapPoint(SPEED, linear, {}, growth, (rest.search_start,))
+    roots = modes_of(linear).roots
+    growth = np.array([roots[0].real])
+    point = MapPoint(SPEED, linear, {}, growth, 0.01 * np.abs(roots), (rest.search_start,))
     StoredPoints(tmp_path, "map")[SPEED] = point
     stored = StoredPoints(tmp_path, "map")[SPEED]
     np.testing.assert_array_equal(stored.modes.roots, point.modes.roots)
+    np.testing.assert_array_equal(stored.scatter, point.scatter)
     np.testing.assert_array_equal(
         stored.linear.film_stiffness("bearing", 1j * SPEED),
         linear.film_stiffness("bearing", 1j * SPEED),

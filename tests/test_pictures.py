@@ -48,6 +48,7 @@ def joint(name="big_end", run="one", figures=None, turned=None, **columns):
             name=run,
             figures=figures or {},
             label="",
+            angle_name="crank angle",
             starts=False,
             journal_angle=lambda _: turned,
         ),
@@ -122,7 +123,7 @@ def test_the_band_is_the_error_that_the_run_states(quantity):
     lower, upper = (band.get_paths()[0].vertices[:, 1][s] for s in (slice(1, 41), slice(42, 82)))
     np.testing.assert_allclose(lower, y - half)
     np.testing.assert_allclose(upper, (y + half)[::-1])
-    assert "± 2 % at " in axes.get_legend().get_texts()[0].get_text()
+    assert "(± 2 %) at " in axes.get_legend().get_texts()[0].get_text()
     budget[quantity]["total"] = "not estimated"
     (axes,) = drawn(quantity, one)
     assert not axes.collections

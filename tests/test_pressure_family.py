@@ -32,7 +32,8 @@ from fenics_ehd.reduction.residual_completion import pattern_fields
 from fenics_ehd.reduction.static import bore_rows
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.build import build
-from fenics_ehd.scenes.part import body_counts, elastic_part, require_provenance, with_body
+from fenics_ehd.scenes.part import body_counts, elastic_part
+from fenics_ehd.scenes.part_changes import require_provenance, with_body
 from fenics_ehd.scenes.scene import changed
 
 RADIUS, WIDTH = 0.02, 0.016

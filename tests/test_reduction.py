@@ -56,7 +56,7 @@ def test_reduction_does_with_what_the_documentation_names():
     listed = text.partition("`fenics_ehd.reduction` needs ")[2].partition(";")[0]
     assert set(re.split(r", | and ", listed)) == needed
     absent = {"dolfinx", "basix", "ffcx", "ufl", "gmsh", "meshio", "matplotlib", "PIL"}
-    absent |= {"attr", "attrs", "click", "tqdm", "jinja2"}
+    absent |= {"attr", "attrs", "click", "jinja2"}
     demo = str(ROOT / "demos" / "foreign_matrices.py")
     command = [sys.executable, "-c", ALONE.format(absent=absent, demo=demo)]
     result = subprocess.run(command, capture_output=True, text=True)

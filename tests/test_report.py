@@ -30,8 +30,9 @@ import fenics_ehd as ehd
 from fenics_ehd.study.compare import COLUMNS
 from fenics_ehd.study.report import figures
 from fenics_ehd.study.report.figures import best_bodies, first_shapes
+from fenics_ehd.study.report.page import render
 from fenics_ehd.study.report.study_data import CURVES, FILM, PRESSURE, read_study
-from fenics_ehd.study.report.write import render, unknown_floors, write_report
+from fenics_ehd.study.report.write import TABLES, unknown_floors, write_report
 
 UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
 STEPS = [(1e-3, 0.04), (1e-4, 0.04 / 10 ** (2 / 3)), (1e-5, 0.04 / 100 ** (2 / 3))]
@@ -88,7 +89,7 @@ def both_ends(tmp_path_factory):
 
 def words(study):
     """A report without its figures."""
-    return " ".join(render("md", study.directory, study=study, drawn=[]).split())
+    return " ".join(render("report.jinja", "md", {}, study=study, **TABLES).split())
 
 
 class Page(html.parser.HTMLParser):
@@ -167,7 +168,7 @@ def test_names_and_messages_are_no_html(tmp_path):
     rows = [run("reference", method="full"), run(f"m3 {bad}", status=f"failed: {bad}")]
     study = write_study(tmp_path, rows, scene=bad, cpu=f"{bad}\n```\n<b>")
     for form in ("md", "html"):
-        text = render(form, tmp_path, study=study, drawn=[])
+        text = render("report.jinja", form, {}, study=study, **TABLES)
         prose = re.sub(r"(?ms)^```json$.*?^```$", "", text)
         assert "<script" not in prose.replace("<style", "")
         assert "<b>" not in prose
@@ -285,7 +286,7 @@ STUDY = {"study.json": json.dumps(TABLE)}
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({}, "it has no study.json"),
+        ({}, "neither history.h5 nor study.json"),
         ({"study.json": "{"}, "cannot be read"),
         ({"study.json": "[1]"}, "cannot be read"),
         ({"study.json": '{"scene": "x"}'}, "cannot be read: 'joints'"),

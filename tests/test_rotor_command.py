@@ -198,6 +198,55 @@ def test_a_folder_of_another_scene_is_refused(complete, tmp_path, capfd):
     assert "--overwrite" in error
 
 
+def test_another_unbalance_of_the_scene_uses_the_stored_points(complete, tmp_path, monkeypatch):
+    path, out = complete
+    folder = copytree(out, tmp_path / "map")
+    heavier = tmp_path / "machine.toml"
+    heavier.write_text(path.read_text().replace("magnitude = 0.0004", "magnitude = 0.0008"))
+    assert heavier.read_text() != path.read_text()
+    monkeypatch.setattr(engine, "equilibrium", None)
+    arguments = ("--speeds", SPEEDS, "--meshes", "1", "-o", folder, "--no-plots")
+    assert call("rotor", heavier, *arguments) == 0
+    before, after = (rows(each / "unbalance.csv")[0] for each in (out, folder))
+    column = "shaft.disk.amplitude_m"
+    assert float(after[column]) == pytest.approx(2 * float(before[column]))
+
+
+def test_requested_mode_shapes_are_those_of_their_own_speeds(complete, tmp_path):
+    path, out = complete
+    folder = copytree(out, tmp_path / "map")
+    arguments = ("--speeds", SPEEDS, "--meshes", "1", "-o", folder, "--no-plots")
+    assert call("rotor", path, *arguments, "--shapes", "400,100 rad/s:500 rad/s:2") == 2
+    assert call("rotor", path, *arguments, "--shapes", "3000 1/min,4000 1/min") == 0
+    shown = sorted({float(row["speed_rad_per_s"]) for row in rows(folder / "shapes.csv")})
+    assert shown == pytest.approx([100 * np.pi, 400 / 3 * np.pi])
+
+
+def test_unbalances_that_cancel_each_other_are_named(complete, tmp_path, capfd):
+    path, out = complete
+    folder = copytree(out, tmp_path / "map")
+    both = ("--unbalance", "shaft.disk=1e-4@20", "--unbalance", "shaft.disk=1e-4@200")
+    arguments = ("--speeds", SPEEDS, "--meshes", "1", "-o", folder, "--no-plots", *both)
+    status, printed, error = exit_of(capfd, "rotor", path, *arguments)
+    assert status == 0
+    assert "the unbalances at shaft.disk cancel each other: no force acts" in error
+    assert "resonance" not in printed
+    assert {float(row["shaft.disk.amplitude_m"]) for row in rows(folder / "unbalance.csv")} == {0.0}
+
+
+def test_a_map_needs_neither_times_nor_a_drive():
+    tables = json.loads(json.dumps(ehd.read_scene("rotor-two-bearings", **COARSE).tables))
+    chart = ehd.rotor_map(ehd.read_scene(tables), [500.0], meshes=1)
+    del tables["time"]
+    del tables["drives"]
+    scene = ehd.read_scene(tables)
+    bare = ehd.rotor_map(scene, [500.0], meshes=1)
+    slow = np.abs(chart.roots[:, 0]) < 1000.0
+    np.testing.assert_allclose(bare.roots[slow], chart.roots[slow], rtol=1e-5)
+    with pytest.raises(ehd.errors.SettingsError, match=r"^give either time\.end or time\.revolut"):
+        ehd.build(scene)
+
+
 def test_a_speed_without_equilibrium_gives_status_1_and_the_others_stay(
     complete, tmp_path, capfd, monkeypatch
 ):
@@ -252,6 +301,10 @@ REFUSED = {
     "another unit of an unbalance": (
         ["--speeds", "500", "--unbalance", "shaft.disk=1 kg"],
         "kg is a unit of another quantity",
+    ),
+    "shapes outside the range": (
+        ["--speeds", "500:600:2", "--shapes", "400,700"],
+        "--shapes: 400 rad/s (3820 1/min) is not between the speeds of the map, 500 rad/s",
     ),
     "too many meshes": (["--speeds", "500", "--meshes", "9"], "9 is not in the range 1<=x<=4"),
 }

@@ -8,9 +8,17 @@ import pytest
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.equilibrium import stability
-from fenics_ehd.analysis.modes import damping_ratio, log_decrement, modes_of, whirl_direction
+from fenics_ehd.analysis.film_meshes import in_basis, mean_linearisation
+from fenics_ehd.analysis.modes import (
+    damping_ratio,
+    log_decrement,
+    matched,
+    modes_of,
+    root_scatter,
+    whirl_direction,
+)
 from fenics_ehd.analysis.rotor_map import CLOSE, rotor_map_of
-from fenics_ehd.analysis.unbalance import larger_axes, phases
+from fenics_ehd.analysis.unbalance import PROMINENCE, _resonances, larger_axes, phases
 
 R, C, WIDTH = 0.02, 40e-6, 0.02
 GRAVITY = (0.0, -9.81)
@@ -290,6 +298,35 @@ def test_speeds_are_stable_or_unstable_by_the_limits_below_them():
     assert unstable.stable_below is None
     assert not unstable.stable_at_first_speed
     assert not unstable.stable_at(1425.0)
+
+
+def test_small_maxima_are_no_resonances():
+    speeds = np.linspace(1.0, 2.0, 101)
+    hill = np.exp(-(((speeds - 1.5) / 0.1) ** 2))
+    noise = 1 + 0.004 * np.cos(200 * speeds)
+    peaks = _resonances("disk", speeds, (0.2 + hill) * noise, PROMINENCE)
+    assert [round(peak.speed, 1) for peak in peaks] == [1.5]
+    assert len(_resonances("disk", speeds, (0.2 + hill) * noise, 0.0)) > 5
+    small = 0.2 + 0.01 * hill + np.maximum(speeds - 1.8, 0.0)  # 5 % above its surroundings
+    assert len(_resonances("disk", speeds, small, PROMINENCE)) == 1
+
+
+def test_the_scatter_of_roots_is_that_of_the_meshes():
+    parts = [ehd.linearise(ehd.equilibrium(two_bearings(**cells(n))(600.0))) for n in (24, 26, 30)]
+    mean = mean_linearisation(parts)
+    modes = modes_of(mean)
+    parts = [in_basis(part, mean.basis) for part in parts]
+    scatter = root_scatter(modes, mean, parts)
+    each = np.array([other.roots[matched(modes, other)[0]] for other in map(modes_of, parts)])
+    exact = 0.5 * (np.ptp(each.real, axis=0) + 1j * np.ptp(each.imag, axis=0))
+    slow = (np.abs(modes.roots) < 1000.0) & (np.abs(modes.roots.imag) > 100.0)
+    assert slow.sum() >= 4
+    np.testing.assert_allclose(scatter[slow], exact[slow], atol=0.05 * np.abs(exact[slow]).max())
+    assert not root_scatter(modes, mean, parts[:1]).any()
+
+
+def cells(around):
+    return {f"joints.{name}.cells": [around, 6] for name in ("left", "right")}
 
 
 def test_means_over_meshes_are_those_of_the_matrices():

@@ -18,7 +18,7 @@ from fenics_ehd.reduction.reductor import rigid
 from fenics_ehd.scenes import films, part_settings, schema
 from fenics_ehd.scenes import part as elastic_part
 from fenics_ehd.scenes.library import shipped, shipped_names
-from fenics_ehd.scenes.part import with_method
+from fenics_ehd.scenes.part_changes import with_method
 from fenics_ehd.scenes.scene import scene_of
 
 FOUR_BAR, SLIDER_CRANK, ROTOR = "four-bar", "slider-crank-paper", "rotor-two-bearings"
@@ -437,7 +437,10 @@ OF_A_SHAFT = [
     ),
     ({"bodies.shaft.points.left": 1.5}, "shaft.points.left = 1.5 must be a share"),
     ({"bodies.shaft.modes": 11}, "shaft.modes = 11 must be even"),
-    ({"bodies.shaft.disks": [[1.5, 40.0, 0.3, 0.16]]}, "disks: position = 1.5 must be a share"),
+    ({"bodies.shaft.disks": [[1.5, 40.0, 0.3, 0.16]]}, "disks: position = 1.5 must be at least 0"),
+    ({"bodies.shaft.disks": [[0.5, 40.0, -0.3, 0.16]]}, "disks: polar_inertia = -0.3 must be at"),
+    ({"bodies.shaft.disks": [[0.5, 40.0, 0.3]]}, "must be a list of rows with 4 numbers each"),
+    ({"joints.left.journal": "shaft"}, "joints.left.journal = 'shaft': a shaft needs one of its"),
 ]
 
 

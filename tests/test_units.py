@@ -58,6 +58,8 @@ def test_number_is_the_one_written_out(written, unit, value):
 
 def test_a_turn_a_minute():
     assert in_unit("9000 rpm", "rad/s") == 300 * pi
+    for unit in ("1/min", "/min", "min-1", "r/min", "1 / min"):
+        assert in_unit(f"9000 {unit}", "rad/s") == 300 * pi
     assert in_unit("1 rev/s", "rad/s") == 2 * pi
     assert in_unit("1 rad", "degrees") == pytest.approx(57.29577951308232, rel=1e-15)
 

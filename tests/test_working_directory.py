@@ -22,7 +22,7 @@ MODULES = (
     "__future__", "abc", "attrs", "click", "codecs", "contextlib", "dolfinx", "enum", "functools",
     "gmsh", "logging", "matplotlib", "mpi4py", "multiprocessing", "numpy", "petsc4py", "pickle",
     "pyvista", "random", "re", "scipy", "selectors", "setuptools", "sitecustomize", "socket",
-    "struct", "tempfile", "tqdm", "typing", "usercustomize",
+    "struct", "tempfile", "typing", "usercustomize",
 )  # fmt: skip
 
 #: Options of programs, each of which would change results, load a program, or end the command.

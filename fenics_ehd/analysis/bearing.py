@@ -17,7 +17,7 @@ and grooves are at rest. They are means over film meshes, see `fenics_ehd.analys
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import attrs
@@ -342,13 +342,31 @@ def _coefficients(point: OperatingPoint, load: float) -> DynamicCoefficients:
         for extra in extra_cells(settings.meshes)
     ]
     stiffness, damping = (MeshMean.of(matrices) for matrices in zip(*parts, strict=True))
-    mass, whirl = stability(stiffness.value, damping.value)
     speed = abs(settings.speed)
-    threshold = None if mass is None else speed * float(np.sqrt(settings.clearance * mass / load))
-    ratio = None if whirl is None or not speed else whirl / speed
+
+    def limits(matrices: Sequence[np.ndarray]) -> tuple[float | None, float | None, float | None]:
+        """Critical mass, whirl ratio and stability threshold for a stiffness and a damping."""
+        mass, whirl = stability(*matrices)
+        ratio = None if whirl is None or not speed else whirl / speed
+        if mass is None:
+            return None, ratio, None
+        return mass, ratio, speed * float(np.sqrt(settings.clearance * mass / load))
+
+    each = [limits(matrices) for matrices in parts]
     return DynamicCoefficients(
-        stiffness.value, damping.value, mass, ratio, threshold, stiffness.scatter, damping.scatter
+        stiffness.value,
+        damping.value,
+        *limits((stiffness.value, damping.value)),
+        stiffness.scatter,
+        damping.scatter,
+        *(_half_range(values) for values in zip(*each, strict=True)),
     )
+
+
+def _half_range(values: Sequence[float | None]) -> float | None:
+    """Half the range of the values on several meshes; None for one mesh or a missing value."""
+    known = [value for value in values if value is not None]
+    return 0.5 * float(np.ptp(known)) if len(known) == len(values) > 1 else None
 
 
 def _film_matrices(point: OperatingPoint, around: int, load: float) -> list[np.ndarray]:

@@ -52,7 +52,7 @@ from scipy import linalg
 
 from fenics_ehd.analysis.film_memory import SampledStiffness, sampled_shifts
 from fenics_ehd.base.arguments import require_class, require_number
-from fenics_ehd.base.errors import HeatError, SettingsError, SolverError
+from fenics_ehd.base.errors import GapClosedError, HeatError, SettingsError, SolverError
 from fenics_ehd.base.renamed import renamed_arguments
 from fenics_ehd.film.heat import TemperatureSearch
 from fenics_ehd.film.supply import CircumferentialGrooveSupply, Supply
@@ -317,10 +317,19 @@ def equilibrium(
     except HeatError:
         raise
     except SolverError as error:
-        conserving = any(binding.joint.cavitation != "reynolds" for binding in system.films)
-        hint = "; use cavitation = 'reynolds', or simulate" if conserving else ""
+        hint = _advice(system, error)
         error.args = (f"no equilibrium found from the pose at the start: {error}{hint}",)
         raise
+
+
+def _advice(system: System, error: SolverError) -> str:
+    """Advice for the message about a search that failed; it may be empty."""
+    if any(binding.joint.cavitation != "reynolds" for binding in system.films):
+        return "; use cavitation = 'reynolds', or simulate"
+    if isinstance(error, GapClosedError):
+        return ", or raise speed or viscosity: at this speed the film may not carry its load"
+    names = ", ".join(f"joints.{binding.name}.eccentricity" for binding in system.films)
+    return f"; the search starts from {names}: change the start, or load the films" if names else ""
 
 
 def balanced(
@@ -500,7 +509,10 @@ def _variations(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator[st
     resisted = np.eye(system.n)[np.concatenate([*films, np.zeros(0, dtype=int)])]
     name = unresisted(system, np.arange(system.n), [instant.jacobian, stiffness, resisted])
     if name:
-        yield f"nothing holds body {name}: give it a drive (a Speed), whose rate it keeps"
+        yield (
+            f"nothing holds body {name} at an angle or a speed: add drives.{name} with "
+            "kind = 'speed', also for speed = 0"
+        )
 
 
 #: Times at which a function of time without a table is compared with its value at time zero [s].
@@ -532,7 +544,10 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
     mechanism = system.mechanism
     for name, drive in mechanism.drives.items():
         if _differs([drive(time)[1] for time in times]):
-            yield f"the speed of the drive of {name} varies: give it a constant speed, or run it"
+            yield (
+                f"drives.{name}: its speed varies with time: give it a constant speed, or run the "
+                "scene in time"
+            )
     instant = Instant(system, 0.0, z)
     u = instant.u
     u_rates = instant.values_along @ rates
@@ -544,13 +559,16 @@ def _varying_loads(system: System, z: np.ndarray, rates: np.ndarray) -> Iterator
             for t in (0.0, *times)
         ]
         if _differs(loads):
-            yield f"the force {name} varies: give it a constant size, or run it"
+            yield (
+                f"forces.{name} varies with time or angle: leave it out, give it a constant size, "
+                "or run the scene in time"
+            )
     for binding in system.films:
         for feed in binding.film.film.parameters.feeds:
             if _differs([feed.pressure_at(time) for time in times]):
                 yield (
-                    f"the pressure of a supply of {binding.name} varies: give it a constant one, "
-                    "or run it"
+                    f"joints.{binding.name}: the pressure of a supply varies with time: give it a "
+                    "constant one, or run the scene in time"
                 )
 
 
@@ -731,6 +749,9 @@ class DynamicCoefficients:
     stiffness_scatter, damping_scatter
         Half the range of stiffness and damping over the film meshes, shape (2, 2) [N/m, N s/m];
         None for a single mesh.
+    critical_mass_scatter, whirl_ratio_scatter, threshold_scatter
+        Half the range of these values over the film meshes, in their units; None for a single mesh,
+        or without the value on a mesh.
     """
 
     stiffness: np.ndarray
@@ -740,6 +761,9 @@ class DynamicCoefficients:
     threshold: float | None
     stiffness_scatter: np.ndarray | None = None
     damping_scatter: np.ndarray | None = None
+    critical_mass_scatter: float | None = None
+    whirl_ratio_scatter: float | None = None
+    threshold_scatter: float | None = None
 
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:

@@ -30,8 +30,6 @@ would therefore have an arbitrary sign, so that trajectories are compared as smo
 (`ErrorCurves`). Extremes of a run are interpolated between nodes and steps
 (`fenics_ehd.base.extremes`), so that the budget needs no component for the distances of nodes and
 steps.
-
-Imports inside functions: SciPy's interpolation is slow to import, and only budgets need it.
 """
 
 from __future__ import annotations
@@ -46,6 +44,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from fenics_ehd.analysis.error_curves import EXTREME_COLUMNS, SLOWEST, ErrorCurves, Extreme
+from fenics_ehd.analysis.figure_errors import FigureErrors
 from fenics_ehd.analysis.flexibility_check import PartInMemory, checked_errors
 from fenics_ehd.analysis.replay import (
     FINER,
@@ -58,14 +58,16 @@ from fenics_ehd.analysis.replay import (
     with_finer_films,
 )
 from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.base.progress import SILENT, Progress, chosen_progress
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import Instant, Motion, System
-from fenics_ehd.multibody.periodic import CYCLE_NOISE
+from fenics_ehd.multibody.newton import MechanismStep
+from fenics_ehd.multibody.periodic import CYCLE_NOISE, PeriodicSolver
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.step_equations import StepEquations
-from fenics_ehd.multibody.summary import PEAKS, RunSummary
+from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.surface import MissingFlexibility
 from fenics_ehd.multibody.trust import (
     COMPONENTS,
@@ -82,193 +84,9 @@ SETTLED = 5.0
 #: Largest tolerance of the last Newton update, small against the differences of trajectories.
 LITTLE = 5e-4
 
-#: Number of parts of a step at whose ends curves are evaluated.
-PARTS = 5
-
 #: A difference is continued into a second cycle until this share of its initial size remains, but
 #: not beyond the end of that cycle.
 FAST = 0.3
-
-#: Largest share that remains from cycle to cycle, with which later cycles are extrapolated.
-SLOWEST = 0.9
-
-#: Relative distance of a quantity from its extreme, within which a time counts as near the extreme.
-NEAR = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorCurves:
-    """Curves over time of a run or its last cycle, and curves of its errors.
-
-    Every array of curves has the peak pressure [Pa] and the minimum film thickness [m] of every
-    joint, or errors of these (exact minus computed), shape (2, k, joints), at the k `times`.
-
-    Attributes
-    ----------
-    trajectory
-        Trajectory of the run.
-    """
-
-    trajectory: Trajectory
-
-    @cached_property
-    def times(self) -> np.ndarray:
-        """Times at which the curves are evaluated: the steps of the run and times between them [s].
-
-        The shape is (k,).
-        """
-        times = self.trajectory.times
-        before = np.append(self.trajectory.began, times[:-1])
-        between = [times - share * (times - before) for share in np.arange(PARTS) / PARTS]
-        return np.unique(between)
-
-    def _at_steps(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values at the steps of the run.
-
-        The start of a cycle is added, with the values at the end of the cycle.
-        """
-        times = self.trajectory.times
-        period = self.trajectory.period
-        if period is None:
-            return times, values
-        return np.append(times[-1] - period, times), np.vstack([values[-1:], values])
-
-    @cached_property
-    def reported(self) -> np.ndarray:
-        """Curves of peak pressure and minimum film thickness of the run, shape (2, k, joints)."""
-        return self._linear_at_steps(self.trajectory.extremes)
-
-    @cached_property
-    def between_nodes(self) -> np.ndarray:
-        """Curves of the extremes between nodes, minus the extremes at the nodes alone."""
-        films = [joint.film for joint in self.trajectory.joints.values()]
-        peaks = [np.max(film.pressure, axis=1) for film in films]
-        thinnest = [np.min(film.gap, axis=1) for film in films]
-        nodal = np.array([peaks, thinnest]).swapaxes(1, 2)
-        return self.reported - self._linear_at_steps(nodal)
-
-    def _linear_at_steps(self, values: np.ndarray) -> np.ndarray:
-        """Curves by linear interpolation of values at the steps, shape (2, steps, joints)."""
-        return np.array([_linear(self.times, *self._at_steps(each)) for each in values])
-
-    def change(
-        self,
-        before: Trajectory,
-        after: Trajectory,
-        factor: float | np.ndarray,
-        remaining: float = 0.0,
-    ) -> np.ndarray:
-        """Curves of the change between two trajectories, times a factor, after many cycles.
-
-        Parameters
-        ----------
-        before, after, factor
-            Trajectories of the run and of the changed run, and the factor.
-        remaining
-            Ratio r, with its sign, by which the growth of the change is multiplied from cycle to
-            cycle. With r = 0, the result is the change in the second cycle.
-        """
-        changes = []
-        for values, changed in zip(before.extremes, after.extremes, strict=True):
-            curves = _curve(before.times, values), _curve(after.times, changed)
-            changes.append(factor * self._between(*curves, min(remaining, SLOWEST)))
-        return np.array(changes)
-
-    def _between(self, before: Callable, after: Callable, remaining: float) -> np.ndarray:
-        """Change of one quantity between two trajectories, after many cycles, shape (k, joints).
-
-        `before` and `after` are functions that evaluate the quantity at given times.
-        """
-        first = after(self.times) - before(self.times)
-        if self.trajectory.period is None:
-            return np.nan_to_num(first)
-        later = self.times + self.trajectory.period
-        second = after(later) - before(later)
-        growth = second - np.where(np.isfinite(first), first, second)
-        limit = second + remaining / (1.0 - remaining) * growth
-        return np.nan_to_num(np.where(np.isfinite(second), limit, first))
-
-    def interpolated(self, times: np.ndarray, changes: Sequence[np.ndarray]) -> np.ndarray:
-        """Curves from the changes of both quantities at `times`, each of shape (times, joints)."""
-        return np.array([_linear(self.times, times, values) for values in changes])
-
-
-def _linear(wanted: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate values linearly at the times `wanted`; values have the shape (times, joints)."""
-    return np.column_stack([np.interp(wanted, times, column) for column in values.T])
-
-
-def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Function that evaluates smooth curves through values at given times, shape (k, joints).
-
-    The function takes times; it returns nan outside of the range of the given times.
-    """
-    if len(times) < 2:
-        return lambda wanted: np.full((len(wanted), values.shape[1]), np.nan)
-    from scipy.interpolate import Akima1DInterpolator
-
-    curve = Akima1DInterpolator(times, values)
-    return lambda wanted: np.asarray(curve(wanted, extrapolate=False))
-
-
-@dataclass(frozen=True, eq=False)
-class Extreme:
-    """Peak pressure or minimum film thickness of one joint over a run or cycle.
-
-    Attributes
-    ----------
-    quantity
-        ``"max_pressure"`` or ``"min_film_thickness"``.
-    joint
-        Index of the joint.
-    value
-        Value in the summary of the run [Pa] or [m].
-    reported
-        Curves of all joints over time, see `ErrorCurves.reported`, shape (2, k, joints).
-    """
-
-    quantity: str
-    joint: int
-    value: float
-    reported: np.ndarray
-
-    def _outward(self, curves: np.ndarray) -> np.ndarray:
-        """Curve of this quantity and joint, shape (k,); multiplied by -1 for a film thickness."""
-        curve = curves[QUANTITIES.index(self.quantity), :, self.joint]
-        return curve if self.quantity == "max_pressure" else -curve
-
-    def bias(self, changes: Sequence[np.ndarray]) -> float:
-        """Relative error of the extreme from the sum of error curves, positive if it is too large.
-
-        Each of the `changes` is the curves of one error component, shape (2, k, joints).
-        """
-        values = self._outward(self.reported)
-        total = sum(self._outward(change) for change in changes)
-        growth = float((values + total).max() - values.max()) / abs(self.value)
-        return 0.0 - growth if self.quantity == "max_pressure" else growth
-
-    def near(self, change: np.ndarray) -> float:
-        """Root mean square of an error curve at times near the extreme, over the extreme [-]."""
-        values = self._outward(self.reported)
-        near = values >= values.max() - NEAR * abs(values.max())
-        return float(np.sqrt(np.mean(self._outward(change)[near] ** 2)) / abs(self.value))
-
-    def share(self, change: np.ndarray) -> float:
-        """Relative error of the extreme by one component: mean of `near` and the size of `bias`.
-
-        `near` is included because an unchanged extreme between changed neighbours is a coincidence.
-        """
-        return 0.5 * (abs(self.bias([change])) + self.near(change))
-
-    def over(self, change: np.ndarray) -> float:
-        """Largest relative error of the curve at any time.
-
-        An error of pressure is relative to the peak over all times, an error of film thickness to
-        the film thickness at the same time.
-        """
-        values = self._outward(self.reported)
-        scale = np.abs(values) if self.quantity == "min_film_thickness" else abs(self.value)
-        return float((np.abs(self._outward(change)) / scale).max())
 
 
 def summed(errors: Mapping[str, Any]) -> dict[str, Any]:
@@ -481,7 +299,7 @@ class ErrorBudget:
         joints: dict[str, Any] = {name: {} for name in self.joints}
         for component, change in self.changes.items():
             for i, components in enumerate(joints.values()):
-                curves = [*self.curves.reported[..., i], *change[..., i]]
+                curves = [*self.curves.reported[:2, :, i], *change[:2, :, i]]
                 values = np.vstack([self.curves.times - start, *curves])
                 components[component] = dict(zip(OVER_TIME, values.tolist(), strict=True))
         return joints
@@ -496,9 +314,17 @@ class Estimator:
         Recorder of the run.
     parts
         Parts in memory, by the name of their body, see `checked_errors`.
+    progress
+        Progress in which the replays open their stages.
     """
 
-    def __init__(self, solved: Recorder, parts: Mapping[str, PartInMemory] | None = None):
+    def __init__(
+        self,
+        solved: Recorder,
+        parts: Mapping[str, PartInMemory] | None = None,
+        progress: Progress = SILENT,
+    ):
+        self._progress = progress
         self._parts = parts or {}
         self._summary = RunSummary(solved)
         self._trajectory = trajectory_of(solved)
@@ -533,22 +359,24 @@ class Estimator:
         if any(binding.film.elastic for binding in self._system.films):
             for component in UNKNOWN:
                 estimates[component] = partial(self._change_by_gaps, component)
-        try:
-            again = self._follow(self._long, stride=self._stride)
-        except FAILURES as error:
-            notes = dict.fromkeys(estimates, _one_line(error))
-            estimates = {}
         left_out: dict[str, float] = {}
-        common = self._left_out
-        for name, change in estimates.items():
-            self._left_out = common
+        with self._progress.stage("error budget", 1 + len(estimates), "estimates") as stage:
             try:
-                changes[name] = change(again)
+                again = self._follow(self._long, stride=self._stride)
             except FAILURES as error:
-                notes[name] = _one_line(error)
-                continue
-            if self._left_out:
-                left_out[name] = self._left_out
+                notes = dict.fromkeys(estimates, _one_line(error))
+                estimates = {}
+            common = self._left_out
+            for number, (name, change) in enumerate(estimates.items(), start=1):
+                stage.to(number, name.replace("_", " "))
+                self._left_out = common
+                try:
+                    changes[name] = change(again)
+                except FAILURES as error:
+                    notes[name] = _one_line(error)
+                    continue
+                if self._left_out:
+                    left_out[name] = self._left_out
         joints = {
             binding.name: self._joint(i, binding, changes)
             for i, binding in enumerate(self._system.films)
@@ -592,11 +420,18 @@ class Estimator:
         tolerance = min(SETTLED * self._run.control.tolerance, LITTLE)
         replay = Replay(run or self._run, trajectory, tolerance, forgiving=True, **how)
         end = float(trajectory.times[-1])
+        began = trajectory.began
         try:
-            return recorded(replay, end)
+            with self._progress.stage("replay", 1e3 * (end - began), "ms") as stage:
+
+                def look(step: MechanismStep) -> Mapping[str, float]:
+                    stage.to(1e3 * (step.time - began))
+                    return replay.columns(step)
+
+                return recorded(replay, end, look=look)
         finally:
             self.iterations += replay.iterations
-            self._left_out = max(self._left_out, replay.left_out / (end - trajectory.began))
+            self._left_out = max(self._left_out, replay.left_out / (end - began))
 
     def _change_by_steps(self, again: Trajectory) -> np.ndarray:
         """Curves of the step-size error; `again` is the replay of the run in long steps."""
@@ -661,11 +496,27 @@ class Estimator:
         equations = self._run.equations
         changes = missing_gaps(equations, again, component, periodic, self._checked_shares)
         sizes = np.column_stack([np.abs(change).max(axis=1) for change in changes])
-        peaks, films = again.extremes
+        films = again.extremes[1]
         if not (sizes / films).max() > SMALL:
-            return self._curves.interpolated(again.times, [sizes / films * peaks, sizes])
+            return self._curves.interpolated(again.times, [*self._small_changes(again, sizes)])
         widened = self._follow(again, changes=changes).widened(changes)
         return self._change(again, widened, 1.0)
+
+    def _small_changes(self, again: Trajectory, sizes: np.ndarray) -> np.ndarray:
+        """Changes of all quantities by a small change of the gaps, shape (q, k, joints).
+
+        Relative changes are taken as equal to that of the film thickness, changes of the journal's
+        position as equal to that of the gap. `sizes` are the largest changes of the gaps at every
+        step of the trajectory `again`, shape (k, joints) [m].
+        """
+        values = again.curves(self._curves.columns)
+        changes = sizes / values[1] * np.abs(values)
+        clearances = np.array([binding.film.clearance for binding in self._system.films])
+        changes[1] = sizes
+        for row, name in enumerate(self._curves.columns, start=len(QUANTITIES)):
+            if name.startswith("eccentricity"):
+                changes[row] = sizes / clearances if name.endswith("_ratio") else sizes
+        return changes
 
     def _joint(
         self, i: int, binding: FilmBinding, changes: Mapping[str, np.ndarray]
@@ -689,17 +540,21 @@ class Estimator:
             largest[quantity] = summed(over)
             errors[quantity]["between_nodes"] = extreme.near(self._curves.between_nodes)
             errors[quantity]["bias"] = extreme.bias([*changes.values()])
-        return errors | {"largest_over_cycle": largest, "figures": self._figures(binding, errors)}
-
-    def _figures(self, binding: FilmBinding, errors: Mapping[str, Any]) -> dict[str, float | str]:
-        """Absolute errors of the figures of a joint, from relative `errors` by quantity."""
-        figures: dict[str, float | str] = {}
-        for quantity, column in zip(QUANTITIES, PEAKS, strict=False):
-            known = errors[quantity]["known"]
-            if not isinstance(known, str):
-                known *= self._summary.extremes[binding.name][quantity][0]
-            figures |= {column: known, f"cycle_{column}": known}
-        return figures
+        figures = FigureErrors(
+            self._summary,
+            binding,
+            (*EXTREME_COLUMNS, *self._curves.columns),
+            self._curves.steps,
+            self._curves.reported[..., i],
+            {name: change[..., i] for name, change in changes.items()},
+            self._remaining_part,
+        ).errors
+        for quantity, column in zip(QUANTITIES, EXTREME_COLUMNS, strict=True):
+            error = errors[quantity]["known"]
+            if not isinstance(error, str):
+                error *= self._summary.extremes[binding.name][quantity][0]
+            figures |= {column: error, f"cycle_{column}": error}
+        return errors | {"largest_over_cycle": largest, "figures": figures}
 
     def _start(self, joint: str, quantity: str) -> tuple[Any, Any]:
         """Relative errors of an extreme and of its curve, due to a cycle that is not yet periodic.
@@ -709,19 +564,40 @@ class Estimator:
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
-        contraction = cycles.contraction
-        if not contraction < 1.0:
-            noise = max(cycles.periodicity, CYCLE_NOISE * self._run.control.tolerance)
-            if not max(cycles.moved, cycles.left) <= noise:
-                return NOT_ESTIMATED, NOT_ESTIMATED
-            # The changes are noise, so that their ratio is not the contraction of a cycle.
-            contraction = SLOWEST
-        remaining = cycles.left / (1.0 - contraction)
+        remaining = remaining_distance(cycles, self._run.control.tolerance)
+        if remaining is None:
+            return NOT_ESTIMATED, NOT_ESTIMATED
         now = self._summary.extremes[joint][quantity][0]
         then = self._summary.former_extremes[joint][quantity][0]
         part = remaining / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(remaining))
+
+    @property
+    def _remaining_part(self) -> float | None:
+        """Distance from the periodic state, over that between the starts of the last two cycles.
+
+        The result is 0 for a run without cycles, and None if the distance is not known.
+        """
+        if self._cycles is None or not self._cycles.moved:
+            return 0.0
+        remaining = remaining_distance(self._cycles, self._run.control.tolerance)
+        return None if remaining is None else remaining / self._cycles.moved
+
+
+def remaining_distance(cycles: PeriodicSolver, tolerance: float) -> float | None:
+    """Relative distance of the gaps at the end of a search from the periodic state [-].
+
+    The result is None if it is not known. `tolerance` is that of the steps.
+    """
+    contraction = cycles.contraction
+    if not contraction < 1.0:
+        noise = max(cycles.periodicity, CYCLE_NOISE * tolerance)
+        if not max(cycles.moved, cycles.left) <= noise:
+            return None
+        # The changes are noise, so that their ratio is not the contraction of a cycle.
+        contraction = SLOWEST
+    return cycles.left / (1.0 - contraction)
 
 
 def _one_line(error: Exception) -> str:
@@ -729,12 +605,20 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def error_budget(history: History) -> ErrorBudget:
+def error_budget(history: History, *, progress: Progress | bool = True) -> ErrorBudget:
     """Estimate the errors of a run whose history `simulate` returned.
+
+    Parameters
+    ----------
+    history
+        History of the run.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the replays
+        open their stages.
 
     Raises
     ------
     InputError
         The history was read from a folder.
     """
-    return Estimator(solved_run(history)).budget()
+    return Estimator(solved_run(history), progress=chosen_progress(progress)).budget()

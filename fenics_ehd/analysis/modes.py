@@ -19,6 +19,9 @@ are ``X = (x, lambda x)`` and ``Y = (Y_1, y)`` with ``Y_1^H = y^H (H'(lambda) - 
   ``kappa = -2 Im sum conj(u) v / sum (|u|^2 + |v|^2)`` times the sign of the speed. It is +1 if all
   points move on circles in the sense of rotation (forward whirl), -1 if they move on circles in the
   opposite sense (backward whirl), and 0 if they move on straight lines.
+- If the dynamic stiffness changes by ``dH(s)``, the root changes by ``-y^H dH(lambda) x`` to first
+  order. The scatter of a root over film meshes follows from the differences between their dynamic
+  stiffness and its mean.
 - Modes i and j at neighbouring speeds 1 and 2 are the same if their overlap
   ``sqrt |Y_1i^H B_1 X_2j  Y_2j^H B_2 X_1i|`` is near 1. The overlap does not depend on scales.
 
@@ -146,6 +149,32 @@ def _with_memory(sampled: SampledStiffness, mass: np.ndarray) -> Modes:
     right = np.vstack([x, roots * x])
     dual = np.vstack([np.stack(upper, axis=1), y])
     return Modes(roots[order], right[:, order], dual[:, order], mass)
+
+
+def root_scatter(modes: Modes, mean: Linearisation, parts: Sequence[Linearisation]) -> np.ndarray:
+    """Scatter of roots over film meshes to first order, see the module, shape (r,) [1/s].
+
+    Real and imaginary parts are half the ranges of the real and imaginary parts of the roots.
+
+    Parameters
+    ----------
+    modes, mean
+        Modes of the means over the meshes, and the means.
+    parts
+        Small motions on every mesh, in the same coordinates q.
+    """
+    scatter = np.zeros(len(modes.roots), dtype=complex)
+    if len(parts) == 1:
+        return scatter
+    lower = modes.left_eigenvectors[len(modes.mass) :]
+    for i, root in enumerate(modes.roots):
+        stiffness = mean.dynamic_stiffness(root)
+        x = modes.shapes[:, i]
+        changes = np.array(
+            [-lower[:, i].conj() @ (part.dynamic_stiffness(root) - stiffness) @ x for part in parts]
+        )
+        scatter[i] = 0.5 * (np.ptp(changes.real) + 1j * np.ptp(changes.imag))
+    return scatter
 
 
 def damping_ratio(root: complex) -> float:

@@ -40,6 +40,7 @@ from fenics_ehd.multibody.newton import (
     SolverState,
 )
 from fenics_ehd.multibody.periodic import PeriodicSolver
+from fenics_ehd.multibody.quantities import joints_row
 from fenics_ehd.multibody.recorder import Recorder, history_of, solution
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.multibody.simulation import summarised_history
@@ -114,6 +115,18 @@ class Trajectory(History):
             for film in films
         ]
         return np.array(each).transpose(1, 2, 0)
+
+    def curves(self, columns: Sequence[str]) -> np.ndarray:
+        """Extremes and further columns of every film at each of the k steps.
+
+        The shape is (2 + n, k, films): the `extremes`, then the n `columns` by name with unit. A
+        column that a joint does not have is zero.
+        """
+        joints = [joint.columns for joint in self.joints.values()]
+        without = np.zeros(len(self.times))
+        others = [[joint.get(name, without) for joint in joints] for name in columns]
+        further = np.array(others).reshape(len(columns), len(joints), len(self.times))
+        return np.concatenate([self.extremes, further.transpose(0, 2, 1)])
 
     def with_next(self, share: float) -> Trajectory:
         """The trajectory of a cycle, extended by the first part of the next cycle.
@@ -379,10 +392,12 @@ class Replay(Run):
         self._stride = stride
         self._corners = trajectory.state("corner")
         self._guess = _Guess(run, trajectory) if same_coordinates else None
+        self._observed = changes
         self._changes = []
         for binding, observed in zip(self._system.films, changes, strict=False):
             gap = observed[:, : len(binding.film.thickness)]
             self._changes.append((gap, np.gradient(gap, trajectory.times, axis=0)))
+        self._position = (0, 1.0)
         self.iterations = 0
         self.left_out = 0.0
         self._forgiving = forgiving
@@ -424,6 +439,17 @@ class Replay(Run):
                 )
             row = target
             last_size = self.state.time - before
+
+    def columns(self, step: MechanismStep) -> dict[str, float]:
+        """Columns of the lubricated joints at the last step, by path, with changes of the gaps."""
+        joints = step.solution.joints
+        if self._observed:
+            each = zip(joints, self._observed, strict=True)
+            joints = [
+                replace(joint, gap=joint.gap + _between(change, *self._position))
+                for joint, change in each
+            ]
+        return joints_row(joints, reported=True)
 
     def _in_parts(self, row: int, time: float) -> Iterator[MechanismStep]:
         """Take a step to a row of the trajectory in several parts, and yield each solved part."""
@@ -525,6 +551,7 @@ class Replay(Run):
             solved.solution,
             attempt.iterations,
         )
+        self._position = (row, share)
         keep = 1 if self._corners[row] and share == 1.0 else control.order + 2
         self.state = state.after(new, time - state.time, solved.solver, keep)
         if self._guess:

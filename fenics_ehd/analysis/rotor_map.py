@@ -44,10 +44,17 @@ from fenics_ehd.analysis.modes import (
     matched,
     modes_of,
     point_rows,
+    root_scatter,
     stations_of,
     whirl_direction,
 )
-from fenics_ehd.analysis.unbalance import UnbalanceResponse, larger_axes, unbalance_response
+from fenics_ehd.analysis.unbalance import (
+    PROMINENCE,
+    PROMINENCE_ON_ONE_MESH,
+    UnbalanceResponse,
+    larger_axes,
+    unbalance_response,
+)
 from fenics_ehd.base.errors import SolverError
 from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.multibody.mechanism import Mechanism, System
@@ -104,6 +111,9 @@ class MapPoint:
         Results of the films in equilibrium, by column, ``left.max_pressure_Pa``.
     growth
         Largest real part of the roots with each single film mesh, shape (meshes,) [1/s].
+    scatter
+        Scatter of the roots over the film meshes in the order of `modes`, see
+        `fenics_ehd.analysis.modes.root_scatter`, shape (r,) [1/s].
     starts
         States from which the search for an equilibrium at another speed can start, one for every
         film mesh.
@@ -113,6 +123,7 @@ class MapPoint:
     linear: Linearisation
     figures: Mapping[str, float]
     growth: np.ndarray
+    scatter: np.ndarray
     starts: tuple[SearchStart, ...]
 
     @cached_property
@@ -146,12 +157,15 @@ class CriticalSpeed(NamedTuple):
         Number of the mode in the map.
     damping_ratio, direction
         Damping ratio and whirl direction kappa of the mode at this speed.
+    scatter
+        Half the range of the speed over the film meshes [rad/s]; 0 with one mesh.
     """
 
     speed: float
     mode: int
     damping_ratio: float
     direction: float
+    scatter: float = 0.0
 
 
 class StabilityLimit(NamedTuple):
@@ -171,6 +185,8 @@ class StabilityLimit(NamedTuple):
         Whether the rotor is unstable above the limit; if false, it is unstable below the limit.
     scatter
         Half the range of the limit over the film meshes [rad/s]; 0 with one mesh.
+    whirl_ratio_scatter
+        Half the range of the whirl ratio over the film meshes [-]; 0 with one mesh.
     """
 
     speed: float
@@ -179,6 +195,7 @@ class StabilityLimit(NamedTuple):
     direction: float
     lost: bool
     scatter: float
+    whirl_ratio_scatter: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,6 +252,18 @@ class RotorMap:
             present = self.tracks[:, n] >= 0
             roots[present, n] = point.modes.roots[self.tracks[present, n]]
         return roots
+
+    @cached_property
+    def scatter(self) -> np.ndarray:
+        """Scatter of the `roots` over the film meshes, shape (tracks, s) [1/s].
+
+        Real and imaginary parts are those of real part and frequency; NaN without a mode.
+        """
+        scatter = np.full(self.tracks.shape, complex(np.nan, np.nan))
+        for n, point in enumerate(self.points):
+            present = self.tracks[:, n] >= 0
+            scatter[present, n] = point.scatter[self.tracks[present, n]]
+        return scatter
 
     @property
     def stable_below(self) -> float | None:
@@ -318,7 +347,9 @@ class MapSolver:
         mean = mean_linearisation(linears)
         if self.points:
             mean = in_basis(mean, next(iter(self.points.values())).linear.basis)
-        point = MapPoint(speed, mean, figures, growth, tuple(starts))
+        parts = [in_basis(linear, mean.basis) for linear in linears]
+        scatter = root_scatter(modes_of(mean), mean, parts)
+        point = MapPoint(speed, mean, figures, growth, scatter, tuple(starts))
         self.points[speed] = point
         return point
 
@@ -410,13 +441,18 @@ def rotor_map_of(
     response = _response(bare, system, unbalances) if unbalances else None
     return replace(
         bare,
-        critical_speeds=tuple(_critical_speed(bare, *pair) for pair in critical),
+        critical_speeds=tuple(
+            sorted(
+                (_critical_speed(bare, *pair) for pair in critical),
+                key=lambda each: abs(each.speed),
+            )
+        ),
         limits=tuple(_limit(bare, point) for point in limits),
         response=response,
         notices=(
             *_unloaded(system, points),
             *_turbulent(system, points),
-            *(() if response is None else _large_orbits(system, response)),
+            *(() if response is None else _of_response(system, response)),
         ),
     )
 
@@ -556,9 +592,19 @@ def _track_of(bare: RotorMap, point: MapPoint, mode: int) -> tuple[int, int]:
 
 
 def _critical_speed(bare: RotorMap, point: MapPoint, mode: int) -> CriticalSpeed:
+    """Critical speed of the mode with the index `mode` at a point of the map."""
     n, track = _track_of(bare, point, mode)
     ratio = damping_ratio(point.modes.roots[mode])
-    return CriticalSpeed(point.speed, track, ratio, bare.direction(n, track))
+    frequencies = bare.roots[track].imag
+    present = [i for i in (n - 1, n, n + 1) if 0 <= i < len(frequencies)]
+    present = [i for i in present if np.isfinite(frequencies[i])]
+    # The curve of the frequency meets the 1x line at an angle that depends on its slope.
+    slope = 0.0
+    if len(present) > 1:
+        speeds = np.abs(bare.speeds[present])
+        slope = (frequencies[present[-1]] - frequencies[present[0]]) / (speeds[-1] - speeds[0])
+    scatter = point.scatter[mode].imag / max(abs(1.0 - slope), np.finfo(float).tiny)
+    return CriticalSpeed(point.speed, track, ratio, bare.direction(n, track), float(scatter))
 
 
 def _limit(bare: RotorMap, point: MapPoint) -> StabilityLimit:
@@ -575,6 +621,7 @@ def _limit(bare: RotorMap, point: MapPoint) -> StabilityLimit:
         bare.direction(n, track),
         rise > 0.0,
         float(0.5 * np.ptp(point.growth) / abs(per_speed)),
+        float(point.scatter[mode].imag / abs(point.speed)),
     )
 
 
@@ -591,7 +638,18 @@ def _response(bare: RotorMap, system: System, unbalances: Sequence[Unbalance]) -
         [point.linear for point in bare.points],
         bare.speeds,
         {film.name: np.eye(system.n)[film.xi[:2]] for film in system.films},
+        prominence=PROMINENCE if len(bare.points[0].growth) > 1 else PROMINENCE_ON_ONE_MESH,
     )
+
+
+def _of_response(system: System, response: UnbalanceResponse) -> Iterator[str]:
+    """Notices of a response to unbalances: without a force, or with large orbits."""
+    if response.excited:
+        yield from _large_orbits(system, response)
+        return
+    points = ", ".join(dict.fromkeys(each.point for each in response.unbalances))
+    why = "cancel each other" if any(each.magnitude for each in response.unbalances) else "are 0"
+    yield f"the unbalances at {points} {why}: no force acts, and the response is zero"
 
 
 def _large_orbits(system: System, response: UnbalanceResponse) -> Iterator[str]:

@@ -44,7 +44,7 @@ from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.newton import MechanismStep
 from fenics_ehd.multibody.periodic import repeats
-from fenics_ehd.multibody.quantities import joint_row
+from fenics_ehd.multibody.quantities import joints_row
 from fenics_ehd.multibody.trust import integral
 
 #: Change of a parameter over its scale. The error of a difference is of the order of its square.
@@ -100,11 +100,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
 
 def columns_of(step: MechanismStep) -> dict[str, float]:
     """Results of every lubricated joint at a step, by the paths of their columns, with units."""
-    return {
-        f"joints/{joint.binding.name}/{column}": value
-        for joint in step.solution.joints
-        for column, value in joint_row(joint).items()
-    }
+    return joints_row(step.solution.joints)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,11 @@ The amplification factor of a resonance at the speed Omega_r is ``Omega_r / (Ome
 (API 617). At the speeds Omega_1 and Omega_2, on both sides of the resonance, the amplitude is lower
 by 3 dB, a factor of ``sqrt(1/2)``. Resonances are located on a finer grid of speeds, for which
 M, D, K and samples of H are interpolated.
+
+A maximum is a resonance if it is prominent: higher by a share of `PROMINENCE` than the minima
+between it and higher amplitudes, or the ends of the range, on both sides. Lower maxima are no
+evidence of a resonance, because stiffness and damping jump by about 1 % when the end of a film
+moves past a row of nodes.
 """
 
 from __future__ import annotations
@@ -44,9 +49,18 @@ FINER = 10
 #: Ratio of the amplitudes at the peak of a resonance and at the ends of its bandwidth.
 BANDWIDTH = np.sqrt(2.0)
 
+#: Least prominence of a resonance, with means over film meshes and with one mesh. Maxima due to
+#: jumps of the coefficients had up to 0.5 % and 8 % (three rotors, 12 to 90 speeds); the smallest
+#: resonance on which these grids and meshes agree had 2 %.
+PROMINENCE = 0.01
+PROMINENCE_ON_ONE_MESH = 0.1
+
+#: Sum of forces over the sum of their magnitudes below which unbalances cancel each other.
+CANCELLED = 1e-12
+
 
 class Resonance(NamedTuple):
-    """Maximum of the amplitude of a point over the speed.
+    """Prominent maximum of the amplitude of a point over the speed.
 
     Attributes
     ----------
@@ -103,9 +117,11 @@ class UnbalanceResponse:
         Forces of the films on their journals as complex amplitudes, by name of the joint, shape
         (s, 2) [N].
     resonances
-        Maxima of the amplitudes of all points, in the order of the points.
+        Resonances of all points, in the order of the points.
     interpolated
         The same response at more speeds, for which M, D and K are interpolated.
+    excited
+        Whether a force acts; False if all magnitudes are 0 or the unbalances cancel each other.
     """
 
     unbalances: tuple[Unbalance, ...]
@@ -115,6 +131,7 @@ class UnbalanceResponse:
     forces: dict[str, np.ndarray]
     resonances: tuple[Resonance, ...]
     interpolated: SteadyVibration
+    excited: bool = True
 
     def amplitude(self, point: str) -> np.ndarray:
         """Amplitude of a point over the speed: larger half axis of its ellipse, shape (s,) [m]."""
@@ -214,6 +231,7 @@ def unbalance_response(
     linears: Sequence[Linearisation],
     speeds: np.ndarray,
     journal_rows: Mapping[str, np.ndarray],
+    prominence: float = PROMINENCE,
 ) -> UnbalanceResponse:
     """Compute the steady vibration of a rotor under unbalances, at s speeds.
 
@@ -230,8 +248,11 @@ def unbalance_response(
     journal_rows
         Derivatives of the position of the journal in the bore with respect to z, by name of the
         joint, shape (2, n) each.
+    prominence
+        Least prominence of a resonance, see the module.
     """
     pairs = list(zip(unbalances, rows, strict=True))
+    excited = _excited(pairs, float(speeds[0]))
 
     def vibration(each: Sequence[tuple[float, Linearisation]]) -> SteadyVibration:
         deflections = []
@@ -239,7 +260,8 @@ def unbalance_response(
         journals: dict[str, list[np.ndarray]] = {name: [] for name in journal_rows}
         for speed, linear in each:
             loads = [unbalance_force(unbalance, along, speed) for unbalance, along in pairs]
-            motion = response(linear, np.sum(loads, axis=0), abs(speed))
+            total = np.sum(loads, axis=0) if excited else 0.0 * loads[0]
+            motion = response(linear, total, abs(speed))
             deflections.append(point_rows @ linear.basis @ motion)
             for name in linear.films:
                 forces[name].append(film_force(linear, name, motion, abs(speed)))
@@ -259,7 +281,7 @@ def unbalance_response(
     resonances = tuple(
         resonance
         for name, curve in zip(points, curves, strict=True)
-        for resonance in _resonances(name, interpolated.speeds, curve)
+        for resonance in _resonances(name, interpolated.speeds, curve, prominence)
     )
     return UnbalanceResponse(
         tuple(unbalances),
@@ -269,7 +291,18 @@ def unbalance_response(
         exact.forces,
         resonances,
         interpolated,
+        excited,
     )
+
+
+def _excited(pairs: Sequence[tuple[Unbalance, np.ndarray]], speed: float) -> bool:
+    """True if the sum of the forces of unbalances is not zero up to round-off, see `CANCELLED`.
+
+    `pairs` are the unbalances with the derivatives of their points, and `speed` is any speed.
+    """
+    loads = [unbalance_force(unbalance, along, speed) for unbalance, along in pairs]
+    sizes = sum(float(np.abs(load).max()) for load in loads)
+    return bool(np.abs(np.sum(loads, axis=0)).max() > CANCELLED * sizes)
 
 
 def _finer(computed: Sequence[tuple[float, Linearisation]]) -> list[tuple[float, Linearisation]]:
@@ -284,8 +317,10 @@ def _finer(computed: Sequence[tuple[float, Linearisation]]) -> list[tuple[float,
     return [*finer, computed[-1]]
 
 
-def _resonances(point: str, speeds: np.ndarray, amplitudes: np.ndarray) -> list[Resonance]:
-    """Maxima of a point's amplitude over the speed, each with its amplification factor."""
+def _resonances(
+    point: str, speeds: np.ndarray, amplitudes: np.ndarray, prominence: float
+) -> list[Resonance]:
+    """Resonances of a point with their amplification factors, see `unbalance_response`."""
     resonances = []
     for i in range(1, len(speeds) - 1):
         before, here, after = amplitudes[i - 1 : i + 2]
@@ -294,6 +329,8 @@ def _resonances(point: str, speeds: np.ndarray, amplitudes: np.ndarray) -> list[
         # Vertex of the parabola through three points at equal distances.
         offset = 0.5 * (before - after) / (before - 2 * here + after)
         peak = here - 0.25 * (before - after) * offset
+        if not peak >= (1.0 + prominence) * _saddle(amplitudes, i):
+            continue
         step = speeds[i + 1] - speeds[i] if offset > 0 else speeds[i] - speeds[i - 1]
         speed = float(speeds[i] + offset * step)
         below = _falls_below(speeds, amplitudes, i, -1, peak / BANDWIDTH)
@@ -303,6 +340,18 @@ def _resonances(point: str, speeds: np.ndarray, amplitudes: np.ndarray) -> list[
             factor = abs(speed / (above - below))
         resonances.append(Resonance(point, speed, float(peak), factor))
     return resonances
+
+
+def _saddle(amplitudes: np.ndarray, i: int) -> float:
+    """Higher one of the two smallest amplitudes between maximum i and higher amplitudes.
+
+    On a side without higher amplitudes, the smallest amplitude of this side counts.
+    """
+    smallest = []
+    for side in (amplitudes[:i][::-1], amplitudes[i + 1 :]):
+        higher = np.flatnonzero(side > amplitudes[i])
+        smallest.append(float(side[: higher[0] if len(higher) else len(side)].min()))
+    return max(smallest)
 
 
 def _falls_below(

@@ -119,7 +119,10 @@ def rows(columns: tuple[str, ...], help_text: str, units: tuple[str, ...]) -> An
 
     def check(name: str, value: Any) -> None:
         if not isinstance(value, tuple) or not all(map(is_row, value)):
-            raise SettingsError(f"{name} = {value!r} must be a list of rows [{', '.join(columns)}]")
+            raise SettingsError(
+                f"{name} = {value!r} must be a list of rows with {len(columns)} numbers each, "
+                f"[[{', '.join(columns)}], ...]"
+            )
         for row in value:
             for column, unit, entry in zip(columns, units, row, strict=True):
                 require_finite(f"{name}: {column}", entry, unit)

@@ -2,6 +2,9 @@
 
 SciPy, h5py and dolfinx of Debian are compiled for Debian's NumPy. If pip or PYTHONPATH puts another
 NumPy first, they fail at any point with obscure messages. The test of this module detects that.
+
+Imports inside functions: the package looks for a conflict whenever it is imported, and must be
+imported quickly. The metadata of distributions are needed only after a conflict.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ import io
 import os
 import sys
 from contextlib import redirect_stderr, suppress
-from importlib import import_module, metadata
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -44,6 +47,8 @@ def version_of(name: str) -> str:
     source = origin(name)
     if not source:
         return "missing"
+    from importlib import metadata
+
     with suppress(metadata.PackageNotFoundError):
         distribution = metadata.distribution(name)
         # The first metadata on the path may belong to another copy of the library.
@@ -56,8 +61,77 @@ def version_of(name: str) -> str:
         return "broken"
 
 
+#: Folder of Debian's packages for Python, and folder of all of Debian's libraries: petsc4py and
+#: dolfinx of several versions are elsewhere in it.
+DEBIAN = Path("/usr/lib/python3/dist-packages")
+DEBIAN_LIBRARIES = Path("/usr/lib")
+
+#: Libraries that Debian compiles for its NumPy.
+COMPILED = ("dolfinx", "petsc4py", "h5py", "scipy")
+
+
+def numpy_conflict() -> str:
+    """Message about a NumPy for which Debian's compiled libraries were not built; or empty.
+
+    A library that is compiled for one version of NumPy works with later versions, except for those
+    with another first number. The versions are compared without importing NumPy. There is no
+    conflict if NumPy is Debian's, or if none of the compiled libraries is.
+    """
+    source = origin("numpy")
+    if not source or Path(source).is_relative_to(DEBIAN):
+        return ""
+    compiled = [name for name in COMPILED if Path(origin(name)).is_relative_to(DEBIAN_LIBRARIES)]
+    folder = Path(source).parents[1]
+    present, built = (_numpy_in(each) for each in (folder, DEBIAN))
+    if not (compiled and present and built):
+        return ""
+    numbers, needed = (list(map(int, text.split(".")[:2])) for text in (present, built))
+    if numbers[0] == needed[0] and numbers >= needed:
+        return ""
+    return (
+        f"numpy {present} in {folder} hides Debian's numpy {built}, for which "
+        f"{', '.join(compiled)} of Debian are compiled: {_without(folder)}"
+    )
+
+
+def require_matching_numpy() -> None:
+    """Refuse a NumPy that would make Debian's libraries crash; commands report it themselves.
+
+    Raises
+    ------
+    ImportError
+        There is such a NumPy, see `numpy_conflict`.
+    """
+    command = os.path.basename("".join(sys.argv[:1]))
+    if command not in ("-m", "fenics-ehd") and (conflict := numpy_conflict()):
+        raise ImportError(conflict)
+
+
+def _numpy_in(folder: Path) -> str:
+    """Version of NumPy in a folder of packages, from its metadata; empty if there are none."""
+    from importlib import metadata
+
+    distributions = metadata.distributions(name="numpy", path=[str(folder)])
+    return next((each.version for each in distributions), "")
+
+
+def _without(folder: Path) -> str:
+    """Remedy for a NumPy in a folder that hides another one."""
+    path = os.environ.get("PYTHONPATH", "")
+    if str(folder) in path.split(os.pathsep):
+        return f"remove the folder from PYTHONPATH = {path}"
+    if folder.is_relative_to(Path(sys.prefix)):
+        return f"remove it by {sys.executable} -m pip uninstall numpy"
+    return (
+        "remove it by /usr/bin/python3 -m pip uninstall --break-system-packages numpy, or set "
+        "PYTHONNOUSERSITE=1 if the folder is in your home"
+    )
+
+
 def library_fault() -> str:
     """Message about the first library that does not work, with its path; empty if all are sound."""
+    if conflict := numpy_conflict():
+        return conflict
     for name in ARRAYS:
         try:
             with redirect_stderr(io.StringIO()):  # NumPy 2 prints a page there

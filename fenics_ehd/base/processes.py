@@ -7,7 +7,7 @@
 - Libraries do not write to the standard output, which has the results of commands.
 
 Imports inside functions: the import of mpi4py starts MPI. A worker must start MPI after its
-environment is set up, and a single process need not start MPI. Only workers need tqdm.
+environment is set up, and a single process need not start MPI.
 """
 
 from __future__ import annotations
@@ -141,8 +141,6 @@ def set_up_worker() -> None:
     """
     if "mpi4py.MPI" in sys.modules:
         return
-    from tqdm import tqdm
-
     for name, value in list(os.environ.items()):
         if set_by_launcher(name, value):
             del os.environ[name]
@@ -150,8 +148,6 @@ def set_up_worker() -> None:
     os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
     for name in THREADS:
         os.environ.setdefault(name, "1")
-    # Processes share the default lock, which a killed process never releases.
-    tqdm.set_lock(threading.RLock())
 
 
 def letter_of(function: Callable[[Any], Any], argument: Any) -> bytes:

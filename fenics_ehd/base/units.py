@@ -57,6 +57,10 @@ class Unit:
     zero: Fraction = Fraction(0)
 
 
+#: Units of a speed of rotation that count revolutions, without spaces. Of a quantity that is no
+#: angular speed they are rates, such as 1/s.
+REVOLUTIONS = ("1/min", "/min", "min-1", "min^-1", "r/min", "rev/min")
+
 #: Pattern of one factor of a unit, such as ``m2``.
 _WORD = re.compile(r"[^\s*\u00b7]+")
 
@@ -187,7 +191,8 @@ def in_unit(written: str, wanted: str) -> float:
     if match is None or len(match[1]) > LONGEST:
         raise SettingsError(f"must be a finite number{expected}, or a number with a unit")
     symbol = match[2]
-    have = unit(match[2])
+    speed = wanted == "rad/s" and "".join(symbol.split()) in REVOLUTIONS
+    have = unit("rpm" if speed else symbol)
     want = unit(wanted)
     if have is None:
         raise SettingsError(f"must be a number{expected}: {symbol!r} is not a known unit")

@@ -28,6 +28,7 @@ from fenics_ehd.cli.options import (
     answer,
     flag,
     json_option,
+    question,
     setting_options,
     warn_of,
 )
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from fenics_ehd.analysis.bearing import BearingResult
-    from fenics_ehd.analysis.equilibrium import DynamicCoefficients
     from fenics_ehd.film.kinematics import Shape
 
 
@@ -173,6 +173,9 @@ def summary(result: BearingResult) -> dict[str, Any]:
             "stability_threshold": linear.threshold,
             "critical_mass_kg": linear.critical_mass,
             "whirl_frequency_ratio": linear.whirl_ratio,
+            "stability_threshold_scatter": linear.threshold_scatter,
+            "critical_mass_scatter_kg": linear.critical_mass_scatter,
+            "whirl_frequency_ratio_scatter": linear.whirl_ratio_scatter,
         }
     return values | {"settings": attrs.asdict(result.settings, value_serializer=_plain)}
 
@@ -244,7 +247,7 @@ def report(result: BearingResult) -> str:
         moment = "  ".join(f"{m:.5g}" for m in values["tilting_moment_Nm"])
         lines.append(f"{'tilting moment on shaft':<26}{moment} N m  about x, y")
     if result.coefficients is not None:
-        lines += [*_linear_rows(values), *_scatter_rows(result.coefficients)]
+        lines += _linear_rows(values)
     lines.append(
         f"{settings.cells_around} x {settings.cells_along} {settings.element} cells, shear in the "
         f"cavitated zone: {settings.shear_rule}"
@@ -265,50 +268,47 @@ def _settings_line(settings: BearingSettings, viscosity: float) -> str:
 
 
 def _linear_rows(values: Mapping[str, Any]) -> list[str]:
+    """Printed rows of stiffness, damping and stability, with their scatter over film meshes."""
     lines = []
-    for label, key, unit in (
-        ("stiffness", "stiffness_N_per_m", "N/m"),
-        ("damping", "damping_Ns_per_m", "N s/m"),
+    for label, key, scatter_key, unit in (
+        ("stiffness", "stiffness_N_per_m", "stiffness_scatter_N_per_m", "N/m"),
+        ("damping", "damping_Ns_per_m", "damping_scatter_Ns_per_m", "N s/m"),
     ):
-        for name, row in zip("xy", values[key], strict=True):
+        scatters = values[scatter_key] or [[None, None]] * 2
+        for name, row, bounds in zip("xy", values[key], scatters, strict=True):
             head = f"{label} {name}x, {name}y"
-            lines.append(f"{head:<26}{row[0]:>12.5g} {row[1]:>12.5g} {unit}")
+            entries = (
+                f"{entry:>12.5g}{bound_text(bound):<12}"
+                for entry, bound in zip(row, bounds, strict=True)
+            )
+            lines.append(f"{head:<26}{' '.join(entries).rstrip()} {unit}")
     if values["critical_mass_kg"] is None:
         lines.append(f"{'stability':<26}at every speed")
     else:
-        for label, key in (
-            ("critical mass per bearing", "critical_mass_kg"),
-            ("stability threshold", "stability_threshold"),
-            ("whirl ratio", "whirl_frequency_ratio"),
+        for label, key, scatter_key in (
+            ("critical mass per bearing", "critical_mass_kg", "critical_mass_scatter_kg"),
+            ("stability threshold", "stability_threshold", "stability_threshold_scatter"),
+            ("whirl ratio", "whirl_frequency_ratio", "whirl_frequency_ratio_scatter"),
         ):
-            lines.append(_row(label, key, values[key]))
+            lines.append(_row(label, key, values[key], values[scatter_key]))
+    if values["stiffness_scatter_N_per_m"] is not None:
+        lines.append(f"{'':<26}+-: half the range over {values['settings']['meshes']} film meshes")
     return lines
 
 
-def _scatter_rows(linear: DynamicCoefficients) -> list[str]:
-    """List of one line with the scatter of the coefficients over film meshes.
-
-    The list is empty for a single mesh.
-    """
-    if linear.stiffness_scatter is None or linear.damping_scatter is None:
-        return []
-    each = (
-        ("stiffness", linear.stiffness_scatter, linear.stiffness),
-        ("damping", linear.damping_scatter, linear.damping),
-    )
-    shares = ", ".join(
-        f"{name} {100 * scatter.max() / abs(matrix).max():.2g} %" for name, scatter, matrix in each
-    )
-    return [f"{'scatter over meshes':<26}{shares} of the largest entry"]
+def bound_text(scatter: float | None) -> str:
+    """Text of the scatter of a value over film meshes, `` +- 0.02``; empty for a single mesh."""
+    return "" if scatter is None else f" +- {scatter:.2g}"
 
 
-def _row(label: str, key: str, value: float | None) -> str:
+def _row(label: str, key: str, value: float | None, scatter: float | None = None) -> str:
     from fenics_ehd.base.columns import split_unit
 
     si_unit = split_unit(key)[1]
     factor, unit = SHOWN.get(si_unit, (1.0, si_unit))
     number = "undefined" if value is None else f"{factor * value:.5g}"
-    return f"{label:<26}{number:>12} {unit}".rstrip()
+    bound = bound_text(None if scatter is None else factor * scatter)
+    return f"{label:<26}{number:>12}{bound} {unit}".rstrip()
 
 
 def _groove(numbers: tuple[float, float, float]) -> Any:
@@ -333,7 +333,8 @@ def _cells(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-@click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing, or a map.")
+@question("What load, friction and damping has a journal bearing?")
+@click.command(help=DESCRIPTION)
 @click.option(
     "--eccentricity", type=Measured(""), metavar="E", help="Eccentricity over clearance, 0..1."
 )

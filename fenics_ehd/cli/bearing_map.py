@@ -11,24 +11,51 @@ from typing import TYPE_CHECKING, Any
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import beginning_with, keeping_failed_film, require_output
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.cli.options import aligned, answer, warn_of
 
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing_settings import BearingSettings
     from fenics_ehd.scenes.bearing_map import BearingMap
 
+#: Entries of a matrix of coefficients, by their names.
+ENTRIES = ("xx", "xy", "yx", "yy")
+
 #: Kind of the table of a map: its first column is the speed, by the name that ROSS reads.
 TABLE_KIND = beginning_with("a table of bearing coefficients", b"frequency,")
 
-#: Columns of the printed rows: name in the table, heading, factor, format.
-SHOWN = (
-    ("frequency", "rad/s", 1.0, ".5g"),
-    ("load_N", "load N", 1.0, ".5g"),
-    ("eccentricity_ratio", "e / c", 1.0, ".3f"),
-    *((f"k{entry}", f"k{entry} MN/m", 1e-6, ".4g") for entry in ("xx", "xy", "yx", "yy")),
-    *((f"c{entry}", f"c{entry} kN s/m", 1e-3, ".4g") for entry in ("xx", "xy", "yx", "yy")),
-    ("critical_mass_kg", "mass kg", 1.0, ".4g"),
-    ("whirl_frequency_ratio", "whirl", 1.0, ".3f"),
+#: Columns of printed rows: name in the table, column of its scatter, heading, factor, format.
+Columns = tuple[tuple[str, str, str, float, str], ...]
+
+#: Columns that name the point of a row.
+POINT: Columns = (
+    ("frequency", "", "rad/s", 1.0, ".5g"),
+    ("load_N", "", "load N", 1.0, ".5g"),
+)
+
+#: Columns of each of the printed tables, after those of the point.
+SHOWN: tuple[Columns, ...] = (
+    (
+        ("eccentricity_ratio", "", "e / c", 1.0, ".3f"),
+        *(
+            (f"k{entry}", f"k{entry}_scatter_N_per_m", f"k{entry} MN/m", 1e-6, ".4g")
+            for entry in ENTRIES
+        ),
+    ),
+    tuple(
+        (f"c{entry}", f"c{entry}_scatter_Ns_per_m", f"c{entry} kN s/m", 1e-3, ".4g")
+        for entry in ENTRIES
+    ),
+    (
+        ("critical_mass_kg", "critical_mass_scatter_kg", "critical mass kg", 1.0, ".4g"),
+        (
+            "whirl_frequency_ratio",
+            "whirl_frequency_ratio_scatter",
+            "whirl ratio",
+            1.0,
+            ".3f",
+        ),
+    ),
 )
 
 
@@ -79,8 +106,18 @@ def answer_map(
         if Path(table).suffix.lower() != ".csv":
             raise SettingsError(f"--table {table}: the file must end with .csv")
         require_output(table, TABLE_KIND, inputs, "--table")
-    with keeping_failed_film("."):
-        points = bearing_map(settings, speeds=speeds, loads=loads, eccentricity=eccentricity)
+    count = len(speeds) * max(len(loads), 1)
+    with (
+        keeping_failed_film("."),
+        shown_progress(logs=True).stage("bearing", count, "points") as stage,
+    ):
+        points = bearing_map(
+            settings,
+            speeds=speeds,
+            loads=loads,
+            eccentricity=eccentricity,
+            progress=lambda number, _count: stage.to(number),
+        )
     rows = points.rows()
     if rows and table:
         Path(table).parent.mkdir(parents=True, exist_ok=True)
@@ -112,13 +149,27 @@ def _lines(
     """Printed rows of a map, and the paths of its files."""
     if not rows:
         return ["no point has a result"]
-    cells = [[heading for _, heading, _, _ in SHOWN]]
-    for row in rows:
-        cells.append([_cell(row[name], factor, form) for name, _, factor, form in SHOWN])
+    lines = []
+    for columns in SHOWN:
+        shown = (*POINT, *columns)
+        cells = [[heading for _, _, heading, _, _ in shown]]
+        for row in rows:
+            cells.append(
+                [
+                    _cell(row[name], row.get(scatter), factor, form)
+                    for name, scatter, _, factor, form in shown
+                ]
+            )
+        lines += aligned(cells, words=())
+    if rows[0]["stiffness_scatter_N_per_m"] is not None:
+        lines.append("+-: half the range over the film meshes")
     written = [f"{what} in {path}" for what, path in (("table", table), ("picture", plot)) if path]
-    return [*aligned(cells, words=()), *written]
+    return [*lines, *written]
 
 
-def _cell(value: float | None, factor: float, form: str) -> str:
-    """Text of a value times a factor; a dash if the value is None."""
-    return "-" if value is None else format(factor * value, form)
+def _cell(value: float | None, scatter: float | None, factor: float, form: str) -> str:
+    """Text of a value and its scatter, both times a factor; a dash if the value is None."""
+    if value is None:
+        return "-"
+    bound = "" if scatter is None else f" +- {factor * scatter:.2g}"
+    return format(factor * value, form) + bound

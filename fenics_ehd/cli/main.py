@@ -26,7 +26,7 @@ with ending_signals_raise():
     from fenics_ehd import __version__
     from fenics_ehd.base.command_start import start_command
     from fenics_ehd.base.errors import EhdError
-    from fenics_ehd.base.libraries import foreign_numpy, library_fault
+    from fenics_ehd.base.libraries import foreign_numpy, library_fault, numpy_conflict
     from fenics_ehd.base.needs import Needs
     from fenics_ehd.base.printed import escaped
     from fenics_ehd.base.processes import agreed, all_ranks, require_alike
@@ -40,6 +40,7 @@ with ending_signals_raise():
         no_cache_option,
         option,
         output_option,
+        question,
         require_once,
         setting_options,
     )
@@ -115,9 +116,15 @@ class Commands(click.Group):
 )
 @click.version_option(__version__, prog_name="fenics-ehd")
 def cli() -> None:
-    """Mechanisms with elastohydrodynamically lubricated revolute joints."""
+    """Mechanisms with elastohydrodynamically lubricated revolute joints.
+
+    Multibody simulation of machines with journal bearings: big ends of connecting rods, main
+    bearings, rotors. The film is hydrodynamic or elastohydrodynamic (EHD, EHL), with cavitation.
+    Finite element parts are reduced by component mode synthesis.
+    """
 
 
+@question("What film thickness (MOFT) and pressure (POFP) result?")
 @cli.command()
 @click.argument("scene", required=False)
 @click.option(
@@ -186,6 +193,7 @@ def run(
     run.resume(Path(resume), options)
 
 
+@question("How does an FE part become a superelement (Craig-Bampton)?")
 @cli.command()
 @click.argument("part")
 @output_option("path", "HDF5 file of the reduced body.", folder=False, required=True)
@@ -210,8 +218,9 @@ def run(
     "--export",
     "exports",
     multiple=True,
-    type=click.Choice(["npz"]),
-    help="Also export the body to a NumPy file, next to the HDF5 file.",
+    type=click.Choice(["npz", "op4", "dmig"]),
+    help="Also export the body next to the HDF5 file: to a NumPy file, or as a Craig-Bampton "
+    "superelement of Nastran (not of m4).",
 )
 @no_cache_option
 @json_option
@@ -225,6 +234,7 @@ def reduce(**options: Any) -> None:
     reduce_part(**options)
 
 
+@question("Which scenes are shipped, and with which settings?")
 @cli.command()
 @click.argument("scene", required=False)
 def init(scene: str | None) -> None:
@@ -322,9 +332,10 @@ def _require_arrays(arguments: list[str]) -> None:
     EhdError
         Python would import another NumPy; the message has the path of that NumPy.
     """
-    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]} or not foreign_numpy():
+    if not arguments or WITHOUT_ARRAYS & {arguments[0], arguments[-1]}:
         return
-    if fault := library_fault():
+    fault = numpy_conflict() or (library_fault() if foreign_numpy() else "")
+    if fault:
         raise EhdError(fault)
 
 

@@ -5,7 +5,6 @@ Imports inside functions: ``--help`` must work without matplotlib and runs, and 
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -24,10 +23,12 @@ from fenics_ehd.cli.options import (
     json_option,
     no_cache_option,
     output_option,
+    question,
     warn_of,
 )
 
 
+@question("How do oil film thickness and pressure change in a cycle?")
 @click.command()
 @click.argument("directories", nargs=-1, required=True, type=FOLDER)
 @click.option("--joint", "joints", multiple=True, help="Lubricated joint [default: all].")
@@ -78,6 +79,7 @@ def plot(
 DEFAULT_NAME = "animation.gif"
 
 
+@question("How do the bodies and the oil film of a run move?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 @output_option(
@@ -130,8 +132,7 @@ def animate(
     DIRECTORY holds a run, which may be incomplete or in progress. For a periodic run, the last
     cycle is shown. No part is meshed again.
     """
-    from tqdm import tqdm
-
+    from fenics_ehd.base.progress import shown_progress
     from fenics_ehd.plotting.animation import draw_run, require_animation_format, save_animation
 
     path = Path(target or Path(directory) / DEFAULT_NAME)
@@ -141,11 +142,12 @@ def animate(
         claim(path.parent, [DEFAULT_NAME])
     for hint in hints:
         echo(hint, err=True)
-    with tqdm(total=frames, unit="frame", file=sys.stderr, mininterval=0.5) as bar:
-        save_animation(figure, show, frames, path, rate, bar.update)
+    with shown_progress(logs=True).stage("animation", frames, "frames") as stage:
+        save_animation(figure, show, frames, path, rate, stage.add)
     echo(path)
 
 
+@question("How do I see the fields of a run in ParaView?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 @output_option("target", "Folder for the series [default: DIRECTORY/vtk].")
@@ -188,6 +190,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     echo(write_run(run.system.mechanism, result, parts, folder, frames))
 
 
+@question("Which stresses do the flexible bodies have over the cycle?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 @click.option(

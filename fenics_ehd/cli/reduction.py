@@ -15,6 +15,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import naming, require_output, versions
 from fenics_ehd.base.processes import require_alike
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.base.settings import unusual
 from fenics_ehd.cli.options import answer, say_reducing, warn_of
 from fenics_ehd.reduction.body import (
@@ -26,6 +27,7 @@ from fenics_ehd.reduction.body import (
     save_body,
 )
 from fenics_ehd.reduction.part_files import BASIS_KIND, save_basis
+from fenics_ehd.reduction.superelement import DMIG_KIND, OP4_KIND, export_dmig, export_op4
 from fenics_ehd.scenes.part import body_counts, elastic_part, kept_entry
 from fenics_ehd.scenes.scene import Scene, changed, input_files, meshed, read_scene
 
@@ -63,6 +65,7 @@ def reduce_part(
     values[f"{key}cells"] = cells
     machine = changed(machine, {k: value for k, value in values.items() if value is not None})
     settings = machine.bodies[name]
+    _require_coordinates(exports, settings.reduction.method)
     warn_of(unusual(settings, key))
     require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
     element = machine.film_element(name)
@@ -74,9 +77,13 @@ def reduce_part(
     say_reducing([name] if body is None else [], [] if body is None else [name])
     rod = None
     if body is None or basis_path:
-        elastic = elastic_part(settings, f"bodies.{name}", element, comm, edges, entry)
-        start = perf_counter()
-        rod = elastic.reduce(mesh_error=True)
+        progress = shown_progress(logs=True)
+        with progress.stage(name):
+            elastic = elastic_part(
+                settings, f"bodies.{name}", element, comm, edges, entry, progress
+            )
+            start = perf_counter()
+            rod = elastic.reduce(mesh_error=True)
         body = rod.body
     seconds = perf_counter() - start
     # Other processes may have written files since the first check.
@@ -87,8 +94,8 @@ def reduce_part(
     if MPI.COMM_WORLD.rank:
         return
     _in_place(path, lambda: save_body(body, path))
-    for target in targets.values():
-        _in_place(target, partial(export_npz, body, target))
+    for form, target in targets.items():
+        _in_place(target, partial(EXPORTS[form], body, target))
     summary = reduction_summary(body, seconds) | {"file": path, "basis_file": basis_path}
     summary |= {"versions": versions(), "part": part, "exports": targets}
     answer(summary, report(body, summary), as_json)
@@ -120,8 +127,33 @@ def _flexible(part: str, scene_name: str | None) -> tuple[Scene, str]:
     return scene, meant[0]
 
 
+#: Function that writes an export, by its form.
+EXPORTS = {"npz": export_npz, "op4": export_op4, "dmig": export_dmig}
+
 #: Kind of the output file of each option.
-KINDS = {"-o": BODY_KIND, "--basis": BASIS_KIND, "--export npz": EXPORT_KIND}
+KINDS = {
+    "-o": BODY_KIND,
+    "--basis": BASIS_KIND,
+    "--export npz": EXPORT_KIND,
+    "--export op4": OP4_KIND,
+    "--export dmig": DMIG_KIND,
+}
+
+
+def _require_coordinates(exports: Collection[str], method: str) -> None:
+    """Refuse a superelement of M4, before the part is reduced.
+
+    Raises
+    ------
+    SettingsError
+        If a superelement of M4 is to be exported.
+    """
+    wanted = [form for form in exports if form != "npz"]
+    if wanted and method == "m4":
+        raise SettingsError(
+            f"--export {wanted[0]} with method m4: M4 has flexibility without coordinates, which a "
+            "superelement cannot have: give --method m1, m2 or m3"
+        )
 
 
 def _require_outputs(outputs: Mapping[str, str], inputs: Collection[str | Path]) -> None:

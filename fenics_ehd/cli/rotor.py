@@ -6,8 +6,8 @@ Imports inside functions: ``--help`` must work without NumPy and films, and quic
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Mapping, Sequence
+from math import isclose
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from fenics_ehd.cli.options import (
     json_option,
     no_cache_option,
     output_option,
+    question,
     warn_of,
 )
 
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
     from fenics_ehd.analysis.rotor_map import RotorMap
     from fenics_ehd.multibody.forces import Unbalance
     from fenics_ehd.study.rotor_folder import RotorFolder
+
+
+#: Relative difference up to which a speed of ``--shapes`` is a speed of the map.
+SAME_SPEED = 1e-9
 
 
 class FailedSpeedsError(EhdError):
@@ -76,6 +81,7 @@ def _number(text: str, unit: str) -> float:
         return in_unit(text, unit)
 
 
+@question("What are a rotor's critical speeds, and does it whirl?")
 @click.command()
 @click.argument("scene")
 @click.option(
@@ -102,8 +108,8 @@ def _number(text: str, unit: str) -> float:
 @click.option(
     "--shapes",
     metavar="VALUES",
-    help="Speeds whose mode shapes are drawn, as for --speeds; the nearest speed of the map is "
-    "used [default: the stability limit, or the middle of the range].",
+    help="Speeds whose mode shapes are drawn, as for --speeds and within their range; they are "
+    "added to the map [default: the stability limit, or the middle of the range].",
 )
 @click.option(
     "--meshes",
@@ -114,7 +120,12 @@ def _number(text: str, unit: str) -> float:
     "around; 1: the mesh of the scene alone.",
 )
 @output_option("directory", "Folder for tables and pictures [default: results/SCENE-rotor].")
-@click.option("--plots/--no-plots", default=True, show_default=True, help="Draw the diagrams.")
+@click.option(
+    "--plots/--no-plots",
+    default=True,
+    show_default=True,
+    help="Draw the diagrams; --no-plots: write tables and summary only.",
+)
 @flag("--overwrite", "Discard the speeds in the folder, and compute all anew.")
 @no_cache_option
 @json_option
@@ -150,9 +161,11 @@ def rotor(
     require_kept(target, input_files(scene, source), MADE)
     values = parse_quantities("--speeds", speeds, "rad/s")
     asked = parse_quantities("--shapes", shapes, "rad/s") if shapes else ()
+    asked = tuple(_within(values, speed) for speed in asked)
     unbalance = [parse_unbalance(text) for text in unbalances] or None
     try:
-        plan = plan_map(source, values, of=of, unbalance=unbalance, meshes=meshes)
+        every = tuple(dict.fromkeys((*values, *asked)))
+        plan = plan_map(source, every, of=of, unbalance=unbalance, meshes=meshes)
     except SettingsError as error:
         raise SettingsError(ARGUMENT.sub(r"--\1", str(error))) from None
     warn_of(source.warnings)
@@ -169,47 +182,64 @@ def rotor(
             plot_map(chart, folder.path, shown)
         summary = _summary(chart, folder, begin)
         folder.write_summary(summary)
-    answer(summary, "\n".join(report(chart, summary)), as_json)
+    files = "tables and pictures" if plots else "tables"
+    answer(summary, "\n".join(report(chart, summary, files)), as_json)
     if chart.failures:
         speed, reason = next(iter(chart.failures.items()))
         raise FailedSpeedsError(
-            f"{len(chart.failures)} of {len(values)} speeds have no equilibrium, the first is "
+            f"{len(chart.failures)} of {len(plan.speeds)} speeds have no equilibrium, the first is "
             f"{speed:.6g} rad/s: {reason}"
         )
 
 
+def _within(speeds: Sequence[float], shown: float) -> float:
+    """Speed of `--shapes`, as the equal speed of the map if there is one [rad/s].
+
+    Raises
+    ------
+    SettingsError
+        The speed is not between the speeds of the map.
+    """
+    nearest = min(speeds, key=lambda speed: abs(speed - shown))
+    if isclose(nearest, shown, rel_tol=SAME_SPEED):
+        return nearest
+    if not min(speeds) < shown < max(speeds):
+        raise SettingsError(
+            f"--shapes: {_speed(shown)} is not between the speeds of the map, "
+            f"{_speed(min(speeds))} and {_speed(max(speeds))}: extend --speeds, or drop this speed"
+        )
+    return shown
+
+
 def _solved(folder: RotorFolder) -> RotorMap:
     """Compute the rotor map of a folder, and show the progress on standard error."""
-    from tqdm import tqdm
-
     from fenics_ehd.base.processes import interrupt_between_steps
+    from fenics_ehd.base.progress import shown_progress
     from fenics_ehd.scenes.rotor_map import solve_map
 
-    interval = 0.2 if sys.stderr.isatty() else 10.0
     total = len(folder.plan.speeds)
     with (
-        tqdm(total=total, unit="speed", file=sys.stderr, mininterval=interval) as bar,
+        shown_progress(logs=True).stage("rotor map", total, "speeds") as stage,
         interrupt_between_steps() as check,
     ):
 
         def progress(speed: float) -> None:
             check()
-            bar.set_postfix_str(f"{speed:.5g} rad/s", refresh=False)
-            bar.update()
+            stage.add(f"{speed:.5g} rad/s")
 
         return solve_map(folder.plan, stored=folder.points, progress=progress)
 
 
 def shown_speeds(chart: RotorMap, asked: Sequence[float]) -> list[int]:
-    """Indices of the speeds of a map that are nearest to requested speeds, for mode shapes.
+    """Indices of the requested speeds of a map, without speeds that failed, for mode shapes.
 
     Without requested speeds, the result is the first stability limit or a speed in the middle.
     """
     if not asked:
         middle = chart.points[len(chart.points) // 2].speed
         asked = [chart.limits[0].speed if chart.limits else middle]
-    nearest = (min(range(len(chart.points)), key=lambda n: abs(chart.speeds[n] - s)) for s in asked)
-    return list(dict.fromkeys(nearest))
+    speeds = chart.speeds.tolist()
+    return [speeds.index(speed) for speed in asked if speed in speeds]
 
 
 def _summary(chart: RotorMap, folder: RotorFolder, begin: tuple[float, float]) -> dict[str, Any]:
@@ -230,30 +260,35 @@ def _summary(chart: RotorMap, folder: RotorFolder, begin: tuple[float, float]) -
     }
 
 
-def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
-    """Lines of the printed results of a rotor map."""
+def report(
+    chart: RotorMap, summary: Mapping[str, Any], written: str = "tables and pictures"
+) -> list[str]:
+    """Lines of the printed results of a rotor map; `written` are the files in its folder."""
     first = chart.speeds[0]
     last = chart.speeds[-1]
     from fenics_ehd.analysis.modes import whirl_name
 
-    lines = [
-        f"{summary['scene']}: {len(chart.points)} speeds from {_speed(first)} to {_speed(last)}"
-    ]
+    single = len(chart.points) == 1
+    span = f"speed, {_speed(first)}" if single else f"speeds from {_speed(first)} to {_speed(last)}"
+    lines = [f"{summary['scene']}: {len(chart.points)} {span}"]
     if not summary["stable_at_first_speed"]:
-        lines.append("unstable at the lowest speed")
+        lines.append(f"unstable at {'this' if single else 'the lowest'} speed")
     elif not chart.limits:
-        lines.append("stable at all these speeds")
+        lines.append(f"stable at {'this speed' if single else 'all these speeds'}")
     for limit in chart.limits:
-        accuracy = f" +- {limit.scatter:.2g} by the film meshes" if limit.scatter else ""
+        whirl = f"{limit.whirl_ratio:.4f}{_bound(limit.whirl_ratio_scatter)}"
         lines.append(
-            f"stability {'lost' if limit.lost else 'regained'} at {_speed(limit.speed)}{accuracy}, "
-            f"mode {limit.mode + 1}, whirl ratio {limit.whirl_ratio:.4f}"
+            f"stability {'lost' if limit.lost else 'regained'} at {_speed(limit.speed)}"
+            f"{_bound(limit.scatter, ' rad/s')}, mode {limit.mode + 1}, whirl ratio {whirl}"
         )
+    scatters = [limit.scatter for limit in chart.limits]
+    if any((*scatters, *(each.scatter for each in chart.critical_speeds))):
+        lines.append(f"+-: half the range over {summary['meshes']} film meshes")
     if chart.critical_speeds:
         rows = [["critical speed", "1/min", "mode", "damping ratio", "whirl", ""]]
         rows += [
             [
-                f"{each.speed:.5g} rad/s",
+                f"{each.speed:.5g}{_bound(each.scatter)} rad/s",
                 f"{_rpm(each.speed):.0f}",
                 str(each.mode + 1),
                 f"{each.damping_ratio:.3f}",
@@ -264,9 +299,10 @@ def report(chart: RotorMap, summary: Mapping[str, Any]) -> list[str]:
         ]
         lines += aligned(rows)
     else:
-        lines.append("no critical speed with a damping ratio below 0.4")
+        between = "at this speed" if single else "in this range of speeds"
+        lines.append(f"no critical speed with a damping ratio below 0.4 {between}")
     lines += _response_lines(chart)
-    lines.append(f"tables and pictures in {summary['directory']}")
+    lines.append(f"{written} in {summary['directory']}")
     return lines
 
 
@@ -288,7 +324,8 @@ def _response_lines(chart: RotorMap) -> list[str]:
             ]
         )
     if len(rows) == 1:
-        return ["no resonance in this range of speeds"]
+        some = chart.response.excited and len(chart.points) > 1
+        return ["no resonance in this range of speeds"] if some else []
     without = any(row[-2] == "-" for row in rows)
     note = ["-: on one side the amplitude falls by less than 3 dB, the bandwidth"]
     return [*aligned(rows), *(note if without else [])]
@@ -297,6 +334,11 @@ def _response_lines(chart: RotorMap) -> list[str]:
 def _unstable(chart: RotorMap, speed: float) -> str:
     """Mark of a resonance or critical speed [rad/s] at which the rotor is unstable; else empty."""
     return "" if chart.stable_at(speed) else "unstable"
+
+
+def _bound(scatter: float, unit: str = "") -> str:
+    """Text of the scatter of a value over film meshes, with ``+-``; empty without a scatter."""
+    return f" +- {scatter:.2g}{unit}" if scatter else ""
 
 
 def _rpm(speed: float) -> float:

@@ -9,8 +9,11 @@ them.
 
 from __future__ import annotations
 
+import re
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
@@ -22,9 +25,11 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.files import complete_result, require_kept, require_writable
 from fenics_ehd.base.processes import require_alike
+from fenics_ehd.base.progress import Progress, shown_progress
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
 from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.figures import figures_of
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
     Checkpoint,
@@ -232,6 +237,8 @@ class RunOptions:
         Whether the largest Floquet multiplier of a periodic solution is computed.
     began
         Time at which the command began, by `perf_counter` [s].
+    progress
+        Progress of the command.
     """
 
     plots: bool
@@ -239,6 +246,7 @@ class RunOptions:
     as_json: bool
     multiplier: bool
     began: float = field(default_factory=perf_counter)
+    progress: Progress = field(default_factory=partial(shown_progress, logs=True))
 
 
 def run(
@@ -262,7 +270,7 @@ def run(
     scene, search = start_search(scene)
     require_alike("scene", scene_text(scene))
     with first_rank_folder(directory, overwrite, flexible(scene)) as folder:
-        built = build(scene, MPI.COMM_WORLD, announce=say_reducing)
+        built = build(scene, MPI.COMM_WORLD, announce=say_reducing, progress=options.progress)
         warn_of(built.warnings)
         parts = _gathered_parts(built) if scene.output.paraview else {}
         # The time integration runs on the first rank only.
@@ -298,11 +306,13 @@ def changed_scene(
             raise SettingsError(
                 "--body and --method exclude each other: the body is already reduced"
             )
-        from fenics_ehd.scenes.part import with_body  # imports all reductions, which is slow
+        from fenics_ehd.scenes.part_changes import (
+            with_body,  # imports all reductions, which is slow
+        )
 
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
     if method is not None:
-        from fenics_ehd.scenes.part import with_method
+        from fenics_ehd.scenes.part_changes import with_method
 
         scene = with_method(scene, method)
     scene = changed(scene, {f"output.{key}": value for key, value in output.items()})
@@ -364,15 +374,18 @@ def _finish(
         former=former,
         multiplier=options.multiplier,
         announce=say_next,
+        progress=options.progress,
     )
     if options.plots and scene.output.plots:
-        from fenics_ehd.plotting.pictures import plot_run
+        with options.progress.stage("pictures"):
+            from fenics_ehd.plotting.pictures import plot_run
 
-        plot_run(folder.path)
+            plot_run(folder.path)
     if scene.output.paraview:
         if built is not first:
             parts = {**parts, **_gathered_parts(built)}
-        _write_series(scene, built, folder.path, parts)
+        with options.progress.stage("ParaView series"):
+            _write_series(scene, built, folder.path, parts)
     warn_of(summary["notices"])
     seconds = perf_counter() - options.began if former is None else None
     answer(summary, report(summary, folder.directory, seconds), options.as_json)
@@ -397,7 +410,8 @@ def _write_series(
 #: Factors to printed units, by endings of the names of results; the first matching ending is used.
 FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m": 1e6}
 
-#: Printed lines of a joint by the result that a line requires; values are in printed units.
+#: Printed lines of a joint by the result that a line requires; values are in printed units. The
+#: text of a value's error, `bound`, follows its unit (`VALUE`).
 JOINT_LINES = {
     "max_pressure_Pa": "    peak pressure (POFP)    {max_pressure_Pa:9.3f} MPa {pressure_error}at "
     "{max_pressure_time_s:.3f} ms",
@@ -420,15 +434,17 @@ JOINT_LINES = {
     "bore, crank {cycle_max_eccentricity_crank_angle_deg:.1f} deg",
     "cycle_mean_specific_load_Pa": "    specific load F / (2RB) "
     "{cycle_mean_specific_load_Pa:9.3f} MPa mean, {cycle_max_specific_load_Pa:.4g} MPa at most",
-    "cycle_min_lambda_ratio": "    lambda ratio            {cycle_min_lambda_ratio:9.3f}     "
-    "thinnest film over combined roughness, crank {cycle_min_lambda_ratio_crank_angle_deg:.1f} deg",
+    "cycle_min_lambda_ratio": "    lambda ratio            {cycle_min_lambda_ratio:9.3f}"
+    "{bound[cycle_min_lambda_ratio]}     thinnest film over combined roughness, "
+    "crank {cycle_min_lambda_ratio_crank_angle_deg:.1f} deg",
     "effective_temperature_C": "    effective temperature   {effective_temperature_C:9.2f} C   "
     "from {supply_temperature_C:.2f} C, {outlet_temperature_C:.2f} C with "
     "{mean_leaving_flow_m3_per_s:.3f} cm3/s that leave",
     "mean_contact_force_N": "    mean contact force      {mean_contact_force_N:9.3g} N   of "
     "contact pressure up to {max_contact_pressure_Pa:.3g} MPa",
-    "cycle_max_contact_share": "    load on asperities      {mean_contact_share:9.3g}     share, "
-    "mean, {cycle_max_contact_share:.3g} at most, crank "
+    "cycle_max_contact_share": "    load on asperities      {mean_contact_share:9.3g}"
+    "{bound[mean_contact_share]}     share, mean, {cycle_max_contact_share:.3g}"
+    "{bound[cycle_max_contact_share]} at most, crank "
     "{cycle_max_contact_share_crank_angle_deg:.1f} deg",
 }
 
@@ -441,6 +457,24 @@ RUN_LINES = {
     "energy_balance_error": "  energy balance error    {energy_balance_error:9.1e}     of the "
     "energy exchanged",
 }
+
+
+#: Printed value of a line with its unit; positions, in degrees, mm or ms, have no error.
+VALUE = re.compile(r"\{(\w+):[^}]*\} (?:MPa|N m|N|W|um|C|c|cm3/s)(?=[ ,\n]|$)")
+
+
+def bound_texts(joint: Mapping[str, Any]) -> Mapping[str, str]:
+    """Texts of the errors of a joint's figures by name, `` +- 0.5 %`` or `` (not estimated)``.
+
+    They are empty if the run has no error budget.
+    """
+    texts: dict[str, str] = defaultdict(str)
+    if "errors" in joint:
+        for figure in figures_of({"joints": {"": joint}}):
+            texts[figure.name] = f" {figure.bound}" if figure.known else f" ({figure.reason})"
+    # Lines of these figures have the text of `error_text`.
+    texts |= dict.fromkeys(("max_pressure_Pa", "min_film_thickness_m"), "")
+    return texts
 
 
 def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
@@ -456,7 +490,9 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
     pressure = figures["max_pressure_Pa"]
     film = figures["min_film_thickness_m"]
     large = figures.get("basis_error_estimate_m", 0.0) > LARGEST_ESTIMATE * film
+    bounds = bound_texts(joint)
     words: dict[str, Any] = {
+        "bound": bounds,
         "span": span,
         "pressure_error": error_text(joint, "max_pressure", pressure, "MPa"),
         "film_error": error_text(joint, "min_film_thickness", film, "um"),
@@ -465,7 +501,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
     }
     values = figures | words
     lines = [
-        text.format_map(values)
+        VALUE.sub(r"\g<0>{bound[\1]}", text).format_map(values)
         for key, text in JOINT_LINES.items()
         if np.isfinite(figures.get(key, np.nan))
     ]
@@ -473,7 +509,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
         # The mean over the last cycle is printed in place of the mean over the run.
         if key.endswith("flow_m3_per_s") and f"cycle_{key}" not in joint and "leaving" not in key:
             name = key.rpartition("mean_")[2].removesuffix("flow_m3_per_s").strip("._")
-            lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s")
+            lines.append(f"    {f'mean flow, {name}':23} {flow:9.4f} cm3/s{bounds[key]}")
     return lines
 
 

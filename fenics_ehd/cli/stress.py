@@ -19,6 +19,7 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.needs import no_effect
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.cli.options import say_reducing
 from fenics_ehd.fem.models import is_shipped
 from fenics_ehd.multibody.body import FlexibleBody, MasslessBody
@@ -66,6 +67,7 @@ def cycle_stresses(
         Content of ``stress.json``.
     """
     start = perf_counter()
+    progress = shown_progress(logs=True)
     summary = require_complete(folder)
     require_writable(folder)
     claim(folder, (STRESS, SERIES))
@@ -77,7 +79,7 @@ def cycle_stresses(
     instants = instants_of(scene, answer)
     by_body = {}
     for body in bodies:
-        part = remade_part(scene, body, run.part(body), programs, say_reducing)
+        part = remade_part(scene, body, run.part(body), programs, say_reducing, progress)
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
         loads = run.loads(body) if complete else None
         result = cycle_stress(part.structure, part.body, part.columns, *motion, loads)

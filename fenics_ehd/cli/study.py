@@ -25,6 +25,7 @@ from fenics_ehd.cli.options import (
     json_option,
     no_cache_option,
     output_option,
+    question,
     say_reducing,
     warn_of,
     workers_option,
@@ -66,17 +67,27 @@ def _shortened(status: str) -> str:
     return status if len(status) <= STATUS_WIDTH else f"{status[: STATUS_WIDTH - 3]}..."
 
 
+@question("Which page do I hand on, from a run or a study?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: str) -> None:
-    """Write report.html, report.md and figures/ of the study in DIRECTORY.
+    """Write the report of the run or study in DIRECTORY.
 
-    'study' does the same at its end. A study that is in progress or was stopped is reported as far
-    as it is complete.
+    The report of a run is one page, report.html, which prints on two sheets: all figures with their
+    estimated errors, warnings, the scene in words, the pictures that decide, and how to repeat the
+    run. That of a study is report.html, report.md and figures/; 'study' writes it at its end. A run
+    or study that is in progress or was stopped is reported as far as it is complete.
     """
-    from fenics_ehd.study.report.write import write_report
+    from fenics_ehd.multibody.history import FIELDS_NAME
 
-    echo(write_report(directory))
+    if (Path(directory) / FIELDS_NAME).is_file():
+        from fenics_ehd.study.report.run_page import write_run_page
+
+        echo(write_run_page(directory))
+    else:
+        from fenics_ehd.study.report.write import write_report
+
+        echo(write_report(directory))
 
 
 #: Printed columns of a study: key, heading, factor to the printed unit, format.
@@ -89,6 +100,7 @@ SHOWN = (
 )
 
 
+@question("Which reduction method has which error, at which cost?")
 @click.command()
 @click.argument("scene")
 @output_option("directory", "Folder for tables, runs and report [default: results/SCENE-study].")
@@ -155,6 +167,7 @@ JOINT_SHOWN = (
 SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f"))
 
 
+@question("How does a result depend on one or several settings?")
 @click.command()
 @click.argument("scene")
 @click.option(
@@ -224,6 +237,7 @@ def sweep(
 METHODS = "differences in the same steps", "differences in the same steps, reduced anew"
 
 
+@question("Which setting changes a result, and by how much?")
 @click.command()
 @click.argument("scene")
 @click.option(

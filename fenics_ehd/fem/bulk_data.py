@@ -1,20 +1,19 @@
 """Reader of Nastran bulk data: nodes, solid cells and their materials.
 
-The fields of a card have 8 or 16 columns, or are separated by commas (MSC Nastran, Quick Reference
-Guide, "Format of Bulk Data entries"). A continuation line follows its card; its first field is
-empty or begins with ``+`` or ``*``.
+`fenics_ehd.base.nastran_cards` reads the fields of a card.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from fenics_ehd.base.errors import MeshError
+from fenics_ehd.base.nastran_cards import cards_of, real_number, whole_number
 from fenics_ehd.fem.foreign_mesh import FileMaterial, ForeignMesh, included_text
 
 #: Names in meshio of solid cells, by card name and number of nodes.
@@ -39,9 +38,6 @@ _JOINING = ("RBE", "RBAR", "RROD", "RJOINT", "MPC", "SPC", "PLOTEL", "SUPORT")
 #: Cards of solid properties whose material is layered or not linear.
 _LAYERED = ("PCOMPS", "PCOMPLS", "PLSOLID")
 
-#: Name and fields of a card.
-Card = tuple[str, list[str]]
-
 
 def read_bulk_data(path: Path) -> ForeignMesh:
     """Read nodes, solid cells and materials from a file of bulk data; count other elements.
@@ -54,7 +50,7 @@ def read_bulk_data(path: Path) -> ForeignMesh:
         If the file cannot be read, or if a node is not in the basic coordinate system.
     """
     cards: dict[str, list[list[str]]] = {}
-    for name, fields in _cards(_bulk(_text(path, []), path)):
+    for name, fields in cards_of(_bulk(_text(path, []), path)):
         cards.setdefault(name, []).append(fields)
     numbers, points = _nodes(cards, path)
     blocks, properties = _cells(cards, numbers, path)
@@ -92,62 +88,6 @@ def _bulk(text: str, path: Path) -> list[str]:
     return [line.rstrip() for line in bulk.splitlines() if line.strip()]
 
 
-def _cards(lines: Sequence[str]) -> Iterator[Card]:
-    """Join lines to cards: the fields of continuation lines are appended."""
-    card: Card | None = None
-    for line in lines:
-        first, fields = _fields(line)
-        if card is not None and (not first or first[0] in "+*"):
-            card[1].extend(fields)
-            continue
-        if card is not None:
-            yield card
-        card = first.rstrip("*").upper(), fields
-    if card is not None:
-        yield card
-
-
-def _fields(line: str) -> tuple[str, list[str]]:
-    """First field of a line, and its data fields: eight, or four of double width."""
-    if "," in line:
-        first, *fields = (field.strip() for field in line.split(","))
-        count = 4 if "*" in first else 8
-        return first, [*fields, *[""] * count][:count]
-    line = line.expandtabs(8)
-    first = line[:8].strip()
-    width = 16 if "*" in first else 8
-    return first, [line[i : i + width].strip() for i in range(8, 72, width)]
-
-
-def _number(text: str) -> float:
-    """Convert a field to a real number: ``1.5-3`` is 1.5e-3, and an empty field is 0.
-
-    Raises
-    ------
-    ValueError
-        If the field is not a number.
-    """
-    if not re.fullmatch(r"[0-9.eEdD+\-]*", text):
-        raise ValueError(f"{text!r} is no number")
-    text = re.sub("[dD]", "e", text).lower()
-    if "e" not in text:
-        text = re.sub(r"(?<=[0-9.])([+-])", r"e\1", text)
-    return float(text or 0)
-
-
-def _whole(text: str) -> int:
-    """Convert a field to a whole number.
-
-    Raises
-    ------
-    ValueError
-        If the field is not a whole number.
-    """
-    if not re.fullmatch(r"[0-9]{1,18}", text):
-        raise ValueError(f"{text!r} is no whole number")
-    return int(text)
-
-
 def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of nodes, ascending, shape (n,), and their positions, shape (n, 3).
 
@@ -166,7 +106,7 @@ def _nodes(cards: Mapping[str, list[list[str]]], path: Path) -> tuple[np.ndarray
                 "y, z in the basic system"
             )
         try:
-            listed[_whole(number)] = [_number(text) for text in coordinates]
+            listed[whole_number(number)] = [real_number(text) for text in coordinates]
         except ValueError as error:
             raise MeshError(f"{path}: GRID {number}: {error}") from None
     numbers = np.array(sorted(listed), dtype=np.int64)
@@ -198,7 +138,7 @@ def _cells(
                     f"{label} has {len(nodes)} nodes, but must have {wanted}: write all of them"
                 )
             try:
-                rows.setdefault(kinds[len(nodes)], []).append([row[_whole(n)] for n in nodes])
+                rows.setdefault(kinds[len(nodes)], []).append([row[whole_number(n)] for n in nodes])
             except ValueError as error:
                 raise MeshError(f"{label}: {error}") from None
             except KeyError as error:
@@ -249,7 +189,7 @@ def _mass_factor(cards: Mapping[str, list[list[str]]], path: Path) -> float:
     """
     values = [value for name, value, *_ in cards.get("PARAM", []) if name.upper() == "WTMASS"]
     try:
-        return _number(values[0]) if values else 1.0
+        return real_number(values[0]) if values else 1.0
     except ValueError as error:
         raise MeshError(f"{path}: PARAM WTMASS: {error}") from None
 
@@ -260,7 +200,7 @@ def _material(number: str, fields: Sequence[str] | None, factor: float) -> FileM
     if fields is None:
         return FileMaterial(number, {}, _problem("no MAT1"))
     try:
-        numbers = dict(zip("EGNR", [_number(text) for text in fields[1:5]], strict=True))
+        numbers = dict(zip("EGNR", [real_number(text) for text in fields[1:5]], strict=True))
     except ValueError as error:
         return FileMaterial(name, {}, _problem(str(error)))
     written = {letter for letter, text in zip("EGNR", fields[1:5], strict=True) if text}

@@ -32,6 +32,12 @@ FIRST_STEP = 1e-4
 #: Share of a cycle by which a step at its start or end may differ from it, by rounding of times.
 TIME_ROUNDING = 1e-9
 
+#: Difference in turns up to which two angles count as equal, because of rounding.
+TURN_ROUNDING = 1e-6
+
+#: Name of the body whose reference angle is called the crank angle.
+CRANK = "crank"
+
 #: Labels for runs without a complete cycle.
 BUILDS_UP = "first cycle: films build up"
 TOO_SHORT = "whole run: no full cycle"
@@ -44,6 +50,25 @@ def first_of_last(numbers: Sequence[float] | np.ndarray) -> int:
     `numbers` has the number of the cycle of every step, shape (steps,).
     """
     return int(np.searchsorted(numbers, numbers[-1])) if len(numbers) else 0
+
+
+def angle_name(body: str) -> str:
+    """Words for the angle of a body, ``"crank angle"`` or ``"angle of the shaft"``."""
+    return "crank angle" if body == CRANK else f"angle of the {body}"
+
+
+def angle_before(angles: np.ndarray) -> float:
+    """Angle of the whole cycles before a cycle [degrees], which pictures and summaries subtract.
+
+    Revolutions of a cycle of two are subtracted in pairs: one alone would lead to another stroke.
+
+    Parameters
+    ----------
+    angles
+        Reference angles over the cycle, from its start, shape (k,) [degrees].
+    """
+    turn = 360.0 * max(1.0, float(np.round(np.ptp(angles) / 360.0)))
+    return float(turn * np.floor(angles[0] / turn + TURN_ROUNDING))
 
 
 @dataclass(frozen=True)

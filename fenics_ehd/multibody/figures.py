@@ -28,6 +28,7 @@ REASONS_BY_END = {
     "supply_temperature_C": GIVEN,
     "basis_error_estimate_m": ERROR_ITSELF,
     "oil_balance_defect": ERROR_ITSELF,
+    "contact_sliding_Pa_m": "not recorded",
     "_time_s": POSITION,
     "_angle_deg": POSITION,
     "_height_m": POSITION,
@@ -80,6 +81,11 @@ class Figure:
     def unit(self) -> str:
         """Unit of value and error, ``"1"`` if dimensionless."""
         return split_unit(self.name)[1]
+
+    @property
+    def known(self) -> bool:
+        """Whether the figure has an estimated error."""
+        return self.error is not None
 
     @property
     def relative(self) -> float | None:

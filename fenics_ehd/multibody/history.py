@@ -47,7 +47,7 @@ from fenics_ehd.base.renamed import (
     renamed_attributes,
 )
 from fenics_ehd.base.sealed_file import named, open_sealed, put_tree, sealed_hdf5, values
-from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.cycle import TURN_ROUNDING, Cycle
 from fenics_ehd.multibody.names_without_joint import Columns, Summary
 from fenics_ehd.multibody.recorded_quantities import (
     FAMILIES,
@@ -61,10 +61,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
-
-
-#: Difference in turns up to which two angles count as equal, because of rounding.
-TURN_ROUNDING = 1e-6
 
 
 #: Names of the files, and name and version of the layout of ``history.h5``.

@@ -32,8 +32,8 @@ from fenics_ehd.multibody.tabulated import Curve, Variation, variations_of
 #: Attributes of joints and forces, and keys in scenes, whose values are names of points or bodies.
 POINT_ATTRIBUTES = ("between", "line", "point", "journal", "bore", "body", "angle_of")
 
-#: Attributes of forces whose values are the points on which the force acts.
-PLACES_OF_FORCES = ("between", "point")
+#: Attributes of joints and forces whose values are the points at which they act.
+ACTING_POINTS = ("between", "point", "journal", "bore")
 
 
 def named_points(source: object) -> list[tuple[str, str]]:

@@ -39,7 +39,7 @@ from fenics_ehd.multibody.body import (
 from fenics_ehd.multibody.film_binding import BoundSurface, FilmBinding
 from fenics_ehd.multibody.forces import Force, Load, Torque
 from fenics_ehd.multibody.joints import (
-    PLACES_OF_FORCES,
+    ACTING_POINTS,
     AngleDrive,
     AngleOverTime,
     Joint,
@@ -324,7 +324,7 @@ class System:
                 key = f"{kind}.{name}"
                 for attribute, marker in named_points(source):
                     require_point(f"{key}.{attribute}", marker, points)
-                    if kind == "forces" and attribute in PLACES_OF_FORCES:
+                    if attribute in ACTING_POINTS:
                         body = self._bodies[marker.partition(".")[0]]
                         require_shaft_point(f"{key}.{attribute}", marker, body)
                 for marker in source.markers:

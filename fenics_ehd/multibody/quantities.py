@@ -34,7 +34,7 @@ integrated at every Gauss point of the bore, over the run or the cycle, by the t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -319,15 +319,27 @@ def quantity(
     return register
 
 
-def joint_row(joint: JointStep) -> dict[str, float]:
-    """Values of all quantities that a joint has at a step, by column."""
+def joint_row(joint: JointStep, *, reported: bool = False) -> dict[str, float]:
+    """Values of all quantities that a joint has at a step, by column.
+
+    With `reported`, quantities that the joint has only in the output are included.
+    """
     row: dict[str, float] = {}
     for output in OUTPUTS:
-        if output.where(joint):
+        if output.where(joint) or (reported and output.reported(joint)):
             if output.value is side_flow:
                 row |= feed_flows(joint)
             row[output.column] = float(output.value(joint))
     return row
+
+
+def joints_row(joints: Iterable[JointStep], *, reported: bool = False) -> dict[str, float]:
+    """Values of all quantities of several joints at a step, by path, see `joint_row`."""
+    return {
+        f"joints/{joint.binding.name}/{column}": value
+        for joint in joints
+        for column, value in joint_row(joint, reported=reported).items()
+    }
 
 
 def averaged(row: Mapping[str, Any]) -> dict[str, Any]:

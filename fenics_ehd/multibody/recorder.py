@@ -11,7 +11,8 @@ from the rows, and `fenics_ehd.multibody.verdict` accepts or rejects them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter, process_time
 from typing import Any, ClassVar
@@ -21,12 +22,12 @@ import numpy as np
 from fenics_ehd.base.columns import Quantity, split_unit, with_unit
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.layout import Group, Sizes, Stateful, Value
+from fenics_ehd.base.progress import Progress
 from fenics_ehd.multibody.bdf import IntegratorState
-from fenics_ehd.multibody.cycle import Cycle, first_of_last
+from fenics_ehd.multibody.cycle import TURN_ROUNDING, Cycle, first_of_last
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.history import (
     FIELD_UNITS,
-    TURN_ROUNDING,
     History,
     column_name,
     fixed,
@@ -316,6 +317,22 @@ class Recorder(Stateful):
             self.processor_time = process_time() - processor_began
             yield step, row
 
+    @contextmanager
+    def shown(self, progress: Progress, name: str) -> Iterator[Callable[[MechanismStep], None]]:
+        """Open a stage of `progress` for the run; yield the function that shows a step in it."""
+        start = 0.0 if self.cycles is None else self.cycles.start
+        done = 1e3 * max(self.time - start, 0.0)
+        with progress.stage(name, 1e3 * self.end, "ms", done=done) as stage:
+
+            def show(step: MechanismStep) -> None:
+                peak = max((film.pressure.max() for film in step.solution.films), default=0.0)
+                start = 0.0 if self.cycles is None else self.cycles.start
+                cycle = "" if self.cycles is None else f"cycle {self.cycles.number}, "
+                note = f"{cycle}step {self.counts['steps']}, p {1e-6 * peak:.1f} MPa"
+                stage.to(1e3 * min(step.time - start, self.end), note)
+
+            yield show
+
     def add(self, step: MechanismStep) -> dict[str, float]:
         """Record an accepted step; in a search it belongs to the current cycle.
 
@@ -354,6 +371,12 @@ class Recorder(Stateful):
             self._resumed = False
         self.rows.append(row)
         return {column_name(name): value for name, value in row.items() if is_column(name)}
+
+    @property
+    def reference_body(self) -> str:
+        """Name of the body whose angle is the reference angle; empty if no body turns."""
+        angles = self.system.angles.items()
+        return next((name for name, index in angles if index == self._reference), "")
 
     def _angle(self, step: MechanismStep) -> float:
         """Reference angle at a step [degrees], continuous over a cycle; 0 if no body turns.

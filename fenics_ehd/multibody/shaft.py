@@ -345,7 +345,7 @@ class ModalRotor:
 
 
 def require_shaft_point(key: str, marker: str, body: object) -> None:
-    """Refuse a shaft without a point as the place of a force; other bodies have an origin.
+    """Refuse a shaft without a point for a joint or force; other bodies have an origin.
 
     The marker of a shaft without a point lies on the undeformed axis, which does not move.
 
@@ -358,6 +358,10 @@ def require_shaft_point(key: str, marker: str, body: object) -> None:
     if isinstance(body, ShaftBody) and not dot:
         points = ", ".join(f"{name}.{point}" for point in body.points) or "it has none"
         raise SettingsError(f"{key} = {marker!r}: a shaft needs one of its points: {points}")
+
+
+#: Names of the values of a disk.
+DISK = ("position", "mass", "polar_inertia", "diametral_inertia")
 
 
 def _shares(help_text: str) -> Any:
@@ -378,7 +382,7 @@ class ShaftBody(Shaft, Body):
     modes: int = count(20, "number of modes, half of them in either plane: an even number", least=2)
     damping_ratio: float = number(1e-3, "zeta of every mode [-]", least=0, below=1)
     disks: tuple[tuple[float, ...], ...] = rows(
-        ("position", "mass", "polar_inertia", "diametral_inertia"),
+        DISK,
         "rigid disks [share of the length, kg, kg m2 about the axis, kg m2 about a diameter]",
         ("", "kg", "kg m2", "kg m2"),
     )
@@ -394,11 +398,14 @@ class ShaftBody(Shaft, Body):
                 f"{available}, the degrees of freedom of elements = {self.elements}"
             )
         for position, *inertias in self.disks:
-            if not (0.0 <= position <= 1.0 and min(inertias) >= 0.0):
+            if not 0.0 <= position <= 1.0:
                 raise SettingsError(
-                    f"disks: position = {position:g} must be a share of the length, 0 to 1, and "
-                    f"masses and inertias at least 0, not {min(inertias):g}"
+                    f"disks: position = {position:g} must be at least 0 and at most 1: it is a "
+                    "share of the length of the shaft, not a distance"
                 )
+            for name, value in zip(DISK[1:], inertias, strict=True):
+                if value < 0.0:
+                    raise SettingsError(f"disks: {name} = {value:g} must be at least 0")
 
     @cached_property
     def rotor(self) -> ModalRotor:

@@ -20,6 +20,7 @@ from fenics_ehd.base.arguments import (
     require_number,
 )
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.progress import chosen_progress
 from fenics_ehd.film.heat import require_cycle
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.history import History
@@ -47,7 +48,7 @@ def simulate(
     period: float | None = None,
     periodicity: float = 1e-4,
     cycles: int = 20,
-    progress: Callable[[MechanismStep], None] = lambda step: None,
+    progress: Callable[[MechanismStep], None] | bool = True,
     **steps: Any,
 ) -> History:
     """Simulate a mechanism from its start to an end time, or until its motion is periodic.
@@ -62,7 +63,8 @@ def simulate(
         Period of the loads and drives [s] for the search for a periodic solution; largest relative
         change of the films over a cycle, and largest number of cycles, see `PeriodicSolver`.
     progress
-        Function that is called with every accepted step: ``lambda step: print(step.time)``.
+        Whether progress is shown in a terminal or notebook; or a function that is called with every
+        accepted step: ``lambda step: print(step.time)``.
     steps
         Options of the time integration, see `IntegratorOptions`: ``tolerance=1e-6``.
 
@@ -94,13 +96,19 @@ def simulate(
     span = require_number(*duration, above=0)
     require_number("periodicity", periodicity, above=0)
     require_count("cycles", cycles, least=1)
-    require_callable("progress", progress)
+    if not isinstance(progress, bool):
+        require_callable("progress", progress)
     run = Run(mechanism, IntegratorOptions(**steps), span)
     for name, joint in mechanism.joints.items():
         if getattr(joint, "heat", None) is not None:
             require_cycle(period is not None, f"joints.{name}.heat")
     search = None if period is None else PeriodicSolver(run, span, periodicity, cycles)
     recorder = Recorder(run, span, search)
-    for step, _ in recorder.steps():
-        progress(step)
+    if not isinstance(progress, bool):
+        for step, _ in recorder.steps():
+            progress(step)
+        return summarised_history(recorder)
+    with recorder.shown(chosen_progress(progress), "simulation") as show:
+        for step, _ in recorder.steps():
+            show(step)
     return summarised_history(recorder)

@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fenics_ehd.base.errors import GapClosedError
 from fenics_ehd.film.film import FilmState, check_gap
 from fenics_ehd.film.forces import film_fields
 from fenics_ehd.multibody.bdf import ImplicitStep
@@ -292,7 +293,10 @@ class StepEquations:
         contacts = self.contacts.at_gaps(gaps)
         films = []
         for i, binding in enumerate(system.films):
-            check_gap(gaps[i], binding.film.film.parameters.surfaces)
+            try:
+                check_gap(gaps[i], binding.film.film.parameters.surfaces)
+            except GapClosedError as error:
+                raise GapClosedError(f"joints.{binding.name}: {error}") from None
             film = self.films[i].evaluate(gaps[i], unknowns[i])
             point = replace(film, contact=contacts[i], turning=binding.turning_rows(z, rates))
             self.contacts.subtract_from_residual(i, point, residual)

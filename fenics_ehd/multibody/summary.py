@@ -18,7 +18,7 @@ import numpy as np
 from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.extremes import over_time
 from fenics_ehd.film.film import steepest_thickening
-from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle
+from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle, angle_before, first_of_last
 from fenics_ehd.multibody.figures import stated_errors
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.notices import (
@@ -115,6 +115,10 @@ def cycle_figures(
     times = columns["time_s"]
     rows = cycle.rows(times)
     period = float(times[rows][-1]) - cycle.start if cycle.periodic else None
+    angles = columns["run/crank_angle_deg"]
+    if not cycle.periodic:  # the angles of a search begin anew in every cycle
+        at_start = np.interp(cycle.start, times, angles)
+        angles = angles - angle_before(np.append(at_start, angles[rows]))
     for name, column, prefix, others in EXTREMES:
         if f"joints/{joint}/{column}" not in columns:
             continue
@@ -124,7 +128,7 @@ def cycle_figures(
         figures[f"cycle_{prefix}{column}"] = value
         for reported in others:
             figures[f"cycle_{prefix}{reported}"] = float(columns[f"joints/{joint}/{reported}"][row])
-        angle = float(np.interp(time, times[rows], columns["run/crank_angle_deg"][rows]))
+        angle = float(np.interp(time, times[rows], angles[rows]))
         figures[f"cycle_{name}_crank_angle_deg"] = angle
     under_way = rows.stop == len(times) and (cycle.periodic or not cycle.start)
     for name in (*CYCLE_MEANS, *(() if under_way else rates)):
@@ -149,22 +153,53 @@ class RunSummary:
     recorder
         Recorder of the run, which must not take steps while the summary is used.
     error_budget
-        Estimated relative errors of peak pressure and smallest film thickness, by name of the
-        joint, see `fenics_ehd.analysis.error_budget`; empty if they were not estimated.
+        Estimated errors by name of the joint, see `fenics_ehd.analysis.error_budget`: relative
+        errors of peak pressure and smallest film thickness, and absolute errors of all figures.
+        Empty if errors were not estimated.
+    other_columns
+        Columns that are used in place of those of the recorder; None to use the latter.
     """
 
     recorder: Recorder
     error_budget: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    other_columns: Columns | None = None
 
     @cached_property
     def first(self) -> int:
         """Index of the row at the first step of the current cycle of a search; 0 for other runs."""
-        return self.recorder.first
+        return first_of_last(self.columns.get("run/cycle", ()))
 
     @cached_property
-    def columns(self) -> dict[str, np.ndarray]:
+    def columns(self) -> Columns:
         """Columns of all stored rows by name with unit, shape (steps,) each."""
+        if self.other_columns is not None:
+            return self.other_columns
         return columns_of(self.recorder.rows)
+
+    def with_columns(self, columns: Columns) -> RunSummary:
+        """Summary of the same run with other columns, whose errors are not estimated."""
+        return RunSummary(self.recorder, other_columns=columns)
+
+    @cached_property
+    def former(self) -> RunSummary | None:
+        """Summary of the previous cycle of a search; None if there is no previous cycle.
+
+        The start of that cycle is not recorded: it has the values of its end.
+        """
+        first = self.first
+        if not first:
+            return None
+        columns = {name: np.append(v[first - 1], v[:first]) for name, v in self.columns.items()}
+        columns["time_s"][0] = columns["time_s"][1] - columns["run/cycle_time_s"][1]
+        columns["run/cycle"][0] -= 1
+        return self.with_columns(columns)
+
+    @property
+    def last_cycle(self) -> Cycle | None:
+        """Last complete cycle of the columns; None before the first step."""
+        if not self.columns:
+            return None
+        return Cycle.of_columns(self.columns, self.recorder.recurrence)
 
     @cached_property
     def extremes(self) -> dict[str, Extremes]:
@@ -184,10 +219,7 @@ class RunSummary:
     @property
     def former_extremes(self) -> dict[str, Extremes]:
         """Extremes of every film over the previous cycle, by joint; empty if there is none."""
-        if not self.first:
-            return {}
-        columns = {name: v[: self.first] for name, v in self.columns.items()}
-        return extremes_of(columns, self._period)
+        return {} if self.former is None else self.former.extremes
 
     @property
     def peaks(self) -> dict[str, float]:
@@ -218,13 +250,14 @@ class RunSummary:
         """Entries of ``summary.json`` about the run, its joints and its last complete cycle."""
         recorder = self.recorder
         joints: dict[str, dict[str, Any]] = {b.name: {} for b in recorder.system.films}
-        cycle = recorder.last_cycle
+        cycle = self.last_cycle
         if cycle is not None:
             for binding in recorder.system.films:
                 joints[binding.name] = self._joint(binding, cycle)
         return {
             "joints": joints,
             **({} if cycle is None else cycle.entries()),
+            "reference_body": recorder.reference_body,
             "energy_balance_error": self.energy_error,
             "simulated_time_s": recorder.time,
             **{name: recorder.counts[name] for name in STEP_COUNTS},
@@ -236,6 +269,18 @@ class RunSummary:
 
     def _joint(self, binding: FilmBinding, cycle: Cycle) -> dict[str, Any]:
         """Entries of ``summary.json`` about a lubricated joint."""
+        figures = self.figures(binding, cycle)
+        if binding.name in self.error_budget:
+            budget = dict(self.error_budget[binding.name])
+            errors = budget.pop("figures", {})
+            figures |= {"error_budget": budget, "errors": stated_errors(figures, errors)}
+        return figures
+
+    def figures(self, binding: FilmBinding, cycle: Cycle) -> dict[str, Any]:
+        """Entries of ``summary.json`` about a lubricated joint, without those about errors.
+
+        Everything is computed from the columns, so that errors of columns give errors of figures.
+        """
         name = binding.name
         prefix = f"joints/{name}/"
         columns = {
@@ -254,12 +299,7 @@ class RunSummary:
         if name in self.recorder.slid:
             figures |= wear(binding, self.recorder.slid[name])
         figures |= orbit_figures(binding, cycle, self.columns)
-        figures |= cycle_figures(cycle, self.columns, name, rates)
-        if name in self.error_budget:
-            budget = dict(self.error_budget[name])
-            errors = budget.pop("figures", {})
-            figures |= {"error_budget": budget, "errors": stated_errors(figures, errors)}
-        return figures
+        return figures | cycle_figures(cycle, self.columns, name, rates)
 
     def _basis_error(self, binding: FilmBinding) -> float:
         """Largest estimated gap error at a joint due to the basis of a reduced body [m].

@@ -1,4 +1,7 @@
-"""Diagrams of columns over the crank angle or time, and of paths of vectors over a cycle."""
+"""Diagrams of columns over the crank angle or time, and of paths of vectors over a cycle.
+
+Angles on a bore are from -180 to 180 degrees in all pictures, as in the files of a run.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
+from fenics_ehd.multibody.summary import EXTREMES
 from fenics_ehd.plotting.picture import (
     BLUE,
     PANEL,
@@ -130,13 +134,11 @@ class Curves:
         """Draw the figure of differences: second run minus first run of every joint."""
         less = {title: [subtracted(*joints)] for title, joints in rows.items()}
         panels = tuple(
-            replace(panel, scale="linear", extreme=_largest, mean=False, budget="", unchanged=True)
+            replace(panel, label=f"difference of\n{panel.label}", scale="linear",
+                    extreme=_largest, mean=False, budget="", unchanged=True)
             for panel in self.panels
-        )
-        figure = replace(self, panels=panels).draw(less)
-        for axes in figure.axes:
-            axes.axhline(0.0, color="0.3", linewidth=0.8, zorder=1)
-        return figure
+        )  # fmt: skip
+        return replace(self, panels=panels).draw(less)
 
 
 def _is_known(values: np.ndarray | None) -> bool:
@@ -162,30 +164,57 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         if panel.extreme is not None:
             known = np.flatnonzero(np.isfinite(y))  # some steps have no error estimate
             extreme = known[panel.extreme(y[known])]
-            axes.plot(x[extreme], y[extreme], "o", color=look["color"], markersize=5, zorder=4)
-            value = with_unit(y[extreme], panel.label)
+            point = _between_steps(joint, panel, over) or (x[extreme], y[extreme])
+            axes.plot(*point, "o", color=look["color"], markersize=5, zorder=4)
+            value = with_unit(point[1], panel.label)
             if (errors := _reported_errors(joint, panel.budget)) is not None:
                 of_extreme, largest = errors
-                value += f" ± {100 * of_extreme:.2g} %"
+                value += f" (± {100 * of_extreme:.2g} %)"
                 # Errors of pressures are relative to the peak, those of films to the film then.
                 half = largest * (y.max() if panel.extreme is np.argmax else y)
                 axes.fill_between(
                     x, y - half, y + half, color=look["color"], alpha=0.25, linewidth=0
                 )
-            figures.append(f"{value} at {position_label(x[extreme], over)}")
+            figures.append(f"{value} at {position_label(point[0], over)}")
         if panel.mean:
             average = factor_of(panel.label) * float(
                 mean(joint.columns[column], joint.columns[TIME])
             )
             axes.axhline(average, color=look["color"], linewidth=0.8, alpha=0.7, zorder=1)
             figures.append(f"mean {with_unit(average, panel.label)}")
-        parts = ", ".join(filter(None, (joint.run.name if len(joints) > 1 else "", called)))
+        parts = ", ".join(filter(None, (name_among(joint, joints), called)))
         label = ": ".join(filter(None, (parts, ", ".join(figures))))
         if panel.scale == "angle":
             y = np.where(np.abs(np.diff(y, append=y[-1])) > 180.0, np.nan, y)  # once around
         axes.plot(x, y, label=label or None, **look)
         drawn.append((x, y))
     _lay_out(axes, joints, panel, over, drawn)
+
+
+def _between_steps(joint: ShownJoint, panel: Panel, over: str) -> tuple[float, float] | None:
+    """Angle and value of a cycle extreme in the summary, which is interpolated between the steps.
+
+    The result is None if the panel has no error budget, or the summary has no such extreme.
+    """
+    if not panel.budget or over != ANGLE:
+        return None
+    (column,) = panel.columns
+    name = next(name for name, source, _, _ in EXTREMES if source == column)
+    figures = joint.run.figures.get(joint.name, {})
+    keys = (f"cycle_{name}_crank_angle_deg", f"cycle_{column}")
+    if not all(key in figures for key in keys):
+        return None
+    return figures[keys[0]], factor_of(panel.label) * figures[keys[1]]
+
+
+def name_among(joint: ShownJoint, joints: Sequence[ShownJoint]) -> str:
+    """Name of a joint's curve among those of several joints: of its run, or its own in one run.
+
+    The name of the only curve is empty.
+    """
+    if len(joints) == 1:
+        return ""
+    return joint.name if len({id(other.run) for other in joints}) == 1 else joint.run.name
 
 
 def _reported_errors(joint: ShownJoint, quantity: str) -> tuple[float, float] | None:
@@ -241,7 +270,7 @@ def _lay_out(
     """Set limits, ticks, labels and legend of a panel."""
     axes.set_ylabel(panel.label)
     label = "".join(f", {joint.run.label}" for joint in joints[:1] if joint.run.label)
-    axes.set_xlabel(("crank angle [°]" if over == ANGLE else "time [ms]") + label)
+    axes.set_xlabel((f"{joints[0].run.angle_name} [°]" if over == ANGLE else "time [ms]") + label)
     axes.margins(x=0)
     axes.xaxis.set_major_locator(MultipleLocator(span(over, joints)))
     if panel.scale == "log":
@@ -256,6 +285,8 @@ def _lay_out(
             high = 1.15 * max(np.nanmax(y) for y in late)
         lowest = min(np.nanmin(y) for _, y in curves)
         axes.set_ylim(1.05 * lowest if lowest < 0.0 else 0.0, high)
+    else:
+        axes.axhline(0.0, color="0.3", linewidth=0.8, zorder=1)
     legend(axes)
 
 
@@ -368,7 +399,7 @@ class Paths:
         ]
         largest = max([largest, *(np.abs(vector).max() for _, vector in curves)])
         for number, (joint, (x, vector)) in enumerate(zip(joints, curves, strict=True)):
-            label = joint.run.name if len(joints) > 1 else None
+            label = name_among(joint, joints) or None
             axes.plot(np.unwrap(np.angle(vector)), np.abs(vector), label=label, **style(number))
             _mark(axes, x, vector, number, span(over, joints), APART * largest)
         if self.of_shaft and joints[0].journal_angle is not None:
@@ -378,7 +409,8 @@ class Paths:
             around = np.linspace(0, 2 * np.pi, 361)
             axes.plot(around, np.ones(361), color="0.2", linewidth=1.6, label=self.bound)
         axes.set_ylim(0, largest * (1.03 if largest > 1.0 or not self.bound else 1.0))
-        axes.set_xticks(np.radians(np.arange(0, 360, 45)))
+        angles = np.arange(0, 360, 45)
+        axes.set_thetagrids(angles, [f"{(angle + 179) % 360 - 179}°" for angle in angles])
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
         # The circles are labelled between two spokes, opposite to the mean of the curves.
         away = np.degrees(np.angle(-sum(vector.mean() for _, vector in curves)))

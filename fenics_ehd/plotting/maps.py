@@ -40,6 +40,10 @@ LEVELS = 12
 #: Height of a map [inches].
 HEIGHT = 2.5
 
+#: Least numbers of intervals of a raster around and along the bore. Within the cells of a coarser
+#: film the raster has the film's own shape functions.
+FINEST = (240, 48)
+
 
 class Raster(NamedTuple):
     """Values on a raster of angles and heights, with a title and a marked point.
@@ -121,11 +125,28 @@ class Map:
 
 
 def raster_of(grid: FilmGrid, nodal: np.ndarray, title: str) -> Raster:
-    """Raster of nodal values on the lines of a film mesh; the largest magnitude is marked."""
+    """Raster of nodal values on and between the lines of a film mesh.
+
+    The nodal value of the largest magnitude is marked. Between the nodes, values are limited to the
+    range of the nodal values.
+    """
     angle, height = (np.unique(x.round(9)) for x in grid.node_positions.T)
     angle = np.unique(np.append((np.degrees(angle) + 180.0) % 360.0 - 180.0, [-180.0, 180.0]))
+    on_lines = sampled(grid, nodal, np.radians(angle), height)
+    mark = largest(on_lines, angle, 1e3 * height)
+    angle, height = (
+        refined(lines, least) for lines, least in zip((angle, height), FINEST, strict=True)
+    )
     values = sampled(grid, nodal, np.radians(angle), height)
-    return Raster(values, angle, 1e3 * height, title, largest(values, angle, 1e3 * height))
+    values = np.clip(values, on_lines.min(), on_lines.max())
+    return Raster(values, angle, 1e3 * height, title, mark)
+
+
+def refined(lines: np.ndarray, least: int) -> np.ndarray:
+    """Divide all intervals between lines, shape (k,), into parts, so that there are `least`."""
+    intervals = len(lines) - 1
+    parts = -(-least // intervals)
+    return np.interp(np.arange(parts * intervals + 1) / parts, np.arange(intervals + 1), lines)
 
 
 def sampled(grid: FilmGrid, nodal: np.ndarray, angle: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -161,6 +182,8 @@ def draw_rasters(
 def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colours: str) -> None:
     """Draw a map and its marked point; `label` names the colours, with the unit in brackets."""
     values, angle, height, title, (value, where, z) = raster
+    # Round-off below the lowest colour would leave holes in the map.
+    values = np.maximum(values, levels[0])
     image = axes.contourf(angle, height, values, levels, cmap=colours)
     if np.ptp(values):
         axes.contour(angle, height, values, levels[1:], colors="0.2", linewidths=0.4)
@@ -362,7 +385,7 @@ def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH))
     axes.axis("off")
-    for degrees in (0, 90, 180, 270):
+    for degrees in (0, 90, 180, -90):
         where = 0.5 * rotation(turn + np.radians(degrees))[:, 0]
         style = {"color": "0.4", "fontsize": 8, "zorder": 5}
         axes.text(*where, f"{degrees}°", ha="center", va="center", **style)

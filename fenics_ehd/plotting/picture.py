@@ -153,21 +153,38 @@ def save_in_formats(figure: Figure, directory: str | Path, name: str) -> list[Pa
 def save(figure: Figure, paths: Sequence[str | Path]) -> list[Path]:
     """Write a figure to files in the formats of their endings, close it, and return the paths."""
     written = [Path(path) for path in paths]
-    for _ in range(2):  # titles move as soon as the ticks have their positions
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # all files share one layout
+    _fix_layout(figure)
     for path in written:
         path.parent.mkdir(parents=True, exist_ok=True)
-        picture = BytesIO()
-        ending = path.suffix.lower()
-        # Without the date, equal figures give equal files.
-        metadata = {DATES[ending]: None} if ending in DATES else {}
-        with plt.rc_context({"svg.hashsalt": SETTINGS["svg.hashsalt"]}):
-            figure.savefig(picture, format=ending[1:], dpi=150, metadata=metadata)
-        content = picture.getvalue()
-        write_whole(path, _numbered_clips(content) if ending == ".svg" else content)
+        write_whole(path, _content(figure, path.suffix.lower()))
     plt.close(figure)
     return written
+
+
+def svg_of(figure: Figure) -> bytes:
+    """Content of the SVG file of a figure, which is closed."""
+    _fix_layout(figure)
+    content = _content(figure, ".svg")
+    plt.close(figure)
+    return content
+
+
+def _fix_layout(figure: Figure) -> None:
+    """Lay out a figure once, so that all its files share the layout."""
+    for _ in range(2):  # titles move as soon as the ticks have their positions
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
+def _content(figure: Figure, ending: str) -> bytes:
+    """Content of the file of a figure, in the format of an ending."""
+    picture = BytesIO()
+    # Without the date, equal figures give equal files.
+    metadata = {DATES[ending]: None} if ending in DATES else {}
+    with plt.rc_context({"svg.hashsalt": SETTINGS["svg.hashsalt"]}):
+        figure.savefig(picture, format=ending[1:], dpi=150, metadata=metadata)
+    content = picture.getvalue()
+    return _numbered_clips(content) if ending == ".svg" else content
 
 
 def _numbered_clips(svg: bytes) -> bytes:

@@ -17,7 +17,8 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.multibody.history import TURN_ROUNDING, History, load_history
+from fenics_ehd.multibody.cycle import CRANK, TURN_ROUNDING, angle_before, angle_name
+from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.multibody.recorded_quantities import FilmResult
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME
@@ -94,6 +95,8 @@ class ShownRun:
     time, angle
         Times since the start of the cycle [s], and reference angles [degrees] (0 if no body turns),
         both of shape (t,).
+    angle_name
+        Words for the reference angle, ``"crank angle"`` or ``"angle of the shaft"``.
     starts
         Whether the cycle is the first of the run, in which the films build up.
     figures
@@ -112,6 +115,7 @@ class ShownRun:
         result = source if isinstance(source, History) else load_history(source)
         self.directory = result.folder
         self.figures: Mapping[str, Mapping[str, Any]] = result.figures
+        self.angle_name = angle_name(result.entries.get("reference_body", CRANK))
         self._solved = result.solved
         time = result.run.time
         cycle = result.cycle
@@ -140,9 +144,7 @@ class ShownRun:
         angle = np.array(self.cycle.run.get("crank_angle", np.zeros(len(self.cycle))))
         # The angle at the end of the previous cycle is larger by a number of turns.
         angle[:1] -= 360.0 * np.round((angle[:1] - angle[1:2]) / 360.0)
-        # Complete cycles are subtracted: one turn of a two-turn cycle would lead to another stroke.
-        turn = 360.0 * max(1.0, np.round(np.ptp(angle) / 360.0))
-        self.angle = angle - turn * np.floor(angle[:1] / turn + TURN_ROUNDING)
+        self.angle = angle - angle_before(angle)
 
     @cached_property
     def joints(self) -> dict[str, ShownJoint]:

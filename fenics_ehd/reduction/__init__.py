@@ -31,6 +31,7 @@ NAMES = {
     "foreign_matrices": (
         "ForeignMatrices",
         "read_abaqus",
+        "read_ansys",
         "read_calculix",
         "tetrahedron_mass",
     ),
@@ -44,6 +45,15 @@ NAMES = {
     "matrices": (
         "as_matrix",
         "reorder",
+    ),
+    "matrix_check": (
+        "MatrixCheck",
+        "check_matrices",
+    ),
+    "nastran_matrices": (
+        "read_dmig",
+        "read_op4",
+        "read_op4_matrices",
     ),
     "part_files": (
         "BasisFile",
@@ -62,6 +72,12 @@ NAMES = {
         "Recovery",
         "Structure",
         "check_structure",
+    ),
+    "superelement": (
+        "Superelement",
+        "export_dmig",
+        "export_op4",
+        "superelement",
     ),
 }
 

@@ -98,12 +98,15 @@ def respond(solver: StaticSolver, pressures: np.ndarray, kept: int = 0) -> Respo
     displacements = [np.zeros((len(structure.bore_nodes), 3, 0))]
     works = [np.zeros((structure.load.size[1], 0))]
     columns = room_for_columns(rows, kept, comm)
-    for part in blocks(pressures.shape[1], rows, comm):
-        responses = solver.solve(load_columns(structure.load, pressures[:, part]))
-        displacements.append(bore_rows(structure, responses))
-        works.append(transpose_multiply(structure.load, responses))
-        last = min(part.stop, kept)
-        columns[:, part.start : last] = responses[:, : max(last - part.start, 0)]
+    count = pressures.shape[1]
+    with solver.work.progress.stage("static solves", count) as stage:
+        for part in blocks(count, rows, comm):
+            responses = solver.solve(load_columns(structure.load, pressures[:, part]))
+            displacements.append(bore_rows(structure, responses))
+            works.append(transpose_multiply(structure.load, responses))
+            last = min(part.stop, kept)
+            columns[:, part.start : last] = responses[:, : max(last - part.start, 0)]
+            stage.to(part.stop)
     return Responses(
         pressures,
         np.concatenate(displacements, axis=2),

@@ -1,4 +1,4 @@
-"""Stiffness and mass matrices of a part from text files of Abaqus and CalculiX.
+"""Stiffness and mass matrices of a part from text files of Abaqus, CalculiX and Ansys.
 
 Abaqus writes the matrices with ``*MATRIX GENERATE`` and ``*MATRIX OUTPUT``. With
 ``FORMAT=MATRIX INPUT``, a line has node, degree of freedom, node, degree of freedom and value,
@@ -11,12 +11,29 @@ CalculiX writes the matrices with ``*FREQUENCY, SOLVER=MATRIXSTORAGE`` (tested w
 ``JOB.sti`` and ``JOB.mas`` have lines of row, column and value, for the upper triangle with 14
 digits. ``JOB.dof`` has the node and the direction of each row as ``node.direction``.
 
+Ansys writes the matrices of ``file.full`` in Matrix Market form, and the numbers of the nodes in
+the order of the equations (tested with files of Ansys in the test data of
+jgerstmayr/EXUDYN)::
+
+    *SMAT,MatK,D,IMPORT,FULL,file.full,STIFF
+    *EXPORT,MatK,MMF,K.txt
+    *SMAT,MatM,D,IMPORT,FULL,file.full,MASS
+    *EXPORT,MatM,MMF,M.txt
+    *VEC,Nodes,I,IMPORT,FULL,file.full,FORWARD
+    *EXPORT,Nodes,MMF,nodes.txt
+
+``HBMAT`` with a mapping writes lines of equation, node and direction instead (implemented from the
+command's description, without a test on a file from Ansys).
+
 CalculiX integrates the mass of 10-node tetrahedra with too few points; `tetrahedron_mass` computes
 it exactly.
+
+Imports inside functions: scipy.io is needed only for files of Ansys.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +46,8 @@ from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
-from fenics_ehd.reduction.matrices import reorder
+from fenics_ehd.reduction.matrices import reorder, require_matrix_market
+from fenics_ehd.reduction.matrix_check import MatrixCheck, check_matrices
 
 #: Diagonal entry of K over the smallest one above which the degree of freedom counts as held by a
 #: penalty: the stiffness of the part is then lost in round-off.
@@ -79,6 +97,13 @@ class ForeignMatrices:
             )
         return indices
 
+    def check(self, coordinates: ArrayLike) -> MatrixCheck:
+        """Check order of nodes and units against the nodes' positions, see `check_matrices`.
+
+        `coordinates` have shape (n, 3) [m].
+        """
+        return check_matrices(self.stiffness, self.mass, coordinates)
+
     def turned(self, turn: ArrayLike) -> ForeignMatrices:
         """Matrices of the rotated part: `turn`, shape (3, 3), maps points x to ``turn @ x``."""
         rotation = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
@@ -104,10 +129,10 @@ def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignM
     """
     require_class("job", job, str, Path)
     dof_file = Path(f"{job}.dof")
-    labels = _labels(dof_file, _table(dof_file, (2,), separator="."))
+    labels = labels_of(dof_file, _table(dof_file, (2,), separator="."))
     files = [Path(f"{job}.sti"), Path(f"{job}.mas")]
     entries = [_entries(file, _table(file, (3,))) for file in files]
-    return _in_order(files, entries, labels, numbers)
+    return in_order(files, entries, labels, numbers)
 
 
 def read_abaqus(
@@ -152,13 +177,94 @@ def read_abaqus(
         labels = np.column_stack([np.repeat(nodes, 3), np.tile([0, 1, 2], len(nodes))])
     else:
         named_pairs = [
-            _labels(file, table[:, :4].reshape(-1, 2))
+            labels_of(file, table[:, :4].reshape(-1, 2))
             for file, table in zip(files, tables, strict=True)
         ]
         labels, rows = np.unique(np.concatenate(named_pairs), axis=0, return_inverse=True)
         split = np.split(rows.reshape(-1, 2), [len(tables[0])])
         entries = [(indices, table[:, 4]) for indices, table in zip(split, tables, strict=True)]
-    return _in_order(files, entries, labels, numbers)
+    return in_order(files, entries, labels, numbers)
+
+
+def read_ansys(
+    stiffness: str | Path,
+    mass: str | Path,
+    mapping: str | Path,
+    numbers: ArrayLike | None = None,
+) -> ForeignMatrices:
+    """Read K and M that Ansys wrote with ``*EXPORT, , MMF``, or in Matrix Market form otherwise.
+
+    Parameters
+    ----------
+    stiffness, mass
+        Paths of the two matrices in Matrix Market form, with any extension.
+    mapping
+        Path of the nodes in the order of the equations: an array of node numbers in Matrix Market
+        form, with three equations for a node, or the ``.mapping`` file of ``HBMAT``.
+    numbers
+        Numbers of all nodes in the wanted order; None for the nodes that have rows, ascending.
+
+    Raises
+    ------
+    StructureError
+        If a file cannot be read, or if the files do not fit each other: held displacements have no
+        equations, so that an array of node numbers is not enough for a part that is held.
+    """
+    from scipy import io
+
+    files = [Path(stiffness), Path(mass)]
+    entries = []
+    for file in files:
+        with named(StructureError, str(file)):
+            require_file(file)
+            require_matrix_market(file)
+            matrix = sparse.coo_matrix(io.mmread(file))
+        entries.append((np.column_stack([matrix.row, matrix.col]), matrix.data))
+    size = matrix.shape[0]
+    labels = _ansys_labels(Path(mapping))
+    if len(labels) != size:
+        raise StructureError(
+            f"{mapping} names the nodes of {len(labels)} equations, but {files[1]} has {size}: "
+            "write the mapping of HBMAT for a part that is held"
+        )
+    return in_order(files, entries, labels, numbers)
+
+
+#: Directions of displacements in Ansys.
+_DIRECTIONS = {"UX": 1, "UY": 2, "UZ": 3}
+
+
+def _ansys_labels(file: Path) -> np.ndarray:
+    """Node number and component (0 to 2) of every equation, shape (rows, 2).
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read, or has other directions than displacements.
+    """
+    from scipy import io
+
+    with named(StructureError, str(file)):
+        require_file(file)
+        text = file.read_text(encoding="ascii", errors="replace")
+        if text[:14].lower() == "%%matrixmarket":
+            nodes = np.asarray(io.mmread(file)).ravel()
+            return np.column_stack([np.repeat(nodes, 3), np.tile([0, 1, 2], len(nodes))])
+        lines = re.findall(r"^\s*(\d+)\s+(\d+)\s+([A-Z]+)\s*$", text, re.M | re.I)
+        if not lines:
+            raise ValueError(
+                "neither an array in Matrix Market form nor lines of equation, node, direction"
+            )
+        unknown = [name for _, _, name in lines if name.upper() not in _DIRECTIONS]
+        if unknown:
+            raise ValueError(
+                f"direction {unknown[0]}: only displacements, {', '.join(_DIRECTIONS)}, can be used"
+            )
+    equations = np.array([int(number) for number, _, _ in lines])
+    if not np.array_equal(np.sort(equations), np.arange(1, len(lines) + 1)):
+        raise StructureError(f"{file} must have each equation from 1 to {len(lines)} once")
+    pairs = np.array([(int(node), _DIRECTIONS[name.upper()]) for _, node, name in lines])
+    return labels_of(file, pairs[np.argsort(equations)])
 
 
 def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) -> np.ndarray:
@@ -215,7 +321,7 @@ def _entries(file: Path, table: np.ndarray) -> Entries:
     return _whole(file, table[:, :2]) - 1, table[:, 2]
 
 
-def _labels(file: Path, table: np.ndarray) -> np.ndarray:
+def labels_of(file: Path, table: np.ndarray) -> np.ndarray:
     """Node numbers and components (0 to 2) from a table of nodes and degrees of freedom (1 to 3).
 
     Raises
@@ -274,7 +380,7 @@ def _looked_up(numbers: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.
     return indices, wanted[numbers[indices] != wanted]
 
 
-def _in_order(
+def in_order(
     files: list[Path], entries: list[Entries], labels: np.ndarray, numbers: ArrayLike | None
 ) -> ForeignMatrices:
     """Bring K and M into the order of this package.

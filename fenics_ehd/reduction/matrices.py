@@ -258,7 +258,7 @@ def _open(path: str) -> Opened:
     Path(path).stat()
     npz = path.lower().endswith(".npz")
     if not npz:
-        _require_matrix_market(path)
+        require_matrix_market(path)
     matrix = sparse.load_npz(path) if npz else io.mmread(path)
     if npz and matrix.format in ("csr", "csc", "bsr"):
         # With wrong indices, SciPy would read and write beyond its arrays.
@@ -284,8 +284,8 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
     )
 
 
-def _require_matrix_market(path: str) -> None:
-    """Refuse a ``.mtx`` file of another format, for which SciPy's message would be obscure.
+def require_matrix_market(path: str | Path) -> None:
+    """Refuse a file that is not in Matrix Market form, for which SciPy's message would be obscure.
 
     Raises
     ------
@@ -294,7 +294,7 @@ def _require_matrix_market(path: str) -> None:
     """
     import gzip
 
-    with gzip.open(path) if path.lower().endswith(".gz") else open(path, "rb") as file:
+    with gzip.open(path) if str(path).lower().endswith(".gz") else open(path, "rb") as file:
         if not file.read(14).lower().startswith(b"%%matrixmarket"):
             raise ValueError(
                 "the file does not begin with %%MatrixMarket: read a matrix of Abaqus by "

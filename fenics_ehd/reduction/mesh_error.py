@@ -190,7 +190,8 @@ def smooth_responses(solver: StaticSolver) -> SmoothResponses:
     loads = load_columns(part.load, block_diag(*pressures))
     points = (part.attachments[name][:2] for name in sorted(part.attachments))
     forces = [force.array for point in points for force in point]
-    moved = solver.solve(np.column_stack([loads, *forces]))
+    with solver.work.progress.stage(f"{loads.shape[1] + len(forces)} static solves"):
+        moved = solver.solve(np.column_stack([loads, *forces]))
     work = inner(solver.equilibrate(loads), moved, part.comm)
     return SmoothResponses(work, all_outward(part.bores, bore_rows(part, moved)))
 

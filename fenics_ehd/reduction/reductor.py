@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import VerificationError
+from fenics_ehd.base.progress import SILENT, Progress
 from fenics_ehd.reduction.body import (
     ELASTIC,
     InertiaIntegrals,
@@ -214,14 +215,16 @@ class StaticResponses:
         stiffness = np.empty((self.count, self.count))
         works = [np.zeros((load.size[1], 0))]
         self.columns = room_for_columns(len(modes), self.count, comm)
-        for part in blocks(self.count, len(modes), comm):
-            patterns = pressures[:, max(part.start - a, 0) : max(part.stop - a, 0)]
-            loads = np.hstack([fields[:, part], load_columns(load, patterns)])
-            responses = solver.solve(np.asfortranarray(loads))
-            responses -= combine(modes, covered[:, part])
-            works.append(transpose_multiply(load, responses))
-            stiffness[:, part] = self.work(responses, works[-1])
-            self.columns[:, part] = responses
+        with solver.work.progress.stage("static solves", self.count) as stage:
+            for part in blocks(self.count, len(modes), comm):
+                patterns = pressures[:, max(part.start - a, 0) : max(part.stop - a, 0)]
+                loads = np.hstack([fields[:, part], load_columns(load, patterns)])
+                responses = solver.solve(np.asfortranarray(loads))
+                responses -= combine(modes, covered[:, part])
+                works.append(transpose_multiply(load, responses))
+                stiffness[:, part] = self.work(responses, works[-1])
+                self.columns[:, part] = responses
+                stage.to(part.stop)
         self.stiffness = symmetric(stiffness)
         self.nodal_work = np.hstack(works)
 
@@ -239,10 +242,13 @@ class StaticResponses:
     def mass(self) -> np.ndarray:
         """Reduced mass matrix ``X^T M X`` of the responses, shape (count, count); collective."""
         mass = np.zeros((self.count,) * 2)
-        for part in blocks(self.count, len(self.columns), self.solver.structure.comm):
-            inertia = self.solver.mass.multiply(self.columns[:, part])
-            above = slice(part.stop)
-            mass[above, part] = inner(self.columns[:, above], inertia, self.solver.structure.comm)
+        comm = self.solver.structure.comm
+        with self.solver.work.progress.stage("masses of responses", self.count) as stage:
+            for part in blocks(self.count, len(self.columns), comm):
+                inertia = self.solver.mass.multiply(self.columns[:, part])
+                above = slice(part.stop)
+                mass[above, part] = inner(self.columns[:, above], inertia, comm)
+                stage.to(part.stop)
         return np.triu(mass) + np.triu(mass, 1).T
 
 
@@ -281,6 +287,8 @@ class Reductor:
     every_pressure
         Whether errors of M1 to M3 are estimated from the responses to every nodal pressure, with
         one static solve each, instead of from those to the base family.
+    progress
+        Progress in which solvers open their stages.
 
     Attributes
     ----------
@@ -302,6 +310,7 @@ class Reductor:
         options_prefix: str = "",
         film_edges: Mapping[str, Sequence[float]] | None = None,
         every_pressure: bool = False,
+        progress: Progress = SILENT,
     ):
         require_class("structure", structure, Structure)
         check_structure(structure)
@@ -310,7 +319,7 @@ class Reductor:
         self.options_prefix = options_prefix
         self.film_edges = film_edges or {}
         self._every_pressure = every_pressure
-        self.work = Work()
+        self.work = Work(progress=progress)
         self._family_responses: FamilyResponses | None = None
         self._directions = attachment_directions
         self._kept: dict[str, tuple[Hashable, Any]] = {}

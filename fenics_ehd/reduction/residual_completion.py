@@ -84,11 +84,13 @@ def missing_response(
     """
     comm = static.structure.comm
     fields = np.empty((len(columns), count))
-    for some in blocks(count, len(columns), comm):
-        forces = loads(some)
-        work = inner(columns, static.equilibrate(forces), comm)
-        covered = combine(columns, np.linalg.solve(body.stiffness, work))
-        fields[:, some] = static.solve(forces) - covered
+    with static.work.progress.stage("static solves", count) as stage:
+        for some in blocks(count, len(columns), comm):
+            forces = loads(some)
+            work = inner(columns, static.equilibrate(forces), comm)
+            covered = combine(columns, np.linalg.solve(body.stiffness, work))
+            fields[:, some] = static.solve(forces) - covered
+            stage.to(some.stop)
     return fields
 
 
@@ -351,15 +353,17 @@ class Remainder:
         comm = self._reductor.structure.comm
         mass = np.zeros((responses.pressures.shape[1],) * 2)
         start = 0
-        for columns in responses.columns:
-            for part in blocks(columns.shape[1], len(columns), comm):
-                now = slice(start + part.start, start + part.stop)
-                fields = columns[:, part] - combine(modes, coordinates[:, now])
-                momentum = self._reductor.mass.multiply(np.asfortranarray(fields))
-                every = [inner(block, momentum, comm) for block in responses.columns]
-                covered = coordinates.T @ inner(modes, momentum, comm)
-                mass[:, now] = np.vstack(every) - covered
-            start += columns.shape[1]
+        with self._reductor.work.progress.stage("masses of patterns", len(mass)) as stage:
+            for columns in responses.columns:
+                for part in blocks(columns.shape[1], len(columns), comm):
+                    now = slice(start + part.start, start + part.stop)
+                    fields = columns[:, part] - combine(modes, coordinates[:, now])
+                    momentum = self._reductor.mass.multiply(np.asfortranarray(fields))
+                    every = [inner(block, momentum, comm) for block in responses.columns]
+                    covered = coordinates.T @ inner(modes, momentum, comm)
+                    mass[:, now] = np.vstack(every) - covered
+                    stage.to(now.stop)
+                start += columns.shape[1]
         combinations = self._form(level).combinations
         return combinations.T @ symmetric(mass) @ combinations
 

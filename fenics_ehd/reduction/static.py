@@ -23,6 +23,7 @@ from petsc4py import PETSc
 
 from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configured, destroy_with, solve_columns
+from fenics_ehd.base.progress import SILENT, Progress
 from fenics_ehd.reduction.bore import rigid_fields
 from fenics_ehd.reduction.matrices import (
     MassOperator,
@@ -166,7 +167,7 @@ WORK = ("part_factorisations", "static_solves", "eigensolver_applications")
 
 @dataclass
 class Work:
-    """Counts of the work of a reduction, the same on every rank.
+    """Counts of the work of a reduction, the same on every rank, and its progress.
 
     Attributes
     ----------
@@ -176,11 +177,14 @@ class Work:
         Number of load columns that were solved for.
     eigensolver_applications
         Number of solved columns that an eigensolver generated; it depends on round-off.
+    progress
+        Progress in which solvers open their stages.
     """
 
     factorisations: int = 0
     solved_columns: int = 0
     eigensolver_applications: int = 0
+    progress: Progress = SILENT
 
     def take(self) -> dict[str, str]:
         """Return the counts since the last call for a body's provenance, and reset them."""
@@ -475,14 +479,15 @@ class StaticSolver:
         if once:
             self.mass.free_matrix()
         matrix.zeroRowsColumns(held, diag=mean_diagonal(structure.stiffness))
-        self.linear = LinearSolver(
-            matrix,
-            direct=direct,
-            near_kernel=rigid_fields(structure.coordinates),
-            kernel=self.rigid_modes.shape[1] > 0,
-            options_prefix=options_prefix,
-            on_disk=once or structure.size > IN_CORE_LIMIT,
-        )
+        with self.work.progress.stage(f"factorisation, {structure.size} unknowns"):
+            self.linear = LinearSolver(
+                matrix,
+                direct=direct,
+                near_kernel=rigid_fields(structure.coordinates),
+                kernel=self.rigid_modes.shape[1] > 0,
+                options_prefix=options_prefix,
+                on_disk=once or structure.size > IN_CORE_LIMIT,
+            )
         self.work.factorisations += 1
         if direct:
             matrix.destroy()

@@ -14,7 +14,6 @@ resumed run are bitwise those of an uninterrupted run.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, replace
@@ -27,7 +26,6 @@ from typing import Any
 
 import click
 from mpi4py import MPI
-from tqdm import tqdm
 
 from fenics_ehd.analysis.error_budget import Estimator
 from fenics_ehd.analysis.flexibility_check import PartInMemory
@@ -60,6 +58,7 @@ from fenics_ehd.base.files import (
 from fenics_ehd.base.layout import Group, Value, read_declared
 from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.processes import interrupt_between_steps
+from fenics_ehd.base.progress import SILENT, Progress
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.history import (
@@ -77,36 +76,11 @@ from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.verdict import verdict
 
-
-class _Unobserved:
-    """Standard error stream that ignores failed writes, for instance to a closed pipe."""
-
-    def write(self, text: str) -> None:
-        """Write a text, unless the stream is broken."""
-        with suppress(OSError):
-            sys.stderr.write(text)
-
-    def flush(self) -> None:
-        """Flush the stream, unless it is broken."""
-        with suppress(OSError):
-            sys.stderr.flush()
-
-
-def progress_bar(end: float, shown: bool) -> tqdm:
-    """Progress bar of the simulated time up to `end` [s]; updated rarely outside a terminal."""
-    return tqdm(
-        total=1e3 * end,
-        disable=not shown,
-        unit="ms",
-        file=_Unobserved(),
-        mininterval=0.2 if sys.stderr.isatty() else 10.0,
-        bar_format="{percentage:3.0f}% |{bar:24}| {n:.3f}/{total:.3f} ms {postfix} [{elapsed}, "
-        "ends in {remaining}]",
-    )
-
-
 #: File with the stresses over the cycle, which are computed from the result of a run.
 STRESS = "stress.json"
+
+#: Page with the report of a run, which the command ``report`` writes.
+REPORT = "report.html"
 
 #: Name of the file of a flexible body in the folder of a run.
 BODY_FILE = "body-{}.h5"
@@ -126,6 +100,7 @@ MADE = (
     SUMMARY,
     ERROR_BUDGET,
     FAILED_FILM,
+    REPORT,
     SERIES,
     *(f"{name}.{ending}" for name in PICTURES for ending in PICTURE_FORMATS),
 )
@@ -510,7 +485,10 @@ def recorded_steps(
 
 
 def estimate_errors(
-    run: Recorder, directory: Path, parts: Mapping[str, PartInMemory] | None = None
+    run: Recorder,
+    directory: Path,
+    parts: Mapping[str, PartInMemory] | None = None,
+    progress: Progress = SILENT,
 ) -> tuple[Budgets, dict[str, Any]]:
     """Estimate the errors of a complete run, and store them over time in its folder.
 
@@ -520,6 +498,8 @@ def estimate_errors(
         The run and its folder.
     parts
         Parts in memory, by the name of their body, see `Estimator`.
+    progress
+        Progress in which the estimates open their stages.
 
     Returns
     -------
@@ -530,7 +510,7 @@ def estimate_errors(
         reasons for missing estimates, time intervals without an estimate, and errors of the
         flexibility.
     """
-    budget = Estimator(run, parts).budget()
+    budget = Estimator(run, parts, progress).budget()
     over_time = budget.over_time(run.began.time)
     write_whole(directory / ERROR_BUDGET, to_json(over_time) + "\n")
     return budget.joints, {
@@ -585,6 +565,7 @@ def summarised_run(
         for _ in run.steps():
             check()
             between()
+    run.add_reported()
     return _entries(run, verdict(RunSummary(run)), about, {})
 
 
@@ -595,7 +576,7 @@ def record_run(
     fingerprints: Mapping[str, str],
     *,
     interval: float,
-    shown: bool,
+    progress: Progress,
     former: Checkpoint | None,
     multiplier: bool,
     judge: Judge | None,
@@ -616,8 +597,8 @@ def record_run(
         Checksums of the inputs by file name; they must be the same as at the first start.
     interval
         Time between two checkpoints [s].
-    shown
-        Whether a progress bar is shown.
+    progress
+        Progress in which the run opens its stages.
     former
         Checkpoint from which the run is resumed; None for a new run.
     multiplier
@@ -652,7 +633,7 @@ def record_run(
     try:
         with (
             keeping_failed_film(directory),
-            progress_bar(run.end, shown) as bar,
+            run.shown(progress, about["scene"]) as show,
             interrupt_between_steps() as check,
             closing(steps),
         ):
@@ -663,11 +644,12 @@ def record_run(
                         directory,
                         [name for name in listed(directory) if not _needed_to_resume(name)],
                     )
-                _show(bar, run, step)
+                show(step)
                 check()
                 between()
             if multiplier:
-                later_entries |= multiplier_figures(run, check)
+                with progress.stage("largest multiplier"):
+                    later_entries |= multiplier_figures(run, check)
             run.add_reported()
             status = verdict(RunSummary(run))
         if judge is not None:
@@ -695,16 +677,6 @@ def _how_it_ended(error: BaseException, directory: Path) -> str:
         return "failed"
     # The files of the run are named without their folder, which may change.
     return f"failed: {' '.join(str(error).replace(f'{directory}/', '').split())}"
-
-
-def _show(bar: tqdm, run: Recorder, step: MechanismStep) -> None:
-    pressure = max((film.pressure.max() for film in step.solution.films), default=0.0)
-    cycle = f"cycle {run.cycles.number}, " if run.cycles else ""
-    start = run.cycles.start if run.cycles else 0.0
-    bar.set_postfix_str(
-        f"{cycle}step {run.counts['steps']}, p {pressure * 1e-6:.1f} MPa", refresh=False
-    )
-    bar.update(min(1e3 * (step.time - start), bar.total) - bar.n)
 
 
 def require_same_scene(former: Checkpoint, scene: Mapping[str, str], directory: Path) -> None:

@@ -154,14 +154,29 @@ def _row(result: BearingResult) -> dict[str, float | None]:
         "stiffness_scatter_N_per_m": _largest(linear.stiffness_scatter),
         "damping_scatter_Ns_per_m": _largest(linear.damping_scatter),
         "temperature_C": None if result.heat is None else result.heat.effective_temperature,
+        **dict(_entries("k", linear.stiffness_scatter, "_scatter_N_per_m")),
+        **dict(_entries("c", linear.damping_scatter, "_scatter_Ns_per_m")),
+        "critical_mass_scatter_kg": linear.critical_mass_scatter,
+        "whirl_frequency_ratio_scatter": linear.whirl_ratio_scatter,
+        "stability_threshold_scatter": linear.threshold_scatter,
     }
 
 
-def _entries(letter: str, matrix: np.ndarray) -> Iterator[tuple[str, float]]:
-    """Entries of a matrix of coefficients, each with its name in ROSS, such as ``kxy``."""
-    for i, row in zip("xy", matrix, strict=True):
-        for j, value in zip("xy", row, strict=True):
-            yield f"{letter}{i}{j}", float(value)
+def _entries(
+    letter: str, matrix: np.ndarray | None, ending: str = ""
+) -> Iterator[tuple[str, float | None]]:
+    """Entries of a matrix of coefficients, each with its name in ROSS, such as ``kxy``.
+
+    Parameters
+    ----------
+    letter, ending
+        First letter of the names, k or c, and text after them.
+    matrix
+        The matrix; its entries are None without a matrix.
+    """
+    for i, j in product(range(2), range(2)):
+        value = None if matrix is None else float(matrix[i, j])
+        yield f"{letter}{'xy'[i]}{'xy'[j]}{ending}", value
 
 
 def _largest(scatter: np.ndarray | None) -> float | None:

@@ -27,6 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.film.grid import MeshMaker
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.body import Body, FlexibleBody, Pose, RigidBody, ground
@@ -87,6 +88,7 @@ def build(
     bodies: Mapping[str, ReducedBody] | None = None,
     announce: Announce | None = None,
     cache: bool = True,
+    progress: Progress | bool = True,
 ) -> Machine:
     """Make the mechanism of a scene; its elastic parts are meshed and reduced; collective.
 
@@ -108,6 +110,9 @@ def build(
         bodies to mesh and reduce, and names of the bodies read from the cache.
     cache
         Whether the cache is used. The environment variable ``FENICS_EHD_CACHE=off`` excludes it.
+    progress
+        Whether progress of meshes and reductions is shown in a terminal or notebook; or the
+        progress in which they open their stages.
 
     Raises
     ------
@@ -117,10 +122,11 @@ def build(
         A mesh, file, bore or reduction cannot be used or failed.
     """
     require_class("scene", scene, Scene)
+    shown = chosen_progress(progress)
     inputs = read_inputs(scene, bodies or {})
     _require_period(scene, inputs)
     start = perf_counter()
-    parts = _parts(scene, inputs, comm, announce, cache=cache)
+    parts = _parts(scene, inputs, comm, announce, shown, cache=cache)
     seconds = perf_counter() - start
     joints = _joints(scene, inputs, parts, {})
     assembled = _assembled(scene, inputs, parts, joints)
@@ -132,7 +138,8 @@ def build(
         if isinstance(part.source, ReducedBody):
             elastic[name] = part.source
         else:
-            reduced[name] = part.reduce(mesh_error=with_mesh_error)
+            with shown.stage(name):
+                reduced[name] = part.reduce(mesh_error=with_mesh_error)
             elastic[name] = reduced[name].body
     seconds += perf_counter() - start
     if reduced:
@@ -234,7 +241,13 @@ def _with_mesh_error(scene: Scene) -> bool:
 
 
 def _parts(
-    scene: Scene, inputs: Inputs, comm: MPI.Comm, announce: Announce | None, *, cache: bool
+    scene: Scene,
+    inputs: Inputs,
+    comm: MPI.Comm,
+    announce: Announce | None,
+    progress: Progress,
+    *,
+    cache: bool,
 ) -> dict[str, ElasticPart]:
     """Elastic parts of a scene by name, each with its mesh or with a reduced body.
 
@@ -270,9 +283,10 @@ def _parts(
         if name in ready:
             parts[name] = ElasticPart(settings, ready[name], element, edges[name])
         else:
-            parts[name] = elastic_part(
-                settings, f"bodies.{name}", element, comm, edges[name], entries[name]
-            )
+            with progress.stage(name):
+                parts[name] = elastic_part(
+                    settings, f"bodies.{name}", element, comm, edges[name], entries[name], progress
+                )
     return parts
 
 

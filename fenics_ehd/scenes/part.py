@@ -25,7 +25,7 @@ from scipy import sparse
 
 from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
 from fenics_ehd.base.needs import NONE
-from fenics_ehd.base.settings import keys_excluded_by
+from fenics_ehd.base.progress import SILENT, Progress
 from fenics_ehd.fem.models import check_model, is_shipped, model_path, stored_mesh_error
 from fenics_ehd.film.grid import match
 from fenics_ehd.film.transfer import interpolation_matrix
@@ -64,7 +64,7 @@ from fenics_ehd.scenes.kept_bodies import (
     environment,
 )
 from fenics_ehd.scenes.part_settings import ReductionSettings, method_keys
-from fenics_ehd.scenes.scene import Scene, changed, flexible, meshed, renamed
+from fenics_ehd.scenes.scene import Scene
 
 #: Function that is called with the names of bodies to reduce, and of those read from the cache.
 Announce = Callable[[Sequence[str], Sequence[str]], None]
@@ -345,52 +345,6 @@ def kept_entry(
     return Entry(complete, made, comm) if mesh_error else Entry(plain, made, comm, complete)
 
 
-#: Present names of entries of a body's provenance, by the former name of version 0.2.
-FORMER_PROVENANCE = {"held_by": "clamped"}
-
-
-def require_provenance(
-    body: ReducedBody, asked: Mapping[str, str], written: set[str], section: str
-) -> None:
-    """Refuse a body from a file if its settings differ from those in a scene file.
-
-    A body whose provenance names no model is accepted without a comparison. A body of version 0.3
-    is accepted for any tolerance of M4: its flexibility was computed from all nodal pressures.
-
-    Parameters
-    ----------
-    body
-        Body read from a file.
-    asked
-        Provenance that a body has if it is made with the settings of the scene.
-    written
-        Names of the settings that the scene file contains; other settings are not compared.
-    section
-        Section of the part, for messages.
-
-    Raises
-    ------
-    SettingsError
-        A value in the scene file differs from that of the body; the message has both.
-    """
-    made = dict(body.provenance)
-    if "model" not in made:
-        return
-    for former, name in FORMER_PROVENANCE.items():
-        if former in made:
-            made[name] = made.pop(former)
-    if made.pop("residual_truncation", ""):
-        written = written - {"flexibility_tolerance"}
-    if "geometry" in written:
-        written = written | {name for name in {*asked, *made} if name.startswith("geometry.")}
-    for name in sorted(written & {*asked, *made}):
-        if asked.get(name) != made.get(name):
-            raise SettingsError(
-                f"the body was made with {name} = {made.get(name, 'default')}, but {section} has "
-                f"{asked.get(name, 'default')}: reduce the part again or drop the key"
-            )
-
-
 def with_counts(settings: schema.FlexibleSettings, key: str) -> schema.FlexibleSettings:
     """Settings of a part with the default numbers of cells of its model added; on one rank."""
     from fenics_ehd.fem.gmsh_session import model_parameters  # Gmsh
@@ -420,6 +374,8 @@ class ElasticPart:
         Entry of the reduced body in the cache; by default the body is not kept.
     spent
         Wall time and processor time that mesh and matrices took, shape (2,) [s].
+    progress
+        Progress in which the reduction opens its stages.
     """
 
     settings: schema.FlexibleSettings
@@ -428,12 +384,17 @@ class ElasticPart:
     film_edges: Mapping[str, Sequence[float]] = field(default_factory=dict)
     entry: Entry = field(default_factory=Entry)
     spent: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    progress: Progress = SILENT
 
     def reductor(self) -> Reductor:
         """Make a reductor of the assembled structure, for pressures with the edges of its films."""
         assert isinstance(self.source, Structure)
-        solver = self.settings.reduction.solver
-        return Reductor(self.source, solver=solver, film_edges=self.film_edges)
+        return Reductor(
+            self.source,
+            solver=self.settings.reduction.solver,
+            film_edges=self.film_edges,
+            progress=self.progress,
+        )
 
     def bore(self, name: str, key: str) -> BoreSurface:
         """Bore of the part by its name; `key` is the key of the setting with the name.
@@ -501,7 +462,8 @@ class ElasticPart:
         columns = body.columns
         assert columns is not None
         if mesh_error:
-            with suppress(EhdError):  # the body is valid without an estimate from a second mesh
+            # The body is valid without an estimate from a second mesh.
+            with self.progress.stage("mesh error"), suppress(EhdError):
                 body = self._with_mesh_error(body, reductor)
         made = structure_provenance(settings, model_file(settings, "body"), self.film_element)
         made |= reduction_provenance(settings.reduction)
@@ -549,7 +511,7 @@ class ElasticPart:
         def made(factor: float) -> Structure:
             settings = attrs.evolve(counted, geometry=counted.geometry_of(factor))
             size = 1.0 if counted.cell_counts else 1.0 / factor
-            return _assembled("body", settings, self.film_element, part.comm, size)
+            return _assembled("body", settings, self.film_element, part.comm, self.progress, size)
 
         if part.size <= MOST_REFINED:
             with suppress(MeshError):  # the model limits its numbers of cells
@@ -619,10 +581,12 @@ def elastic_part(
     comm: MPI.Comm,
     film_edges: Mapping[str, Sequence[float]] | None = None,
     entry: Entry | None = None,
+    progress: Progress = SILENT,
 ) -> ElasticPart:
     """Mesh and assemble a part, or read its reduced body from a file; collective.
 
-    `entry` is the entry of the part's body in the cache, which `ElasticPart.reduce` reads.
+    `entry` is the entry of the part's body in the cache, which `ElasticPart.reduce` reads. Mesh and
+    reduction open their stages in `progress`.
 
     Raises
     ------
@@ -633,9 +597,11 @@ def elastic_part(
         return ElasticPart(settings, load_body(settings.body), film_element, film_edges or {})
     require_snapshots(settings, key)
     start = clock()
-    structure = _assembled(key, settings, film_element, comm)
+    structure = _assembled(key, settings, film_element, comm, progress)
     spent = clock() - start
-    return ElasticPart(settings, structure, film_element, film_edges or {}, entry or Entry(), spent)
+    return ElasticPart(
+        settings, structure, film_element, film_edges or {}, entry or Entry(), spent, progress
+    )
 
 
 def _assembled(
@@ -643,29 +609,32 @@ def _assembled(
     settings: schema.FlexibleSettings,
     film_element: str,
     comm: MPI.Comm,
+    progress: Progress,
     size: float = 1.0,
 ) -> Structure:
     # Only scenes that mesh a part need Gmsh and dolfinx.
     from fenics_ehd.fem.structure import assemble_structure, build_mesh
 
-    mesh = build_mesh(
-        model_file(settings, key),
-        settings.geometry,
-        comm=comm,
-        serendipity_geometry=settings.element == "serendipity",
-        cells=settings.cells,
-        bores=settings.bores,
-        size=size,
-    )
-    return assemble_structure(
-        mesh,
-        settings.material,
-        family=settings.element,
-        pressure_family=film_element,
-        bores=settings.bores,
-        attachments=settings.points,
-        clamped=None if settings.clamped == NONE else settings.clamped,
-    )
+    with progress.stage("mesh"):
+        mesh = build_mesh(
+            model_file(settings, key),
+            settings.geometry,
+            comm=comm,
+            serendipity_geometry=settings.element == "serendipity",
+            cells=settings.cells,
+            bores=settings.bores,
+            size=size,
+        )
+    with progress.stage("matrices"):
+        return assemble_structure(
+            mesh,
+            settings.material,
+            family=settings.element,
+            pressure_family=film_element,
+            bores=settings.bores,
+            attachments=settings.points,
+            clamped=None if settings.clamped == NONE else settings.clamped,
+        )
 
 
 def remade_part(
@@ -674,6 +643,7 @@ def remade_part(
     body: ReducedBody,
     programs: Sequence[str],
     announce: Announce = lambda reduced, read: None,
+    progress: Progress = SILENT,
 ) -> ReducedPart:
     """Mesh and reduce a body of a stored run again, with the coordinates of the run; on one rank.
 
@@ -691,7 +661,7 @@ def remade_part(
     programs
         Paths of models that may be executed. Other models that are programs are refused, because
         the folder of the run may be from another person.
-    announce
+    announce, progress
         See `fenics_ehd.scenes.build.build`.
 
     Raises
@@ -730,67 +700,6 @@ def remade_part(
     kept = next((entry for entry in entries if entry.body() is not None), None)
     announce([name] if kept is None else [], [] if kept is None else [name])
     entry = kept or entries[-1]
-    part = elastic_part(settings, key, element, MPI.COMM_SELF, edges, entry).reduce()
+    with progress.stage(name):
+        part = elastic_part(settings, key, element, MPI.COMM_SELF, edges, entry, progress).reduce()
     return replace(part, body=body, columns=basis_of(body, part.body, part.columns))
-
-
-def with_body(scene: Scene, file: str, written: Mapping[str, Any]) -> Scene:
-    """Scene with the reduced body in a file in place of its flexible body.
-
-    Parameters
-    ----------
-    scene
-        Scene with one flexible body.
-    file
-        File written by ``fenics-ehd reduce``.
-    written
-        Tables of the scene file, without default values; the body must have been made with these
-        values.
-
-    Raises
-    ------
-    SettingsError
-        The scene has several flexible bodies or none, or the body was made with other values.
-    BodyFileError
-        The file cannot be read.
-    """
-    names = flexible(scene)
-    if len(names) != 1:
-        raise SettingsError(
-            f"--body {file}: scene {scene.name} has {len(names)} flexible bodies, but must have "
-            "one: give body = FILE in [bodies.NAME]"
-        )
-    (name,) = names
-    settings = scene.bodies[name]
-    if settings.model != NONE:
-        model = model_file(settings, f"bodies.{name}")
-        element = scene.film_element(name)
-        asked = structure_provenance(settings, model, element)
-        asked |= reduction_provenance(settings.reduction)
-        table = renamed(written)[0].get("bodies", {}).get(name, {})
-        require_provenance(
-            load_body(file),
-            asked,
-            {*table, *table.get("material", {}), *table.get("reduction", {})},
-            f"bodies.{name}",
-        )
-    entry = {
-        k: v
-        for k, v in scene.tables["bodies"][name].items()
-        if k not in (*keys_excluded_by(schema.FlexibleSettings, "body"), "model")
-    }
-    return changed(scene, {f"bodies.{name}": {**entry, "body": str(file)}})
-
-
-def with_method(scene: Scene, method: str) -> Scene:
-    """Scene with another reduction method for every part that has a model.
-
-    Raises
-    ------
-    SettingsError
-        The scene has no part with a model.
-    """
-    names = meshed(scene)
-    if not names:
-        raise SettingsError(f"--method {method}: scene {scene.name} has no part with a model")
-    return changed(scene, {f"bodies.{name}.reduction.method": method for name in names})

@@ -1,7 +1,8 @@
 """Rotor map of a scene: bodies that rotate at the speeds of the map, and forces that act.
 
 All bodies that rotate in the scene rotate at the speeds of the map, or only a body that is chosen
-by name. Their drives, by speed, table or torque, are replaced by a constant speed. Rotating forces
+by name. Their drives, by speed, table or torque, are replaced by a constant speed. The times of a
+run are not used, and a scene for maps alone needs no duration. Rotating forces
 do not act in an equilibrium: unbalances are the excitation of the response, and other rotating
 forces are reported in a notice. Heat is balanced at each speed if the scene has a heat balance.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from math import radians
+from math import pi, radians
 
 from fenics_ehd.analysis.rotor_map import MapPoint, RotorMap, rotor_map_of
 from fenics_ehd.base.arguments import require_class, require_count, require_list, require_number
@@ -23,7 +24,7 @@ from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.shaft import require_shaft_point
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.film_meshes import scenes_on_meshes
-from fenics_ehd.scenes.scene import GROUND, Scene, points_of
+from fenics_ehd.scenes.scene import GROUND, Scene, changed, points_of
 
 #: Unbalances in kg m by their points, or as forces with a phase each.
 Unbalances = Mapping[str, float] | Sequence[Unbalance]
@@ -120,6 +121,7 @@ def plan_map(
                 )
     rotating = _rotating(scene, of)
     unbalances = _unbalances(scene, unbalance, rotating)
+    scene = _with_time(scene, abs(ordered[0]))
     notices = tuple(
         f"forces.{name}: a rotating force is no part of an equilibrium, it is left out; for the "
         "response to an unbalance give it the kind 'unbalance', or use --unbalance"
@@ -200,6 +202,15 @@ def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
     return tuple(sorted(values, key=abs))
 
 
+def _with_time(scene: Scene, speed: float) -> Scene:
+    """The scene; without a duration, a copy that lasts one revolution at a speed [rad/s]."""
+    if scene.has_duration:
+        return scene
+    heated = any(joint.heat is not None for joint in scene.films.values())
+    cycle = {"time.periodic": True, "time.period": 2 * pi / speed}
+    return changed(scene, cycle if heated else {"time.end": 2 * pi / speed})
+
+
 def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
     """Names of the bodies that rotate at the speeds of the map; `of`: name of a chosen body.
 
@@ -218,18 +229,18 @@ def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
     candidates = dict.fromkeys([*scene.drives, *(name for name in journals if name != GROUND)])
     driven = {name: scene.speed_of(name) for name in candidates}
     rotating = {name: speed for name, speed in driven.items() if speed}
-    # A drive by a table or a torque has no speed in the scene.
-    rotating = rotating or dict.fromkeys(scene.drives, 0.0)
+    # A drive by a table or a torque has no speed in the scene, and a map needs no drive.
+    rotating = rotating or dict.fromkeys(scene.drives or candidates, 0.0)
     if not rotating:
         raise SettingsError(
-            "no body of the scene rotates: give a body a drive (drives.NAME with kind = 'speed'), "
-            "or name the body with --of"
+            "no body of the scene has a drive, a speed or a journal of a lubricated joint: name "
+            "the body whose speed is varied with --of"
         )
     if len(set(rotating.values())) > 1:
         listed = ", ".join(f"{name} ({speed:g} rad/s)" for name, speed in rotating.items())
         raise SettingsError(
-            f"bodies rotate at different speeds: {listed}: give --of the name of the body whose "
-            "speed is varied; the other bodies keep their speeds"
+            f"bodies rotate at different speeds: {listed}: choose the body whose speed is varied "
+            "with --of; the other bodies keep their speeds"
         )
     return tuple(rotating)
 

@@ -28,6 +28,7 @@ from fenics_ehd.base.files import (
     versions,
     write_whole,
 )
+from fenics_ehd.base.progress import SILENT, Progress, chosen_progress
 from fenics_ehd.multibody.history import FIELDS_NAME, History, load_history
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.recorder import Recorder
@@ -72,6 +73,7 @@ def run(
     resume: bool = False,
     overwrite: bool = False,
     cache: bool = True,
+    progress: Progress | bool = True,
 ) -> History:
     """Run a scene and store it in a folder, as ``fenics-ehd run`` does without pictures; one rank.
 
@@ -87,6 +89,9 @@ def run(
         Whether a complete result in the folder may be replaced.
     cache
         Whether reduced bodies are read from the user's cache and kept there, see `build`.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the parts of
+        the work open their stages.
 
     Returns
     -------
@@ -102,6 +107,7 @@ def run(
     """
     require_class("scene", scene, Scene)
     require_class("folder", folder, str, Path)
+    shown = chosen_progress(progress)
     directory = Path(folder)
     require_writable(directory / SUMMARY)
     if resume:
@@ -112,13 +118,19 @@ def run(
                 stored_run = stored_scene(held.path)
                 former = load_run_state(held.path)
                 run_accurately(
-                    *stored_run, held.path, search_of(held.path), former=former, cache=cache
+                    *stored_run,
+                    held.path,
+                    search_of(held.path),
+                    former=former,
+                    cache=cache,
+                    progress=shown,
                 )
         return load_history(directory)
     scene, search = start_search(stored(scene))
     require_kept(directory, input_files("", scene), written_by_run(flexible(scene)))
     with RunFolder(directory, flexible(scene), overwrite=overwrite) as held:
-        run_accurately(scene, build(scene, cache=cache), held.path, search, cache=cache)
+        built = build(scene, cache=cache, progress=shown)
+        run_accurately(scene, built, held.path, search, cache=cache, progress=shown)
     return load_history(directory)
 
 
@@ -153,6 +165,7 @@ def run_scene(
     alone: bool = True,
     multiplier: bool = False,
     search: Search | None = None,
+    progress: Progress = SILENT,
     between: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Integrate a scene and write its results into a folder; on one rank.
@@ -168,12 +181,14 @@ def run_scene(
     former
         Checkpoint in this folder from which the run is resumed; None for a new run.
     alone
-        Whether progress is shown, and an error budget is estimated if the scene requires it. Both
-        are false for runs of a study, because these runs are compared with one another.
+        Whether an error budget is estimated if the scene requires it. This is false for runs of a
+        study, because these runs are compared with one another.
     multiplier
         Whether the largest Floquet multiplier of a periodic solution is computed.
     search
         Search for settings that meet an accuracy, to which the run is added; None without a search.
+    progress
+        Progress in which the run and the estimates open their stages.
     between
         Function that is called between two steps; it may raise an error, which ends the run.
 
@@ -200,8 +215,9 @@ def run_scene(
             _judged,
             scene=scene,
             search=search,
-            parts=_parts_in_memory(scene, built),
+            parts=_parts_in_memory(scene, built, progress),
             verified=_verified_errors(built),
+            progress=progress,
         )
     return record_run(
         _recorder(scene, built),
@@ -209,7 +225,7 @@ def run_scene(
         _about(scene, built) | {"versions": versions()},
         _fingerprints(scene, built),
         interval=interval,
-        shown=alone,
+        progress=progress,
         former=former,
         multiplier=multiplier,
         judge=judge,
@@ -259,12 +275,13 @@ def _judged(
     search: Search | None,
     parts: Mapping[str, PartInMemory],
     verified: Mapping[str, float],
+    progress: Progress,
 ) -> tuple[Budgets, dict[str, Any]]:
     """Estimate the errors of a run; return budgets by joint, and entries of the summary.
 
     The entries are about the errors, the status of the run, and the search for an accuracy.
     """
-    budgets, entries = estimate_errors(recorded, directory, parts)
+    budgets, entries = estimate_errors(recorded, directory, parts, progress)
     entries["verified_flexibility_errors"] = verified
     limit = scene.output.error_limit
     if search is not None:
@@ -281,15 +298,19 @@ def _verified_errors(built: Machine) -> dict[str, float]:
     return {name: error for name, error in each.items() if error > EXACT}  # others have nan
 
 
-def _parts_in_memory(scene: Scene, built: Machine) -> dict[str, PartInMemory]:
+def _parts_in_memory(scene: Scene, built: Machine, progress: Progress) -> dict[str, PartInMemory]:
     """Parts that were reduced by this process alone, by the name of their body."""
     if not built.reduced:
         return {}
     from fenics_ehd.reduction.family_responses import Responses, respond
-    from fenics_ehd.reduction.static import StaticSolver
+    from fenics_ehd.reduction.static import StaticSolver, Work
 
     def responding(structure: Structure, solver: str) -> Callable[[np.ndarray], Responses]:
-        return lambda pressures: respond(StaticSolver(structure, solver=solver), pressures)
+        def responses(pressures: np.ndarray) -> Responses:
+            work = Work(progress=progress)
+            return respond(StaticSolver(structure, solver=solver, work=work), pressures)
+
+        return responses
 
     return {
         name: PartInMemory(
@@ -368,6 +389,7 @@ def run_accurately(
     multiplier: bool = False,
     announce: Callable[[Search], None] = lambda search: None,
     cache: bool = True,
+    progress: Progress = SILENT,
 ) -> tuple[Scene, Machine, dict[str, Any]]:
     """Run a scene as `run_scene` does, and repeat it while the search proposes new settings.
 
@@ -377,7 +399,7 @@ def run_accurately(
     ----------
     scene, built
         Scene and machine of the first run, see `fenics_ehd.scenes.accuracy.start_search`.
-    directory, interval, former, multiplier
+    directory, interval, former, multiplier, progress
         Passed to `run_scene`. At the end, the folder has the last run only.
     search
         Search for settings that meet an accuracy; None for a single run.
@@ -400,6 +422,7 @@ def run_accurately(
             former=former,
             multiplier=multiplier,
             search=search,
+            progress=progress,
         )
         if search is None:
             return scene, built, summary
@@ -418,4 +441,4 @@ def run_accurately(
             for name, body in built.bodies.items()
             if scene.bodies[name] == last.bodies[name]
         }
-        built = build(scene, bodies=bodies, cache=cache)
+        built = build(scene, bodies=bodies, cache=cache, progress=progress)

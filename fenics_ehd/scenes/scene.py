@@ -45,7 +45,7 @@ from fenics_ehd.film.lubricant import Lubricant, make_lubricant
 from fenics_ehd.multibody.body import MasslessBody, RigidBody
 from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.multibody.joints import (
-    PLACES_OF_FORCES,
+    ACTING_POINTS,
     Speed,
     named_points,
     require_body,
@@ -180,9 +180,22 @@ class Scene(Described):
         return edges
 
     @property
+    def has_duration(self) -> bool:
+        """Whether the scene has the duration of a run; a scene for rotor maps needs none."""
+        return bool(self.time.end or self.time.period or self.time.revolutions)
+
+    @property
     def span(self) -> float:
-        """End time of a run [s]; in a periodic run, the period."""
+        """End time of a run [s]; in a periodic run, the period.
+
+        Raises
+        ------
+        SettingsError
+            The scene has no duration, which only rotor maps do not need.
+        """
         time = self.time
+        if not self.has_duration:
+            check_time(self)
         duration = time.period if time.periodic else time.end
         return duration or time.revolutions * 2 * np.pi / abs(self.speed_of(time.of))
 
@@ -248,7 +261,8 @@ def check_heat(scene: Scene, name: str) -> None:
     key = f"joints.{name}.heat"
     if joint.heat is None:
         return
-    require_cycle(scene.time.periodic, key)
+    if scene.has_duration:
+        require_cycle(scene.time.periodic, key)
     if joint.lubricant == NONE:
         require_graded(False, key=key, lubricant=f"joints.{name}")
     else:
@@ -285,7 +299,7 @@ def check_names(scene: Scene) -> None:
             for attribute, marker in named:
                 key = f"{table}.{name}.{attribute}"
                 require_point(key, marker, points)
-                if table == "forces" and attribute in PLACES_OF_FORCES:
+                if attribute in ACTING_POINTS:
                     require_shaft_point(key, marker, scene.bodies.get(marker.partition(".")[0]))
             ends = [marker for attribute, marker in named if attribute != "angle_of"]
             require_two_bodies(f"{table}.{name}", ends)
@@ -649,7 +663,8 @@ def scene_of(tables: Mapping[str, Any], name: str, renamed_before: Iterable[str]
     scene, replaced = with_model_materials(scene)
     check_names(scene)
     require_effects(scene)
-    check_time(scene)
+    if scene.has_duration:
+        check_time(scene)
     warnings = (*lines, *replaced, *unusual(scene), *without_effect(scene), *notices(scene))
     return attrs.evolve(scene, renamed=tuple(lines), warnings=warnings)
 

@@ -28,7 +28,7 @@ from fenics_ehd.base.settings import walk
 from fenics_ehd.base.units import WRITTEN, in_unit, parse_number
 from fenics_ehd.scenes.kept_bodies import checksum, content_of
 from fenics_ehd.scenes.needed_bodies import NeededBody, needed_bodies
-from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, stored, today
+from fenics_ehd.scenes.scene import FILES, Scene, by_key, changed, check_time, stored, today
 
 
 def scene_values(scene: Scene) -> tuple[dict[str, Any], list[str]]:
@@ -328,6 +328,7 @@ def make_case(
         A value cannot be used, a model does not exist, or the scene has `output.accuracy`.
     """
     varied = with_values(scene, values, optional)
+    check_time(varied)
     if varied.output.accuracy:
         raise SettingsError(
             f"output.accuracy = {varied.output.accuracy:g} would choose other settings for each "

@@ -12,7 +12,6 @@ import multiprocessing
 import os
 import shutil
 import signal
-import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -31,11 +30,11 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from math import inf
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic, sleep
 from typing import Any, ClassVar, Generic, TypeVar
 
 from mpi4py import MPI
-from tqdm import tqdm
 
 from fenics_ehd.base.errors import BodyFileError, EhdError, InputError, SettingsError
 from fenics_ehd.base.files import (
@@ -54,6 +53,7 @@ from fenics_ehd.base.processes import (
     interrupt_between_steps,
     letter_of,
 )
+from fenics_ehd.base.progress import Stage, read_progress, say, shown_progress
 from fenics_ehd.reduction.body import load_body
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.needed_bodies import NeededBody
@@ -63,6 +63,7 @@ from fenics_ehd.study.worker import (
     CaseTask,
     MissingBodies,
     Outcome,
+    PartTask,
     StoredBody,
     body_path,
     failed,
@@ -164,12 +165,15 @@ class Tasks(Generic[T, R]):
     completed
         Function of a task and its result that returns the task with further data if the result is
         not final, else None.
+    watch
+        Function that is called as often as `check`, with the tasks that are running.
     """
 
     executor: Executor
     function: Callable[[T], R]
     check: Callable[[], None]
     completed: Callable[[T, R], T | None] = lambda task, result: None
+    watch: Callable[[Sequence[T]], None] = lambda running: None
     _waiting: dict[Future[R], tuple[T, bool]] = field(default_factory=dict)
 
     def outcomes(self, tasks: Iterable[T]) -> Iterator[tuple[T, R | Outcome]]:
@@ -198,6 +202,8 @@ class Tasks(Generic[T, R]):
                 wait(self._waiting, POLL, FIRST_COMPLETED)
                 yield from self._ended()
                 self.check()
+                each = self._waiting.items()
+                self.watch([task for future, (task, _) in each if future.running()])
         except KeyboardInterrupt:
             yield from self._ended(final=True)
             raise
@@ -237,6 +243,37 @@ class Tasks(Generic[T, R]):
                 yield task, result
             elif not final:
                 yield from self._submit(again, is_retry)
+
+
+class Watch:
+    """Progress of many tasks, which shows the first running task and how far it is.
+
+    Parameters
+    ----------
+    stage
+        Stage of the progress, in cases.
+    folder
+        Folder of the files to which workers on this machine write their progress; None for workers
+        that may be on other machines.
+    """
+
+    def __init__(self, stage: Stage, folder: Path | None):
+        self.stage = stage
+        self.failed = 0
+        self._folder = folder
+
+    def file(self, name: str) -> Path | None:
+        """Path of the file for the progress of a task, if workers are on this machine."""
+        return None if self._folder is None else self._folder / name
+
+    def __call__(self, running: Sequence[CaseTask | PartTask]) -> None:
+        """Show how far the first of the running tasks is."""
+        notes = [f"{self.failed} failed"] if self.failed else []
+        if running:
+            file = running[0].progress
+            reported = "" if file is None else read_progress(file).partition(": ")[2]
+            notes.append(": ".join(filter(None, [running[0].name, reported])))
+        self.stage.to(self.stage.done, ", ".join(notes))
 
 
 class ProcessPool(Executor):
@@ -301,7 +338,11 @@ def _block_interrupts() -> None:
 
 
 def reduce_missing(
-    cases: Iterable[Case], directory: Path, executor: Executor, check: Callable[[], None]
+    cases: Iterable[Case],
+    directory: Path,
+    executor: Executor,
+    check: Callable[[], None],
+    watch: Watch,
 ) -> Mapping[str, Outcome]:
     """Reduce bodies whose files are missing or damaged, and write their files.
 
@@ -317,20 +358,20 @@ def reduce_missing(
     directory.mkdir(exist_ok=True)
     failures: dict[str, Outcome] = {}
     reduced = read = 0
-    reductions = Tasks(executor, reduce_part, check)
-    for bodies, answer in reductions.outcomes(map(in_turn, parts.values())):
+    tasks = [PartTask(in_turn(bodies)) for bodies in parts.values()]
+    tasks = [replace(task, progress=watch.file(task.name)) for task in tasks]
+    reductions = Tasks(executor, reduce_part, check, watch=watch)
+    for task, answer in reductions.outcomes(tasks):
         if isinstance(answer, Outcome):
-            failures |= {body.name: answer for body in bodies}
+            failures |= {body.name: answer for body in task.bodies}
             continue
-        for body in bodies:
+        for body in task.bodies:
             if body.name in answer.files:
                 write_whole(body_path(directory, body), answer.files[body.name])
         failures |= answer.failures
         reduced += answer.reduced
         read += answer.read
-    words = f"reduced bodies: {reduced} made, {read} read from the cache"
-    with suppress(OSError):  # the standard error output is closed
-        tqdm.write(f"fenics-ehd: {words}", file=sys.stderr)
+    say(f"fenics-ehd: reduced bodies: {reduced} made, {read} read from the cache")
     return failures
 
 
@@ -566,14 +607,10 @@ def run_cases(
     if keep:
         folder.claim_runs(cases)
     complete = sum(outcome.complete for outcome in folder.outcomes.values())
+    total = complete + len(cases)
     with (
-        tqdm(
-            total=complete + len(cases),
-            initial=complete,
-            unit="case",
-            file=sys.stderr,
-            mininterval=0.2 if sys.stderr.isatty() else 10.0,
-        ) as bar,
+        TemporaryDirectory(prefix="fenics-ehd-", ignore_cleanup_errors=True) as files,
+        shown_progress(logs=True).stage(folder.command, total, "cases", done=complete) as stage,
         interrupt_between_steps() as interrupted,
         _flushing(folder) as flush_in_time,
     ):
@@ -582,18 +619,19 @@ def run_cases(
             flush_in_time()
             interrupted()
 
-        failures = reduce_missing(cases, folder.bodies, executor, check)
+        watch = Watch(stage, Path(files) if isinstance(executor, ProcessPool) else None)
+        failures = reduce_missing(cases, folder.bodies, executor, check, watch)
         needed = ((case, body.name) for case in cases for body in case.bodies.values())
         lost = {case: failures[name] for case, name in needed if name in failures}
         ready = (case for case in cases if case not in lost)
-        runs = Tasks[CaseTask, Any](executor, run_case, check, BodySender())
-        ended = ((t.case, result) for t, result in runs.outcomes(folder.tasks(ready, keep)))
-        incomplete = 0
+        tasks = folder.tasks(ready, keep)
+        followed = (replace(task, progress=watch.file(task.name)) for task in tasks)
+        runs = Tasks[CaseTask, Any](executor, run_case, check, BodySender(), watch)
+        ended = ((task.case, result) for task, result in runs.outcomes(followed))
         for case, result in chain(lost.items(), ended):
             folder.add(case, CaseResult(result) if isinstance(result, Outcome) else result)
-            incomplete += not folder.outcomes[case.name].complete
-            bar.set_postfix_str(f"{incomplete} failed", refresh=False)
-            bar.update()
+            watch.failed += not folder.outcomes[case.name].complete
+            stage.add()
 
 
 @contextmanager

@@ -37,6 +37,7 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.units import RPM
+from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.scenes.kept_bodies import checksum
 from fenics_ehd.scenes.rotor_map import RotorPlan
 from fenics_ehd.study.cases import UNREADABLE, difference, identity, write_table
@@ -113,6 +114,7 @@ def _content(point: MapPoint, made_by: str) -> bytes:
         "damping": linear.damping,
         "stiffness": linear.stiffness,
         "growth": point.growth,
+        "scatter": point.scatter,
         "joints": np.array(list(linear.films), dtype=str),
         "columns": np.array(list(point.figures), dtype=str),
         "figures": np.array(list(point.figures.values()), dtype=float),
@@ -180,6 +182,7 @@ def _read_point(path: Path, made_by: str) -> MapPoint:
         ),
         _by_name(arrays["columns"], arrays["figures"]),
         arrays["growth"],
+        arrays["scatter"],
         tuple(starts),
     )
 
@@ -197,6 +200,21 @@ def _read_sampled(
 
 def _by_name(names: np.ndarray, values: np.ndarray) -> dict[str, float]:
     return {str(name): float(value) for name, value in zip(names, values, strict=True)}
+
+
+def _identity(plan: RotorPlan) -> dict[str, str]:
+    """All data on which the points of a map depend, as text by key.
+
+    Unbalances do not act in an equilibrium: the response to them is computed from stored points.
+    """
+    unbalances = [
+        f"forces.{name}."
+        for name, force in plan.scene.forces.items()
+        if isinstance(force, Unbalance)
+    ]
+    values = identity(plan.scene).items()
+    about = {key: text for key, text in values if not key.startswith(tuple(unbalances))}
+    return about | {"rotating": ", ".join(plan.rotating), "meshes": str(plan.meshes)}
 
 
 class RotorFolder(ExitStack):
@@ -230,10 +248,7 @@ class RotorFolder(ExitStack):
         super().__init__()
         self.path = Path(directory)
         self.plan = plan
-        about = identity(plan.scene) | {
-            "rotating": ", ".join(plan.rotating),
-            "meshes": str(plan.meshes),
-        }
+        about = _identity(plan)
         require_writable(self.path)
         self.path.mkdir(parents=True, exist_ok=True)
         with ExitStack() as held:
@@ -298,6 +313,8 @@ def mode_rows(chart: RotorMap) -> Iterator[dict[str, Any]]:
                 "damping_ratio": damping_ratio(root),
                 "logarithmic_decrement": log_decrement(root),
                 "direction": chart.direction(n, int(track)) if root.imag else None,
+                "real_part_scatter_1_per_s": float(chart.scatter[track, n].real),
+                "frequency_scatter_rad_per_s": float(chart.scatter[track, n].imag),
                 "overlap": float(chart.overlaps[track, n]),
             }
 
@@ -355,6 +372,7 @@ def figures_of_map(chart: RotorMap) -> dict[str, Any]:
         "stability_limit_rad_per_s": lost.speed if lost else None,
         "stability_limit_scatter_rad_per_s": lost.scatter if lost else None,
         "whirl_ratio": lost.whirl_ratio if lost else None,
+        "whirl_ratio_scatter": lost.whirl_ratio_scatter if lost else None,
         "stability_limits": [
             {
                 "speed_rad_per_s": limit.speed,
@@ -364,6 +382,7 @@ def figures_of_map(chart: RotorMap) -> dict[str, Any]:
                 "direction": limit.direction,
                 "stability": "lost" if limit.lost else "regained",
                 "scatter_rad_per_s": limit.scatter,
+                "whirl_ratio_scatter": limit.whirl_ratio_scatter,
             }
             for limit in chart.limits
         ],
@@ -374,6 +393,7 @@ def figures_of_map(chart: RotorMap) -> dict[str, Any]:
                 "mode": critical.mode + 1,
                 "damping_ratio": critical.damping_ratio,
                 "direction": critical.direction,
+                "scatter_rad_per_s": critical.scatter,
                 "unstable": not chart.stable_at(critical.speed),
             }
             for critical in chart.critical_speeds

@@ -37,6 +37,7 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import EhdError
 from fenics_ehd.base.files import SUMMARY, listed
 from fenics_ehd.base.processes import one_blas_thread
+from fenics_ehd.base.progress import written_progress
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
@@ -105,15 +106,33 @@ class Reductions:
     failures: Mapping[str, Outcome]
 
 
-def reduce_part(bodies: Sequence[NeededBody]) -> Reductions:
-    """Reduce bodies of one part in this process, or read all from the cache.
+@dataclass(frozen=True)
+class PartTask:
+    """Bodies of one part that are reduced in one process.
 
-    Parameters
+    Attributes
     ----------
     bodies
         Bodies of the same part, in the order in which they are reduced.
+    progress
+        Path of the file to which the worker writes its progress; None if the worker may be on
+        another machine.
     """
+
+    bodies: Sequence[NeededBody]
+    progress: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the task in a progress."""
+        return f"reduction of {self.bodies[0].key.rpartition('.')[2]}"
+
+
+def reduce_part(task: PartTask) -> Reductions:
+    """Reduce bodies of one part in this process, or read all from the cache."""
     comm = MPI.COMM_SELF
+    bodies = task.bodies
+    progress = written_progress(task.progress)
     entries: list[Entry] = []
     for body in bodies:
         settings = body.settings, body.key, body.film_element, body.film_edges
@@ -126,19 +145,28 @@ def reduce_part(bodies: Sequence[NeededBody]) -> Reductions:
         return Reductions(0, len(read), files, {})
     first = bodies[0]
     try:
-        part = elastic_part(first.settings, first.key, first.film_element, comm, first.film_edges)
+        part = elastic_part(
+            first.settings,
+            first.key,
+            first.film_element,
+            comm,
+            first.film_edges,
+            progress=progress,
+        )
         reductor = part.reductor() if len(bodies) > 1 else None
     except Exception as error:
         return Reductions(0, 0, {}, {body.name: failed(error) for body in bodies})
     files = {}
     failures = {}
-    for body, entry in zip(bodies, entries, strict=True):
-        try:
-            part = replace(part, settings=body.settings, entry=entry)
-            files[body.name] = _content(part.reduce(reductor=reductor).body)
-            part = replace(part, spent=np.zeros(2))
-        except Exception as error:
-            failures[body.name] = failed(error)
+    with progress.stage("bodies", len(bodies)) as stage:
+        for body, entry in zip(bodies, entries, strict=True):
+            try:
+                part = replace(part, settings=body.settings, entry=entry)
+                files[body.name] = _content(part.reduce(reductor=reductor).body)
+                part = replace(part, spent=np.zeros(2))
+            except Exception as error:
+                failures[body.name] = failed(error)
+            stage.add()
     return Reductions(len(files), 0, files, failures)
 
 
@@ -225,12 +253,21 @@ class CaseTask:
         Command that owns the run's folder, ``"study"`` or ``"sweep"``.
     keep
         Whether the files of the run are returned.
+    progress
+        Path of the file to which the worker writes its progress; None if the worker may be on
+        another machine.
     """
 
     case: Case
     bodies: Mapping[str, StoredBody]
     command: str
     keep: bool
+    progress: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the case."""
+        return self.case.name
 
 
 @dataclass(frozen=True)
@@ -298,7 +335,13 @@ def _stored_run(task: CaseTask, bodies: Mapping[str, ReducedBody]) -> CaseResult
         def run(scene: Scene, built: Machine, between: Callable[[], None]) -> dict[str, Any]:
             with RunFolder(directory, flexible(scene), command=task.command) as folder:
                 return run_scene(
-                    scene, built, folder.path, interval=inf, alone=False, between=between
+                    scene,
+                    built,
+                    folder.path,
+                    interval=inf,
+                    alone=False,
+                    between=between,
+                    progress=written_progress(task.progress),
                 )
 
         try:

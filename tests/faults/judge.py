@@ -11,7 +11,7 @@ from pathlib import Path
 from attempt import Outcome
 
 #: Lines allowed besides the one line of a refusal: progress, and how to continue the run.
-PASSING = re.compile(r"\d+%\||\d+%|reducing [\w, ]+( \(|$)|resume it with|fenics-ehd: warning|\s*$")
+PASSING = re.compile(r"progress: |reducing [\w, ]+( \(|$)|resume it with|fenics-ehd: warning|\s*$")
 
 #: Figures that tell of the machine and not of the result.
 OF_THE_MACHINE = re.compile(r"(wall|processor|reduction)_time_s|versions|file|seconds|host|folder")

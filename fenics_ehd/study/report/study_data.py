@@ -211,7 +211,8 @@ def read_study(directory: str | Path) -> StudyData:
     )
     if not info.is_file():
         raise InputError(
-            f"{folder} is no study, because it has no study.json: run fenics-ehd study"
+            f"{folder} has neither a run nor a study, because it has neither history.h5 nor "
+            "study.json: give the folder of fenics-ehd run or fenics-ehd study"
         )
     with named(InputError, f"{info}: cannot be read"):
         about = dict(read_json(info))

@@ -5,18 +5,12 @@ The report is one self-contained HTML page and a Markdown page, in the folder of
 
 from __future__ import annotations
 
-import json
 import math
-import re
-from base64 import b64encode
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from fenics_ehd.base.files import claim, require_writable, write_whole
@@ -38,6 +32,7 @@ from fenics_ehd.study.report.figures import (
     draw_tolerances,
     family,
 )
+from fenics_ehd.study.report.page import Table, percent, render
 from fenics_ehd.study.report.study_data import (
     CURVES,
     NORMS,
@@ -64,32 +59,6 @@ RUN_FIGURES = (
     ("estimated_gap_error_m", "estimate [µm]", ".3g"),
     ("true_gap_error_m", "true gap error [µm]", ".3g"),
 )
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of texts for the report.
-
-    Attributes
-    ----------
-    heads
-        Headings of the columns.
-    rows
-        Texts of the cells, row by row.
-    words
-        Number of leading columns with words; the other columns have numbers and are right-aligned.
-    """
-
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    words: int = 1
-
-
-def percent(value: float) -> str:
-    """Text of a ratio in per cent with two significant digits; ``?`` if it is unknown."""
-    if not math.isfinite(value):
-        return "?"
-    return f"{100 * value:.0f} %" if abs(value) >= 0.995 else f"{100 * value:.2g} %"
 
 
 def bounded(row: StudyRow, curve: Curve) -> str:
@@ -185,46 +154,6 @@ TABLES: dict[str, Any] = {
 }
 
 
-def render(form: str, figures: Path, **content: Any) -> str:
-    """Text of a page, from the template ``templates/report.jinja``.
-
-    Parameters
-    ----------
-    form
-        ``"html"`` for a self-contained page, or ``"md"`` for Markdown with links to PNG files.
-    figures
-        Path of the folder with the figures.
-    content
-        Variables of the template.
-    """
-    environment = Environment(
-        loader=PackageLoader("fenics_ehd.study.report", "templates"),
-        autoescape=True,
-        finalize=None if form == "html" else _of_markdown,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {
-        "base64": lambda name: b64encode((figures / f"{name}.svg").read_bytes()).decode(),
-        "json": lambda values: (str if form == "html" else Markup)(
-            json.dumps(values, indent=2, ensure_ascii=False)
-        ),
-        "cell": lambda text: text.replace("|", "\\|").replace("\n", " "),
-    }
-    template = environment.get_template("report.jinja")
-    text = template.render(form=f"{form}.jinja", folder=figures.name, **TABLES, **content)
-    return re.sub(r"\n{3,}", "\n\n", text.strip()) + "\n"
-
-
-def _of_markdown(value: Any) -> Any:
-    """Escape characters of a text that Markdown would read as HTML or as a link."""
-    if isinstance(value, Markup):
-        return value
-    return Markup(str(value).replace("&", "&amp;").replace("<", "&lt;").replace("](", "]\\("))
-
-
 #: Names of the pages, of which the first is self-contained, and of the folder of figures.
 PAGES = ("report.html", "report.md")
 FIGURES = "figures"
@@ -255,15 +184,16 @@ def write_report(directory: str | Path) -> Path:
     study = read_study(folder)
     require_writable(folder)
     claim(folder, (*PAGES, f"{FIGURES}/"))
-    drawn = []
+    drawn = {}
     with plt.rc_context(SETTINGS):
         for name, figure in _figures(study):
             if figure is not None:
                 save_in_formats(figure, folder / FIGURES, name)
-                drawn.append(name)
+                drawn[name] = (folder / FIGURES / f"{name}.svg").read_bytes()
     for page in PAGES:
         form = page.partition(".")[2]
-        write_whole(folder / page, render(form, folder / FIGURES, study=study, drawn=drawn))
+        text = render("report.jinja", form, drawn, FIGURES, study=study, **TABLES)
+        write_whole(folder / page, text)
     return folder / PAGES[0]
 
 

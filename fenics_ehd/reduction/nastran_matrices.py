@@ -1,0 +1,527 @@
+"""Matrices of Nastran: OUTPUT4 files (``.op4``), text or binary, and DMIG cards.
+
+An OUTPUT4 file has one or more matrices, each column by column (NX Nastran, DMAP Programmer's
+Guide, "OUTPUT4"). A column record begins with the column, the row of its first value and the number
+of words; without columns of zeros. Row 0 announces a sparse column: strings of values follow, each
+after its first row and its length. In a file with BIGMAT, whose number of rows is negative, the
+string header has two integers, length + 1 and row; otherwise one integer,
+``row + 65536 (length + 1)``. The record of a column after the last one ends the matrix. Integers
+and reals of binary files have 4 or 8 bytes in either byte order, in Fortran's records.
+
+DMIG cards (MSC Nastran, Quick Reference Guide, "DMIG") name the rows and columns of a matrix by
+grid point and component; a symmetric matrix has one triangle.
+
+Both readers were tested on files that other programs wrote, and their results are equal for text
+and binary forms of the same matrix.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.nastran_cards import cards_of, real_number, whole_number
+from fenics_ehd.base.sealed_file import named, require_file
+from fenics_ehd.reduction.foreign_matrices import Entries, ForeignMatrices, in_order, labels_of
+
+#: Number of columns of an integer in a text file.
+_INTEGER = 8
+
+#: Bytes of Fortran's mark before and after a record.
+_MARK = 4
+
+#: Integers in the head of a matrix in a binary file; its name takes two words more.
+_HEAD = 4
+
+#: Factor of the length in the header of a string of a file without BIGMAT.
+_PACKED = 65536
+
+#: Size of a real number in words of 4 bytes, by the type of the matrix.
+_WORDS = {1: 1, 2: 2, 3: 1, 4: 2}
+
+#: Types of complex matrices, whose values are pairs of real numbers.
+_COMPLEX = (3, 4)
+
+#: Reason for which K and M are refused.
+_NOT_REAL = "its numbers are complex, but real numbers are needed"
+
+
+@dataclass(frozen=True)
+class _Head:
+    """Head of a matrix in an OUTPUT4 file.
+
+    Attributes
+    ----------
+    name
+        Name of the matrix.
+    rows, columns
+        Size of the matrix.
+    bigmat
+        Whether string headers have two integers.
+    kind
+        Type of the values: 1 and 3 single, 2 and 4 double precision; 3 and 4 complex.
+    """
+
+    name: str
+    rows: int
+    columns: int
+    bigmat: bool
+    kind: int
+
+    @staticmethod
+    def of(name: str, columns: int, rows: int, kind: int) -> _Head:
+        """Head from the integers of a file.
+
+        Raises
+        ------
+        ValueError
+            If the size or the type is none of a matrix.
+        """
+        if kind not in _WORDS or columns < 1 or rows == 0:
+            raise ValueError(f"{columns} columns, {rows} rows, type {kind}: no matrix of OUTPUT4")
+        return _Head(name, abs(rows), columns, rows < 0, kind)
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """Values of one column, or a part of it.
+
+    Attributes
+    ----------
+    column, row
+        Column, and row of the first value, both from 1.
+    values
+        Real numbers in successive rows, two for each row of a complex matrix.
+    """
+
+    column: int
+    row: int
+    values: np.ndarray
+
+
+def read_op4_matrices(path: str | Path) -> dict[str, sparse.csr_matrix]:
+    """Read all matrices of an OUTPUT4 file of Nastran, text or binary.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+
+    Returns
+    -------
+    dict
+        Matrices by name, as stored: of a symmetric matrix, the file has both triangles or one.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read.
+    """
+    require_class("path", path, str, Path)
+    file = Path(path)
+    with named(StructureError, str(file)):
+        require_file(file)
+        with open(file, "rb") as stream:
+            start = stream.read(2 * _INTEGER)
+        if re.fullmatch(rb"[ \d\-]+", start):
+            return dict(_text_matrices(file))
+        return dict(_binary_matrices(file))
+
+
+def read_op4(
+    stiffness: str | Path,
+    mass: str | Path | None = None,
+    numbers: ArrayLike | None = None,
+    *,
+    names: tuple[str, str] = ("KGG", "MGG"),
+) -> ForeignMatrices:
+    """Read K and M from OUTPUT4 files of Nastran.
+
+    An OUTPUT4 file has no numbers of nodes. Its rows are those of a displacement set in the order
+    of the node numbers, with six degrees of freedom for a node (the g-set) or three, if the
+    rotations are constrained and no displacement is held (an a-set). Rows of rotations must be
+    empty: nodes of solid elements have none.
+
+    Parameters
+    ----------
+    stiffness, mass
+        Paths of the files with K and with M; `mass` is None if both are in the first one.
+    numbers
+        Numbers of all nodes, in ascending order as in the result of ``read_mesh``; None for 1,
+        2, ...
+    names
+        Names of the two matrices. A file with a single matrix needs none.
+
+    Raises
+    ------
+    StructureError
+        If a file cannot be read, if it has no such matrix, or if its rows do not fit the nodes.
+    """
+    files = [Path(stiffness), Path(stiffness if mass is None else mass)]
+    matrices = [
+        _named_matrix(file, name, alone=mass is not None)
+        for file, name in zip(files, names, strict=True)
+    ]
+    size = matrices[0].shape[0]
+    each = 6 if _rotations_empty(matrices[0]) else 3
+    nodes = np.arange(1, size // each + 1) if numbers is None else np.asarray(numbers)
+    for file, matrix in zip(files, matrices, strict=True):
+        if matrix.shape != (each * len(nodes),) * 2:
+            raise StructureError(
+                f"{file} has a matrix of shape {matrix.shape}, but {len(nodes)} nodes have 3 or 6 "
+                "rows each: write K and M of the g-set, and give the numbers of all its nodes"
+            )
+    order = np.argsort(nodes, kind="stable")
+    labels = np.column_stack([np.repeat(nodes[order], 3), np.tile([0, 1, 2], len(nodes))])
+    entries = []
+    for file, matrix in zip(files, matrices, strict=True):
+        _require_empty(file, matrix, each, nodes[order])
+        rows = np.flatnonzero(np.arange(size) % each < 3)
+        kept = matrix[rows][:, rows].tocoo()
+        entries.append((np.column_stack([kept.row, kept.col]), kept.data))
+    return in_order(files, entries, labels, numbers)
+
+
+def _named_matrix(file: Path, name: str, *, alone: bool) -> sparse.csr_matrix:
+    """Matrix of a file by its name; with `alone`, the only matrix of a file needs no name.
+
+    Raises
+    ------
+    StructureError
+        If the file has no such matrix.
+    """
+    matrices = read_op4_matrices(file)
+    if alone and len(matrices) == 1:
+        name = next(iter(matrices))
+    if name not in matrices:
+        raise StructureError(
+            f"{file} has no matrix {name}, but {', '.join(matrices)}: give names = those of K and M"
+        )
+    if np.iscomplexobj(matrices[name].data):
+        raise StructureError(f"{file}, matrix {name}: {_NOT_REAL}")
+    return matrices[name]
+
+
+def _rotations_empty(matrix: sparse.csr_matrix) -> bool:
+    """Whether a matrix has six rows for a node of which the last three are empty."""
+    if matrix.shape[0] % 6:
+        return False
+    filled = np.abs(matrix.diagonal()).reshape(-1, 6)
+    return not filled[:, 3:].any()
+
+
+def _require_empty(file: Path, matrix: sparse.csr_matrix, each: int, nodes: np.ndarray) -> None:
+    """Refuse a matrix of six rows for a node with values in a row of a rotation.
+
+    Raises
+    ------
+    StructureError
+        If there is such a value.
+    """
+    entries = matrix.tocoo()
+    turning = (entries.row % each > 2) | (entries.col % each > 2)
+    wrong = np.flatnonzero(turning & (entries.data != 0.0))
+    if len(wrong):
+        row = max(entries.row[wrong[0]], entries.col[wrong[0]], key=lambda r: r % each)
+        raise StructureError(
+            f"{file}: the rotation {row % each + 1} of node {nodes[row // each]} has stiffness or "
+            "mass: only displacements, 1 to 3, of solid elements can be used"
+        )
+
+
+def _text_matrices(file: Path) -> Iterator[tuple[str, sparse.csr_matrix]]:
+    """Matrices of a text file, with their names."""
+    with open(file, encoding="ascii") as text:
+        lines = (line.rstrip("\n") for line in text)
+        for line in lines:
+            if line.strip():
+                head, width = _text_head(line)
+                yield head.name, _assembled(head, _text_columns(lines, head, width))
+
+
+def _text_head(line: str) -> tuple[_Head, int]:
+    """Head of a matrix in a text file, and the number of characters of a value.
+
+    Raises
+    ------
+    ValueError
+        If the line is no head of a matrix.
+    """
+    fixed = re.fullmatch(r"([ \d-]{32})(.{8})\s*(?:1P,?)?\s*\d*[ED](\d+)\.\d+.*", line, re.I)
+    if not fixed:
+        raise ValueError(f"{line[:48]!r} is no head of a matrix of OUTPUT4")
+    columns, rows, _, kind = (int(fixed[1][i : i + _INTEGER]) for i in range(0, 32, _INTEGER))
+    return _Head.of(fixed[2].strip(), columns, rows, kind), int(fixed[3])
+
+
+def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Column]:
+    """Columns of a matrix in a text file, to the record after the last column.
+
+    Lines of values have a decimal point, and lines of integers have none.
+
+    Raises
+    ------
+    ValueError
+        If the file ends within the matrix, or if a column has more or fewer values than stated.
+    """
+    column = row = words = 0
+    values: list[float] = []
+    for line in lines:
+        if "." in line:
+            cut = line.rstrip()
+            values += [real_number(cut[i : i + width].strip()) for i in range(0, len(cut), width)]
+            continue
+        if values:
+            # Some programs count the words of a text file, some its values.
+            if words not in (len(values), _WORDS[head.kind] * len(values), len(values) // 2):
+                raise ValueError(
+                    f"column {column} of {head.name} has {len(values)} values from row {row}, but "
+                    f"{words} words are announced"
+                )
+            yield _Column(column, row, np.array(values))
+            values = []
+        integers = [int(text) for text in line.split()]
+        if len(line.rstrip()) == 3 * _INTEGER:
+            integers = [int(line[i : i + _INTEGER]) for i in range(0, len(line), _INTEGER)]
+        if len(integers) == 3:
+            column, row, words = integers
+        elif len(integers) == 2 and head.bigmat:
+            words, row = integers[0] - 1, integers[1]
+        elif len(integers) == 1 and not head.bigmat:
+            words, row = integers[0] // _PACKED - 1, integers[0] % _PACKED
+        else:
+            raise ValueError(f"{line[:48]!r} is no record of matrix {head.name}")
+        if column > head.columns:
+            # A value follows the record after the last column.
+            next(lines, "")
+            return
+    raise ValueError(f"the file ends in column {column} of {head.columns} of {head.name}")
+
+
+def _binary_matrices(file: Path) -> Iterator[tuple[str, sparse.csr_matrix]]:
+    """Matrices of a binary file, with their names.
+
+    Raises
+    ------
+    ValueError
+        If the file does not begin with the head of a matrix.
+    """
+    content = file.read_bytes()
+    length = content[:_MARK]
+    for order in "<>":
+        size = int(np.frombuffer(length, f"{order}i4")[0]) if len(length) == _MARK else 0
+        if size in (24, 48):
+            integer = np.dtype(f"{order}i{size // 6}")
+            break
+    else:
+        raise ValueError("neither a text nor a binary file of OUTPUT4")
+    records = _records(content, integer)
+    for record in records:
+        head = _binary_head(record, integer)
+        yield head.name, _assembled(head, _binary_columns(records, head, integer))
+
+
+def _records(content: bytes, integer: np.dtype) -> Iterator[bytes]:
+    """Records of a Fortran file.
+
+    Raises
+    ------
+    ValueError
+        If the file ends within a record.
+    """
+    mark = np.dtype(integer.str[0] + "i4")
+    start = 0
+    while start < len(content):
+        marked = content[start : start + _MARK]
+        size = int(np.frombuffer(marked, mark)[0]) if len(marked) == _MARK else -1
+        end = start + _MARK + size
+        if size < 0 or content[end : end + _MARK] != marked:
+            raise ValueError(f"the record at byte {start} is damaged or cut off")
+        yield content[start + _MARK : end]
+        start = end + _MARK
+
+
+def _binary_head(record: bytes, integer: np.dtype) -> _Head:
+    """Head of a matrix in a binary file.
+
+    Raises
+    ------
+    ValueError
+        If the record is no head of a matrix.
+    """
+    if len(record) != 6 * integer.itemsize:
+        raise ValueError(f"a record of {len(record)} bytes is no head of a matrix of OUTPUT4")
+    columns, rows, _, kind = map(int, np.frombuffer(record, integer, _HEAD))
+    name = record[_HEAD * integer.itemsize :].decode("ascii", "replace").strip("\0 ")
+    return _Head.of(name, columns, rows, kind)
+
+
+def _binary_columns(records: Iterator[bytes], head: _Head, integer: np.dtype) -> Iterator[_Column]:
+    """Columns of a matrix in a binary file, to the record after the last column.
+
+    Raises
+    ------
+    ValueError
+        If the file ends within the matrix, or if a record is longer or shorter than stated.
+    """
+    column = 0
+    word = integer.itemsize
+    # Integers of 8 bytes are those of a program whose words have 8 bytes: so do all reals.
+    size = 4 * _WORDS[head.kind] if word == 4 else 8
+    real = np.dtype(f"{integer.str[0]}f{size}")
+    for record in records:
+        column, row, _ = map(int, np.frombuffer(record, integer, 3))
+        if column > head.columns:
+            return
+        content = record[3 * word :]
+        if row:
+            yield _Column(column, row, np.frombuffer(content, real).astype(float))
+            continue
+        while content:
+            if head.bigmat:
+                length, row = map(int, np.frombuffer(content, integer, 2))
+                skipped = 2 * word
+            else:
+                packed = int(np.frombuffer(content, integer, 1)[0])
+                length, row = divmod(packed, _PACKED)
+                skipped = word
+            end = skipped + (length - 1) * word
+            if length < 2 or end > len(content):
+                raise ValueError(f"column {column} of {head.name} has a string that does not fit")
+            yield _Column(column, row, np.frombuffer(content[skipped:end], real).astype(float))
+            content = content[end:]
+    raise ValueError(f"the file ends in column {column} of {head.columns} of {head.name}")
+
+
+def _assembled(head: _Head, columns: Iterator[_Column]) -> sparse.csr_matrix:
+    """Matrix from its columns.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside the matrix, or not finite.
+    """
+    parts = list(columns)
+    if not parts:
+        return sparse.csr_matrix((head.rows, head.columns))
+    values = np.concatenate([part.values for part in parts])
+    lengths = np.array([len(part.values) for part in parts])
+    if head.kind in _COMPLEX:
+        values = values[::2] + 1j * values[1::2]
+        lengths //= 2
+    indices = np.concatenate(
+        [np.arange(part.row - 1, part.row - 1 + n) for part, n in zip(parts, lengths, strict=True)]
+    )
+    columns_of = np.repeat([part.column - 1 for part in parts], lengths)
+    if indices.min() < 0 or columns_of.min() < 0 or indices.max() >= head.rows:
+        raise ValueError(
+            f"matrix {head.name} has a value in row {indices.max() + 1}, but {head.rows} rows"
+        )
+    if not np.isfinite(values).all():
+        raise ValueError(f"matrix {head.name} has a number that is not finite")
+    shape = (head.rows, head.columns)
+    return sparse.coo_matrix((values, (indices, columns_of)), shape=shape).tocsr()
+
+
+# DMIG
+
+
+def read_dmig(
+    stiffness: str | Path,
+    mass: str | Path | None = None,
+    numbers: ArrayLike | None = None,
+    *,
+    names: tuple[str, str] = ("KAAX", "MAAX"),
+) -> ForeignMatrices:
+    """Read K and M from DMIG cards of Nastran, for instance a ``.pch`` of ``EXTSEOUT``.
+
+    Parameters
+    ----------
+    stiffness, mass
+        Paths of the files with K and with M; `mass` is None if both are in the first one.
+    numbers
+        Numbers of all nodes in the wanted order; None for the nodes that have rows, ascending.
+    names
+        Names of the two matrices on the cards.
+
+    Raises
+    ------
+    StructureError
+        If a file cannot be read, if it has no such matrix, if the matrix is complex or
+        rectangular, or if a row is that of a rotation or of a scalar point.
+    """
+    files = [Path(stiffness), Path(stiffness if mass is None else mass)]
+    tables = [_dmig(file, name) for file, name in zip(files, names, strict=True)]
+    pairs = [
+        labels_of(file, names.reshape(-1, 2))
+        for file, (names, _) in zip(files, tables, strict=True)
+    ]
+    labels, rows = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
+    split = np.split(rows.reshape(-1, 2), [len(tables[0][1])])
+    entries = [(indices, values) for indices, (_, values) in zip(split, tables, strict=True)]
+    return in_order(files, entries, labels, numbers)
+
+
+def _dmig(file: Path, name: str) -> Entries:
+    """Entries of a DMIG matrix: node and component of row and column, shape (n, 4), and values.
+
+    Raises
+    ------
+    StructureError
+        If the file cannot be read, or has no such real, square matrix.
+    """
+    labels: list[tuple[int, int, int, int]] = []
+    values: list[float] = []
+    others = set()
+    header = None
+    with named(StructureError, str(file)):
+        require_file(file)
+        with open(file, encoding="ascii", errors="replace") as text:
+            lines = [line.rstrip() for line in text if line.strip() and line[0] != "$"]
+        for card, fields in cards_of(lines):
+            if card != "DMIG":
+                continue
+            if fields[0].upper() != name.upper():
+                others.add(fields[0])
+            elif fields[1] == "0":
+                header = _checked_header(name, fields)
+            else:
+                column = whole_number(fields[1]), whole_number(fields[2] or "0")
+                for row in range(4, len(fields) - 2, 4):
+                    node, component, value = fields[row : row + 3]
+                    if node:
+                        at = whole_number(node), whole_number(component or "0")
+                        labels.append((*at, *column))
+                        values.append(real_number(value))
+        if header is None or not values:
+            known = ", ".join(sorted(others)) or "none"
+            raise ValueError(
+                f"no DMIG matrix {name}; there are: {known}; give names = those of K and M"
+            )
+    return np.array(labels), np.array(values)
+
+
+def _checked_header(name: str, fields: list[str]) -> int:
+    """Form of a DMIG matrix from its header.
+
+    Raises
+    ------
+    ValueError
+        If the matrix is rectangular or complex.
+    """
+    form, kind = (whole_number(field or "0") for field in fields[2:4])
+    if form not in (1, 6):
+        raise ValueError(
+            f"matrix {name} has form {form}, but must have 1 (square) or 6 (symmetric)"
+        )
+    if kind not in (1, 2):
+        raise ValueError(f"matrix {name}: {_NOT_REAL}")
+    return form

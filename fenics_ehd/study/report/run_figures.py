@@ -1,0 +1,254 @@
+"""Tables of a run's report: every figure of its summary once, with its estimated error.
+
+A row has one figure for each joint. An extreme has its position, instant and angle in the same
+cell. A figure of the last cycle that equals the same figure of the complete search for a periodic
+solution shares its cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_ehd.multibody.cycle import CRANK
+from fenics_ehd.multibody.figures import POSITION, Figure
+from fenics_ehd.multibody.trust import NOT_ESTIMATED
+
+#: Factors to printed units, and the printed units, by the end of a figure's name; the first match
+#: is used.
+UNITS = {
+    "_m3_per_s": (1e6, "cm³/s"),
+    "_time_s": (1e3, "ms"),
+    "_height_m": (1e3, "mm"),
+    "_Pa": (1e-6, "MPa"),
+    "_start_s": (1e3, "ms"),
+    "_end_s": (1e3, "ms"),
+    "_share": (100.0, "%"),
+    "_m3": (1e9, "mm³"),
+    "_m": (1e6, "µm"),
+    "_Nm": (1.0, "N m"),
+    "_N_per_m": (1e-3, "N/mm"),
+    "_N": (1.0, "N"),
+    "_W": (1.0, "W"),
+    "_J": (1.0, "J"),
+    "_C": (1.0, "°C"),
+    "_deg": (1.0, "°"),
+    "_s": (1.0, "s"),
+}
+
+#: Words for figures whose name does not explain them.
+LABELS = {
+    "max_pressure_Pa": "peak oil film pressure (POFP)",
+    "min_film_thickness_m": "minimum oil film thickness (MOFT)",
+    "max_force_N": "largest load",
+    "mean_force_N": "mean load",
+    "max_eccentricity_ratio": "largest eccentricity / clearance",
+    "basis_error_estimate_m": "error of the gap by the reduced basis",
+    "orbit_1x_amplitude_m": "orbit, once per revolution: amplitude",
+    "orbit_1x_phase_deg": "orbit, once per revolution: phase",
+    "orbit_0_5x_amplitude_m": "orbit, half frequency: amplitude",
+    "orbit_0_5x_phase_deg": "orbit, half frequency: phase",
+    "energy_balance_error": "error of the energy balance / energy exchanged",
+    "periodicity_defect": "largest change of a film between the last cycles",
+    "largest_multiplier": "largest Floquet multiplier (below 1: stable)",
+    "simulated_time_s": "simulated time",
+    "start_s": "start of the cycle",
+    "end_s": "end of the cycle",
+    "newton_iterations": "Newton iterations",
+    "cycles": "cycles until periodic",
+}
+
+#: Prefix of figures of the last complete cycle.
+CYCLE = "cycle_"
+
+#: Words before the value of a position by the end of its name; the first match is used.
+POSITIONS = {
+    "_crank_angle_deg": "{body} ",
+    "_angle_deg": "bore ",
+    "_height_m": "z = ",
+    "_time_s": "",
+}
+
+
+@dataclass(frozen=True)
+class Position:
+    """Instant, angle or height of an extreme.
+
+    Attributes
+    ----------
+    names
+        Full names of its figures, ``big_end.cycle_max_pressure_angle_deg``.
+    text
+        Text of its value, ``bore 12.3°``.
+    """
+
+    names: tuple[str, ...]
+    text: str
+
+
+@dataclass
+class Cell:
+    """A figure in a table.
+
+    Attributes
+    ----------
+    names
+        Full names of the figures with this value, ``big_end.max_pressure_Pa``.
+    value, bound
+        Texts of the value with its unit, and of its error; the latter is empty for exact values.
+    positions
+        Positions of an extreme.
+    """
+
+    names: list[str]
+    value: str
+    bound: str
+    positions: list[Position] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table: its label, and one cell for each joint, None without a figure."""
+
+    label: str
+    cells: tuple[Cell | None, ...]
+
+
+@dataclass(frozen=True)
+class Block:
+    """A table of figures: its caption, the headings of its columns, and its rows."""
+
+    caption: str
+    heads: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def number_text(value: float) -> str:
+    """Text of a number with four significant digits, without an exponent for usual sizes."""
+    if value == 0.0 or not 1e-3 <= abs(value) < 1e6:
+        return f"{value:.4g}".replace("e-0", "e-").replace("-", "−")
+    text = np.format_float_positional(value, 4, unique=False, fractional=False, trim="-")
+    return text.replace("-", "−")
+
+
+def unit_of_figure(name: str) -> tuple[float, str]:
+    """Factor to the printed unit of a figure, and this unit; 1 and empty without a unit."""
+    return next((unit for end, unit in UNITS.items() if name.endswith(end)), (1.0, ""))
+
+
+def value_text(figure: Figure) -> str:
+    """Text of a figure's value in its printed unit."""
+    return _with_unit(figure.value, figure.name)
+
+
+def _with_unit(value: float, name: str) -> str:
+    factor, unit = unit_of_figure(name)
+    return f"{number_text(factor * value)}{'' if unit == '°' else ' '}{unit}".rstrip()
+
+
+def bound_text(figure: Figure) -> str:
+    """Text of a figure's error, ``± 0.5 %``; empty for a setting, a count and an error."""
+    if figure.error is None:
+        return "(error not estimated)" if figure.reason == NOT_ESTIMATED else ""
+    if figure.relative is not None:
+        text = f"± {100 * figure.relative:.2g} %".replace("e-0", "e-")
+    else:
+        text = f"± {_with_unit(figure.error, figure.name)}"
+    return ", ".join(filter(None, (text, figure.reason)))
+
+
+def label_of(name: str) -> str:
+    """Words for a figure, from `LABELS` or from its name without the unit."""
+    base = name.removeprefix(CYCLE)
+    if base in LABELS:
+        return LABELS[base]
+    factor_and_unit = (end for end in UNITS if base.endswith(end))
+    words = base.removesuffix(next(factor_and_unit, ""))
+    return words.replace("_per_rad", "").replace("_", " ").replace(".", ": ")
+
+
+def figure_blocks(figures: Sequence[Figure], body: str, *, searched: bool) -> list[Block]:
+    """Tables of all figures of a run: those of the joints, and those of the run.
+
+    Parameters
+    ----------
+    figures
+        Figures of the run, see `fenics_ehd.multibody.figures.figures_of`.
+    body
+        Name of the body whose angle is the reference angle.
+    searched
+        Whether the run searched a periodic solution, so that figures are those of a cycle.
+    """
+    joints = tuple(dict.fromkeys(figure.joint for figure in figures if figure.joint))
+    blocks = []
+    if joints:
+        cells = {
+            joint: _cells([figure for figure in figures if figure.joint == joint], body)
+            for joint in joints
+        }
+        names = list(dict.fromkeys(name for column in cells.values() for name in column))
+        rows = tuple(
+            Row(
+                _label(name, searched=searched),
+                tuple(cells[joint].get(name) for joint in joints),
+            )
+            for name in _main_first(names)
+        )
+        span = "over the last cycle" if searched else "over the run"
+        blocks.append(Block(f"Results of the oil films, {span}", joints, rows))
+    of_run = [figure for figure in figures if not figure.joint]
+    if of_run:
+        rows = tuple(Row(label_of(name), (cell,)) for name, cell in _cells(of_run, body).items())
+        blocks.append(Block("The run", ("value",), rows))
+    return blocks
+
+
+def _label(name: str, *, searched: bool) -> str:
+    """Label of a row; in a run without a search, figures of its last cycle are marked as such."""
+    of_cycle = name.startswith(CYCLE) and not searched
+    return label_of(name) + ", last cycle" * of_cycle
+
+
+def _main_first(names: Sequence[str]) -> list[str]:
+    """Names of rows: peak pressure and minimum film first, then extremes and means of the cycle."""
+    first = ["max_pressure_Pa", "min_film_thickness_m"]
+    main = [f"{prefix}{name}" for name in first for prefix in ("", CYCLE)]
+    order = [*main, *(name for name in names if name.startswith(CYCLE))]
+    return [*dict.fromkeys(name for name in (*order, *names) if name in names)]
+
+
+def _cells(figures: Iterable[Figure], body: str) -> dict[str, Cell]:
+    """Cells of one joint by the name of their figure; positions belong to the figure they follow.
+
+    `body` is the body whose angle is the reference angle.
+    """
+    by_name = {figure.name: figure for figure in figures}
+    main = {name: figure for name, figure in by_name.items() if figure.reason != POSITION}
+    cells: dict[str, Cell] = {}
+    shared: dict[str, str] = {}
+    for name, figure in main.items():
+        former = name.removeprefix(CYCLE)
+        if former != name and former in cells and by_name[former].value == figure.value:
+            cells[former].names.append(_full(figure))
+            shared[name] = former
+        else:
+            cells[name] = Cell([_full(figure)], value_text(figure), bound_text(figure))
+    for name, figure in by_name.items():
+        if figure.reason != POSITION:
+            continue
+        end = next(end for end in POSITIONS if name.endswith(end))
+        stem = name.removesuffix(end)
+        owner = next((other for other in main if other.startswith(f"{stem}_")), None)
+        if owner is None:
+            cells[name] = Cell([_full(figure)], value_text(figure), "")
+            continue
+        words = POSITIONS[end].format(body="crank" if body in ("", CRANK) else body)
+        text = f"{words}{value_text(figure)}"
+        cells[shared.get(owner, owner)].positions.append(Position((_full(figure),), text))
+    return cells
+
+
+def _full(figure: Figure) -> str:
+    return f"{figure.joint}.{figure.name}".lstrip(".")

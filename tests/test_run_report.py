@@ -1,0 +1,228 @@
+"""The report of a run: self-contained, every figure once with its error, two sheets of pictures."""
+
+import html.parser
+import json
+import re
+from functools import partial
+from pathlib import Path
+from shutil import copytree
+
+import pytest
+from command_line import call, exit_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+import fenics_ehd as ehd
+from fenics_ehd.multibody.figures import figures_of
+from fenics_ehd.scenes.scene import as_stored
+from fenics_ehd.study.report.run_figures import UNITS, figure_blocks, number_text
+from fenics_ehd.study.report.scene_words import scene_entries, value_text
+
+FORMER = Path(__file__).parent / "stored" / "run-0.3"
+
+VOID = {"br", "col", "hr", "img", "link", "meta"}
+
+report = partial(call, "report")
+
+
+class Page(html.parser.HTMLParser):
+    """Tags, links, figures by name and text of a page; every tag must be closed in its order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.links, self.names, self.open = [], [], [], []
+        self.values, self.text = {}, ""
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.names += dict(attributes).get("data-figure", "").split()
+        self.links += [value for name, value in attributes if name in ("href", "src")]
+        if tag not in VOID:
+            self.open.append((tag, dict(attributes).get("data-figure", "").split()))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop()[0] == tag
+
+    def handle_data(self, data):
+        self.text += data
+        for name in self.open[-1][1] if self.open else ():
+            self.values[name] = data
+
+
+def page_of(directory):
+    return Page((directory / "report.html").read_text())
+
+
+def full_names(summary):
+    return [f"{figure.joint}.{figure.name}".lstrip(".") for figure in figures_of(summary)]
+
+
+@pytest.fixture(scope="module")
+def reported(two_bearings, tmp_path_factory):
+    """A copy of the folder of a run, with its report."""
+    folder = copytree(two_bearings.directory, tmp_path_factory.mktemp("bearings") / "run")
+    assert report(folder) == 0
+    return folder
+
+
+def test_the_page_needs_no_other_file(reported):
+    page = page_of(reported)
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert all(link.startswith(("#", "data:")) for link in page.links)
+    assert "url(" not in (reported / "report.html").read_text()
+
+
+def test_every_figure_of_the_summary_is_on_the_page_once(reported):
+    summary = ehd.load_history(reported).summary()
+    page = page_of(reported)
+    assert sorted(page.names) == sorted(full_names(summary))
+    for joint, figures in summary["joints"].items():
+        value = float(page.values[f"{joint}.max_pressure_Pa"].removesuffix(" MPa"))
+        assert value == pytest.approx(1e-6 * figures["max_pressure_Pa"], rel=1e-3)
+        film = float(page.values[f"{joint}.min_film_thickness_m"].removesuffix(" µm"))
+        assert film == pytest.approx(1e6 * figures["min_film_thickness_m"], rel=1e-3)
+
+
+def test_the_page_has_five_pictures_with_captions(reported):
+    page = page_of(reported)
+    assert page.tags.count("img") == page.tags.count("figcaption") == 5
+    text = (reported / "report.html").read_text()
+    assert len(set(re.findall('alt="([^"]*)"', text))) == 5
+
+
+def test_the_page_names_every_entry_of_its_scene_and_repeats_the_run(reported):
+    page = page_of(reported)
+    scene = as_stored(reported / "scene.toml")
+    for table in ("joints", "drives", "forces", "lubricants"):
+        for name in getattr(scene, table):
+            assert name in page.text
+    assert "fenics-ehd run scene.toml" in page.text
+    assert (reported / "scene.toml").read_text() in page.text
+    assert "SHA-256" in page.text
+    for version in ehd.load_history(reported).summary()["versions"].values():
+        assert version in page.text
+
+
+def test_the_page_is_the_same_every_time_and_its_run_replaces_it(reported):
+    before = (reported / "report.html").read_bytes()
+    assert report(reported) == 0
+    assert (reported / "report.html").read_bytes() == before
+    assert "report.html" in (reported / "manifest.txt").read_text().split()
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Reports without pictures, which take most of the time."""
+    monkeypatch.setattr("fenics_ehd.study.report.run_page.deciding_pictures", lambda run: ())
+
+
+def test_warnings_and_a_rejected_run_are_on_the_page(reported, no_pictures, tmp_path):
+    folder = copytree(reported, tmp_path / "run")
+    summary = json.loads((folder / "summary.json").read_text())
+    summary |= {"status": "untrustworthy: <film> too thin", "notices": ["big_end: a & b < c"]}
+    (folder / "summary.json").write_text(json.dumps(summary))
+    assert report(folder) == 0
+    page = page_of(folder)
+    assert "not to be relied on. Status of the run: untrustworthy: <film> too thin." in page.text
+    assert "big_end: a & b < c" in page.text
+
+
+def test_a_run_in_progress_has_a_page(reported, tmp_path):
+    folder = copytree(reported, tmp_path / "run")
+    (folder / "summary.json").unlink()
+    assert report(folder) == 0
+    page = page_of(folder)
+    assert "the run is in progress or was interrupted" in page.text
+    assert page.tags.count("img") == 5
+
+
+def test_a_run_of_0_3_and_a_run_of_python_have_a_page(no_pictures, tmp_path):
+    former = copytree(FORMER, tmp_path / "former")
+    assert report(former) == 0
+    summary = ehd.load_history(former).summary()
+    assert sorted(page_of(former).names) == sorted(full_names(summary))
+    own = tmp_path / "own"
+    ehd.load_history(former).save(own)
+    (own / "scene.toml").unlink(missing_ok=True)
+    assert report(own) == 0
+    assert "made in Python and has no scene file" in page_of(own).text
+
+
+def test_a_folder_without_a_run_is_refused_in_one_line(tmp_path, capfd):
+    status, _, complaint = exit_of(capfd, "report", tmp_path)
+    assert status == 2
+    assert "neither a run nor a study" in complaint
+    assert complaint.count("\n") == 1
+
+
+NAMES = st.sampled_from(
+    ["max_pressure_Pa", "max_pressure_time_s", "min_film_thickness_m", "cycle_max_pressure_Pa",
+     "cycle_max_pressure_angle_deg", "cycle_max_pressure_crank_angle_deg", "contact_share",
+     "mean_side_flow_m3_per_s", "cycle_mean_side_flow_m3_per_s", "inlet.flow_m3_per_s",
+     "outlet_temperature_C", "cycle_max_force_N", "cycle_max_force_angle_deg",
+     "orbit_1x_phase_deg", "anything_new"]
+)  # fmt: skip
+VALUES = st.floats(-1e9, 1e9, allow_nan=False)
+
+
+@given(
+    joints=st.dictionaries(st.sampled_from(["a", "b.c", "d"]), st.dictionaries(NAMES, VALUES)),
+    errors=st.dictionaries(NAMES, VALUES.map(abs)),
+    searched=st.booleans(),
+)
+def test_tables_have_every_figure_once(joints, errors, searched):
+    entries = {
+        name: {**figures, "errors": {key: errors[key] for key in figures if key in errors}}
+        for name, figures in joints.items()
+    }
+    summary = {"joints": entries, "steps": 5}
+    found = []
+    for block in figure_blocks(figures_of(summary), "crank", searched=searched):
+        for row in block.rows:
+            assert len(row.cells) == len(block.heads)
+            assert row.label
+            for cell in filter(None, row.cells):
+                found += cell.names
+                found += [name for position in cell.positions for name in position.names]
+    assert sorted(found) == sorted(full_names(summary))
+
+
+@given(st.floats(1e-12, 1e12), st.sampled_from([1.0, -1.0]))
+def test_numbers_have_four_digits(value, sign):
+    text = number_text(sign * value).replace("−", "-")
+    assert float(text) == pytest.approx(sign * value, rel=6e-4)
+
+
+def test_printed_units_have_the_factor_of_their_unit():
+    for end, (factor, unit) in UNITS.items():
+        if unit in ("MPa", "µm", "mm", "ms", "N/mm"):
+            assert factor == {"MPa": 1e-6, "µm": 1e6, "mm": 1e3, "ms": 1e3, "N/mm": 1e-3}[unit], end
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (17e-6, "m", "17 µm"),
+        (0.022, "m", "22 mm"),
+        (0.6, "m", "0.6 m"),
+        (210e9, "Pa", "210 GPa"),
+        (True, "", "yes"),
+        ((0.0, -9.81), "m/s2", "(0, -9.81) m/s2"),
+    ],
+)
+def test_settings_have_the_unit_that_fits(value, unit, text):
+    assert value_text(value, unit) == text
+
+
+@pytest.mark.parametrize("name", ["engine", "rotor", "four-bar", "slider-crank-both-ends"])
+def test_every_entry_of_a_scene_is_in_words(name):
+    scene = as_stored(name)
+    history = ehd.load_history(FORMER)
+    entries = [(entry.kind, entry.name) for entry in scene_entries(scene, history)]
+    assert len(entries) == len(set(entries))
+    tables = ("joints", "drives", "forces", "lubricants")
+    expected = sum(len(getattr(scene, table)) for table in tables)
+    assert len(entries) == expected + len(set(scene.bodies) - {"ground"}) + 1
