@@ -38,10 +38,10 @@ def test_compiled_forms_are_not_looked_for_in_the_current_folder(value, monkeypa
 
 COMPILE = """
 import sys
+from fenics_ehd.base import compat
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
-from fenics_ehd.base import compat
 from fenics_ehd.base.compile_lock import compiling
 
 def compiled():
