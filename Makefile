@@ -133,6 +133,11 @@ $(VENV)/docs-stamp: $(VENV)/stamp debian-packages-docs.txt
 	@$(call install,debian-packages-docs.txt)
 	@touch $@
 
+# For .ci/run: tests that need these packages are skipped without them.
+$(VENV)/tests-stamp: $(VENV)/stamp debian-packages-tests.txt
+	@$(call install,debian-packages-tests.txt)
+	@touch $@
+
 # Beside Debian's packages, so that pip cannot replace numpy; the program does without it.
 $(VENV)/exudyn: $(VENV)/stamp
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps --target $@ exudyn==1.13.6

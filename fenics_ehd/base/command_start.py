@@ -37,14 +37,15 @@ def start_command() -> None:
     Libraries use one BLAS thread unless the user has set a number of threads.
 
     For a single process, Open MPI does not start its daemon, which would need files in a temporary
-    folder and free space on a disk. Without the daemon, the process cannot spawn other processes by
-    MPI. The daemon of ranks has been started by their launcher.
+    folder and free space on a disk. MPICH does not open network cards and shared memory. Such a
+    process cannot spawn other processes by MPI. Ranks are started by their launcher.
     """
-    from fenics_ehd.base.processes import THREADS, is_rank
+    from fenics_ehd.base.processes import ALONE, THREADS, is_rank
 
     os.environ["PYTHONSAFEPATH"] = "1"
     os.environ[MATPLOTLIB_OPTIONS] = os.devnull
     if not is_rank():
-        os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
+        for variable, value in ALONE.items():
+            os.environ.setdefault(variable, value)
     for variable in THREADS:
         os.environ.setdefault(variable, "1")

@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 
 import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import basix
+import dolfinx
 import ffcx
 import ffcx.codegeneration.jit as ffcx_jit
 import numpy as np
@@ -27,7 +28,10 @@ from mpi4py import MPI
 
 from fenics_ehd.base.compile_lock import LIMIT, compiling, forms_folder, is_compiled
 from fenics_ehd.base.compiler import compiler_errors, quiet_compiler
+from fenics_ehd.base.dolfinx_version import require_version
 from fenics_ehd.base.processes import in_neutral_folder
+
+require_version(dolfinx)
 
 try:
     import basix.ufl as _basix_ufl

@@ -98,6 +98,10 @@ def without_launcher() -> dict[str, str]:
     return {name: text for name, text in os.environ.items() if not set_by_launcher(name, text)}
 
 
+#: Settings of MPI in a process that is no rank: Open MPI starts no daemon, and MPICH opens neither
+#: network cards nor shared memory.
+ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "UCX_TLS": "self"}
+
 #: Settings of Open MPI 4 and 5: more ranks than cores are accepted, and so is the root user of a
 #: container. MPICH accepts both and has no switches for them, so that there are settings only.
 ANY_RANKS = {
@@ -120,15 +124,19 @@ def mpirun() -> str | None:
 def for_mpirun() -> dict[str, str]:
     """Environment in which ``mpirun`` starts any number of ranks; settings of the user are kept.
 
-    The variables of a launcher that has started this process would make ``mpirun`` fail.
+    ``mpirun`` or its ranks would fail with the variables of the launcher that has started this
+    process, and with the settings of a process that is no rank.
     """
-    return ANY_RANKS | without_launcher()
+    passed_on = without_launcher()
+    for name, value in ALONE.items():
+        if passed_on.get(name) == value:
+            del passed_on[name]
+    return ANY_RANKS | passed_on
 
 
 def begin_worker() -> None:
     """Set up a worker process of a pool on this machine, which ends with its parent."""
     set_up_worker()
-    logging.disable(logging.INFO)  # the build log of forms
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -145,9 +153,9 @@ def set_up_worker() -> None:
         if set_by_launcher(name, value):
             del os.environ[name]
     # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
-    os.environ["OMPI_MCA_ess_singleton_isolated"] = "1"
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    for name, value in {**ALONE, **dict.fromkeys(THREADS, "1")}.items():
+        os.environ.setdefault(name, value)
+    logging.disable(logging.INFO)  # the build log of forms
 
 
 def letter_of(function: Callable[[Any], Any], argument: Any) -> bytes:

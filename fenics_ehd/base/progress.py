@@ -137,7 +137,8 @@ class Progress:
     show
         Function that shows the text of the present stages.
     end
-        Function that is called with the name and duration of the outermost stage when it ends.
+        Function that is called when an outermost stage ends, with the names and durations of all
+        outermost stages so far.
     interval
         Least time between two calls of `show` within a stage [s].
     at_once
@@ -157,6 +158,7 @@ class Progress:
         self._interval = interval
         self._at_once = at_once
         self._stages: list[Stage] = []
+        self._ended: list[str] = []
         self._due = monotonic() + (0.0 if at_once else interval)
 
     @contextmanager
@@ -175,6 +177,7 @@ class Progress:
             Amount that is done at the start.
         """
         stage = Stage(self._update, name, total, unit, done)
+        began = monotonic()
         self._stages.append(stage)
         try:
             self._update(now=self._at_once)
@@ -182,7 +185,8 @@ class Progress:
         finally:
             self._stages.pop()
             if self._show is not None and not self._stages:
-                self._end(f"{name}: {duration(stage.elapsed)}")
+                self._ended.append(f"{name}: {duration(monotonic() - began)}")
+                self._end(", ".join(self._ended))
 
     def _update(self, *, now: bool = False) -> None:
         """Show the text of all open stages, if the interval is over or `now` is true."""

@@ -28,6 +28,7 @@ from fenics_ehd.cli.options import (
     answer,
     flag,
     json_option,
+    question,
     setting_options,
     warn_of,
 )
@@ -332,7 +333,8 @@ def _cells(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-@click.command(help=DESCRIPTION, short_help="Operating point of one rigid bearing, or a map.")
+@question("What load, friction and damping has a journal bearing?")
+@click.command(help=DESCRIPTION)
 @click.option(
     "--eccentricity", type=Measured(""), metavar="E", help="Eccentricity over clearance, 0..1."
 )

@@ -22,9 +22,10 @@ from fenics_ehd.base.files import versions
 from fenics_ehd.base.libraries import library_fault, origin
 from fenics_ehd.base.needs import Needs
 from fenics_ehd.base.processes import for_mpirun, mpirun
-from fenics_ehd.cli.options import aligned, answer, echo, json_option, option
+from fenics_ehd.cli.options import aligned, answer, echo, json_option, option, question
 
 
+@question("Which versions of PETSc and FEniCSx (dolfinx) are installed?")
 @click.command()
 @click.option("--cache", is_flag=True, help="List the reduced bodies in the cache instead.")
 @option(
@@ -108,6 +109,7 @@ PATIENCE = 300
 ATTITUDE = 51.98
 
 
+@question("Does this installation work?")
 @click.command()
 def check() -> None:
     """Test this installation in about a minute: libraries, a reduction, a film, steps, ranks."""

@@ -40,6 +40,7 @@ with ending_signals_raise():
         no_cache_option,
         option,
         output_option,
+        question,
         require_once,
         setting_options,
     )
@@ -115,9 +116,15 @@ class Commands(click.Group):
 )
 @click.version_option(__version__, prog_name="fenics-ehd")
 def cli() -> None:
-    """Mechanisms with elastohydrodynamically lubricated revolute joints."""
+    """Mechanisms with elastohydrodynamically lubricated revolute joints.
+
+    Multibody simulation of machines with journal bearings: big ends of connecting rods, main
+    bearings, rotors. The film is hydrodynamic or elastohydrodynamic (EHD, EHL), with cavitation.
+    Finite element parts are reduced by component mode synthesis.
+    """
 
 
+@question("What film thickness (MOFT) and pressure (POFP) result?")
 @cli.command()
 @click.argument("scene", required=False)
 @click.option(
@@ -186,6 +193,7 @@ def run(
     run.resume(Path(resume), options)
 
 
+@question("How does an FE part become a superelement (Craig-Bampton)?")
 @cli.command()
 @click.argument("part")
 @output_option("path", "HDF5 file of the reduced body.", folder=False, required=True)
@@ -226,6 +234,7 @@ def reduce(**options: Any) -> None:
     reduce_part(**options)
 
 
+@question("Which scenes are shipped, and with which settings?")
 @cli.command()
 @click.argument("scene", required=False)
 def init(scene: str | None) -> None:

@@ -5,6 +5,7 @@ Imports inside functions: ``--help`` must work without the modules of commands, 
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import re
@@ -59,6 +60,21 @@ def _say(lines: Iterable[str]) -> None:
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def question(text: str) -> Callable[[click.Command], click.Command]:
+    """Declare the question that a command answers; it is the first line of the command's help.
+
+    The text is also the command's line in the list of all commands. It has the words that users of
+    the field search for.
+    """
+
+    def add(command: click.Command) -> click.Command:
+        command.help = f"{text}\n\n{inspect.cleandoc(command.help or '')}"
+        return command
+
+    return add
+
 
 #: Types of options whose value is the path of a file, and of a folder.
 FILE = click.Path(dir_okay=False)

@@ -21,6 +21,7 @@ from fenics_ehd.cli.options import (
     json_option,
     no_cache_option,
     output_option,
+    question,
     workers_option,
 )
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:  # the import is slow, and --help must be fast
     from fenics_ehd.study.paper import Estimate, PaperFigure
 
 
+@question("Do the figures of the paper by Krinner and Rixen come out?")
 @click.command()
 @output_option("directory", "Folder for figures and runs [default: results/paper].")
 @click.option(
@@ -48,7 +50,7 @@ def paper(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Do the figures of Krinner and Rixen come out? Draw figures 5 to 8, 10 and 11 of the paper.
+    """Compute and draw figures 5 to 8, 10 and 11 of the paper.
 
     Figures 5 to 8 are of the slider-crank with a flexible rod, figures 10 and 11 of the rotor in a
     flexible housing. Estimates of the time are printed first. Runs in the folder that are already

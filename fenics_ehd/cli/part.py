@@ -25,6 +25,7 @@ from fenics_ehd.cli.options import (
     json_option,
     option,
     output_option,
+    question,
     setting_options,
     warn_of,
 )
@@ -44,6 +45,7 @@ MOST_RUNS = 6
 WRITTEN = (Needs(("target",)),)
 
 
+@question("How does a drawing or a mesh become a flexible body?")
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option(

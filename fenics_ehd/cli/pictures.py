@@ -23,10 +23,12 @@ from fenics_ehd.cli.options import (
     json_option,
     no_cache_option,
     output_option,
+    question,
     warn_of,
 )
 
 
+@question("How do oil film thickness and pressure change in a cycle?")
 @click.command()
 @click.argument("directories", nargs=-1, required=True, type=FOLDER)
 @click.option("--joint", "joints", multiple=True, help="Lubricated joint [default: all].")
@@ -77,6 +79,7 @@ def plot(
 DEFAULT_NAME = "animation.gif"
 
 
+@question("How do the bodies and the oil film of a run move?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 @output_option(
@@ -144,6 +147,7 @@ def animate(
     echo(path)
 
 
+@question("How do I see the fields of a run in ParaView?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 @output_option("target", "Folder for the series [default: DIRECTORY/vtk].")
@@ -186,6 +190,7 @@ def paraview(directory: str, target: str | None, frames: int, bases: tuple[str, 
     echo(write_run(run.system.mechanism, result, parts, folder, frames))
 
 
+@question("Which stresses do the flexible bodies have over the cycle?")
 @click.command()
 @click.argument("directory", type=FOLDER)
 @click.option(

@@ -25,6 +25,7 @@ from fenics_ehd.cli.options import (
     json_option,
     no_cache_option,
     output_option,
+    question,
     warn_of,
 )
 
@@ -80,6 +81,7 @@ def _number(text: str, unit: str) -> float:
         return in_unit(text, unit)
 
 
+@question("What are a rotor's critical speeds, and does it whirl?")
 @click.command()
 @click.argument("scene")
 @click.option(
