@@ -49,6 +49,9 @@ BUILD_UP = 0.1
 #: Largest ratio of the values on a logarithmic axis: the error at the start of a run is round-off.
 DECADES = 1e5
 
+#: Largest number of curves whose legend is inside of the axes; that of more is above them.
+MOST_INSIDE = 4
+
 #: Number of characters of a label after which it continues in the next line.
 LABEL_WIDTH = 30
 
@@ -294,7 +297,10 @@ def _lay_out(
         axes.set_ylim(1.05 * lowest if lowest < 0.0 else 0.0, high)
     else:
         axes.axhline(0.0, color="0.3", linewidth=0.8, zorder=1)
-    legend(axes)
+    if len(axes.get_legend_handles_labels()[0]) > MOST_INSIDE:
+        legend(axes, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
+    else:
+        legend(axes)
 
 
 def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:
