@@ -137,7 +137,7 @@ def test_a_key_without_effect_is_named_once(scene):
 
 
 def test_many_bad_values_are_one_line(scene):
-    with pytest.raises(ehd.errors.SettingsError, match="; and 15 more$"):
+    with pytest.raises(ehd.errors.SettingsError, match=r"; and 15 more$"):
         make_sweep(scene, ["clearance=-20:-1:20"])
 
 
