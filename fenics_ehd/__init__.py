@@ -79,6 +79,7 @@ _NAMES = {
     "scenes.run": ("run",),
     "scenes.scene": ("Scene", "read_scene"),
     "scenes.tables": ("read_load",),
+    "study.sweep": ("sweep",),
 }
 #: Present names of public names by the former name, which is accepted with a warning until 0.5.
 _FORMER: dict[str, str] = {}

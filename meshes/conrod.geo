@@ -10,14 +10,14 @@
 // shank narrowing towards the big end.
 
 DefineConstant[
-  bore_radius       = {0.0225, Min 0.010,  Max 0.060, Step 1e-4, Name "Rod/bore_radius",       Label "Bore radius [m]"}
-  bore_width        = {0.0220, Min 0.008,  Max 0.060, Step 1e-4, Name "Rod/bore_width",        Label "Bore width = rod thickness [m]"}
-  rod_length        = {0.1600, Min 0.090,  Max 0.400, Step 1e-3, Name "Rod/rod_length",        Label "Bore centre to pin centre [m]"}
-  big_end_wall      = {0.0114, Min 0.005,  Max 0.030, Step 1e-4, Name "Rod/big_end_wall",      Label "Radial wall of the big end [m]"}
-  pin_radius        = {0.0120, Min 0.005,  Max 0.030, Step 1e-4, Name "Rod/pin_radius",        Label "Pin bore radius [m]"}
-  small_end_wall    = {0.0090, Min 0.003,  Max 0.020, Step 1e-4, Name "Rod/small_end_wall",    Label "Radial wall of the small end [m]"}
-  shank_width_big   = {0.0250, Min 0.010,  Max 0.050, Step 1e-4, Name "Rod/shank_width_big",   Label "Shank width at the big end [m]"}
-  shank_width_small = {0.0250, Min 0.010,  Max 0.050, Step 1e-4, Name "Rod/shank_width_small", Label "Shank width at the small end [m]"}
+  bore_radius       = {0.0225, Min 0.010,  Max 0.250, Step 1e-4, Name "Rod/bore_radius",       Label "Bore radius [m]"}
+  bore_width        = {0.0220, Min 0.008,  Max 0.500, Step 1e-4, Name "Rod/bore_width",        Label "Bore width = rod thickness [m]"}
+  rod_length        = {0.1600, Min 0.090,  Max 4.000, Step 1e-3, Name "Rod/rod_length",        Label "Bore centre to pin centre [m]"}
+  big_end_wall      = {0.0114, Min 0.005,  Max 0.200, Step 1e-4, Name "Rod/big_end_wall",      Label "Radial wall of the big end [m]"}
+  pin_radius        = {0.0120, Min 0.005,  Max 0.200, Step 1e-4, Name "Rod/pin_radius",        Label "Pin bore radius [m]"}
+  small_end_wall    = {0.0090, Min 0.003,  Max 0.150, Step 1e-4, Name "Rod/small_end_wall",    Label "Radial wall of the small end [m]"}
+  shank_width_big   = {0.0250, Min 0.010,  Max 0.500, Step 1e-4, Name "Rod/shank_width_big",   Label "Shank width at the big end [m]"}
+  shank_width_small = {0.0250, Min 0.010,  Max 0.500, Step 1e-4, Name "Rod/shank_width_small", Label "Shank width at the small end [m]"}
 ];
 
 DefineConstant[

@@ -9,13 +9,13 @@
 // At 7850 kg/m3 the mass is 0.760 kg.
 
 DefineConstant[
-  bore_radius    = {0.0225, Min 0.010, Max 0.060, Step 1e-4, Name "Housing/bore_radius",    Label "Bore radius [m]"}
-  bore_width     = {0.0220, Min 0.008, Max 0.060, Step 1e-4, Name "Housing/bore_width",     Label "Bore width = housing thickness [m]"}
-  wall           = {0.0100, Min 0.003, Max 0.040, Step 1e-4, Name "Housing/wall",           Label "Radial wall of the ring [m]"}
-  centre_height  = {0.0600, Min 0.030, Max 0.200, Step 1e-3, Name "Housing/centre_height",  Label "Bore centre above the sole [m]"}
-  web_width      = {0.0800, Min 0.030, Max 0.200, Step 1e-3, Name "Housing/web_width",      Label "Web width at the foot [m]"}
-  foot_width     = {0.1040, Min 0.040, Max 0.300, Step 1e-3, Name "Housing/foot_width",     Label "Foot width [m]"}
-  foot_thickness = {0.0120, Min 0.003, Max 0.040, Step 1e-4, Name "Housing/foot_thickness", Label "Foot thickness [m]"}
+  bore_radius    = {0.0225, Min 0.010, Max 0.250, Step 1e-4, Name "Housing/bore_radius",    Label "Bore radius [m]"}
+  bore_width     = {0.0220, Min 0.008, Max 0.500, Step 1e-4, Name "Housing/bore_width",     Label "Bore width = housing thickness [m]"}
+  wall           = {0.0100, Min 0.003, Max 0.250, Step 1e-4, Name "Housing/wall",           Label "Radial wall of the ring [m]"}
+  centre_height  = {0.0600, Min 0.030, Max 1.500, Step 1e-3, Name "Housing/centre_height",  Label "Bore centre above the sole [m]"}
+  web_width      = {0.0800, Min 0.030, Max 1.500, Step 1e-3, Name "Housing/web_width",      Label "Web width at the foot [m]"}
+  foot_width     = {0.1040, Min 0.040, Max 2.500, Step 1e-3, Name "Housing/foot_width",     Label "Foot width [m]"}
+  foot_thickness = {0.0120, Min 0.003, Max 0.400, Step 1e-4, Name "Housing/foot_thickness", Label "Foot thickness [m]"}
 ];
 
 DefineConstant[

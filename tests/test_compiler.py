@@ -1,4 +1,4 @@
-"""A failed compilation of forms is reported in one line that names what is missing."""
+"""One line names what the system lacks: a compiler, headers, or a library of Gmsh."""
 
 import os
 import subprocess
@@ -26,7 +26,7 @@ def failed_bearing(folder, **variables):
 def test_a_missing_compiler_is_one_line(tmp_path):
     (line,) = failed_bearing(tmp_path, CC="no-such-cc -O3")
     assert line.startswith("fenics-ehd: CompilationError: forms cannot be compiled without ")
-    assert "a C compiler (no-such-cc): install on Debian and Ubuntu with apt-get" in line
+    assert "a C compiler (no-such-cc): apt-get install gcc" in line
 
 
 def test_an_error_of_the_compiler_is_one_line(tmp_path):
@@ -53,7 +53,22 @@ def test_missing_headers_of_c_are_named(tmp_path):
     script.write_text("#!/bin/sh\necho 'x.h:9: error: stdlib.h: No such file' >&2; exit 1\n")
     script.chmod(0o755)
     (line,) = failed_bearing(tmp_path, CC=str(script))
-    assert "stdlib.h: No such file: install headers on Debian and Ubuntu with apt-get" in line
+    assert "stdlib.h: No such file: apt-get install gcc libc6-dev" in line
+
+
+def test_a_missing_library_of_gmsh_is_one_line(tmp_path):
+    error = "libGLU.so.1: cannot open shared object file"
+    (tmp_path / "gmsh.py").write_text(f"raise OSError('{error}: No such file or directory')\n")
+    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, "-m", "fenics_ehd.cli", "reduce", "conrod", "--no-cache", "-o", "x.h5"],
+        env=os.environ | {"PYTHONPATH": paths}, cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    line = done.stderr.splitlines()[-1]
+    assert done.returncode == 1
+    assert line.startswith(f"fenics-ehd: LibraryError: Gmsh lacks a library of the system: {error}")
+    assert "directory: apt-get install libglu1-mesa" in line
+    assert not list(tmp_path.glob("*.h5"))
 
 
 def test_errors_of_other_libraries_pass_unchanged(tmp_path, capfd):

@@ -116,8 +116,8 @@ def test_a_broken_model_leaves_nothing_to_the_next(tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("big_end_wall", 11.4, r"geometry.big_end_wall = 11.4 must be from 0.005 to 0.03 in"),
-        ("bore_radius", 1e300, r"geometry.bore_radius = 1e\+300 must be from 0.01 to 0.06"),
+        ("big_end_wall", 11.4, r"geometry.big_end_wall = 11.4 must be from 0.005 to 0.2 in"),
+        ("bore_radius", 1e300, r"geometry.bore_radius = 1e\+300 must be from 0.01 to 0.25"),
         ("tetrahedra", 0.5, r"geometry.tetrahedra = 0.5 must be 0 or 1"),
         ("bore_cells_along", 0, r"geometry.bore_cells_along = 0 must be from 1 to 100"),
     ],

@@ -6,6 +6,7 @@ import pytest
 from foreign_parts import to_scipy
 from mpi4py import MPI
 from scene_cases import tables_of
+from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
 import fenics_ehd as ehd
@@ -81,6 +82,27 @@ def test_the_ringing_of_a_start_is_no_error_of_the_basis(pressed_at_once):
 @pytest.fixture(scope="module")
 def coarse():
     return build_structure(housing_settings(COARSE))
+
+
+#: Lengths of the default housing, in metres.
+LENGTHS = {
+    "bore_radius": 0.0225, "bore_width": 0.022, "wall": 0.010, "centre_height": HEIGHT,
+    "web_width": 0.080, "foot_width": FOOT, "foot_thickness": 0.012,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("diameter", [0.3, 0.5])
+def test_a_housing_with_a_large_bore_is_similar_to_the_default(diameter, coarse, figure):
+    # Of similar bodies of one material, stiffness is in the ratio of lengths, mass of its cube.
+    factor = diameter / 0.045
+    lengths = {name: factor * length for name, length in LENGTHS.items()}
+    large = build_structure(housing_settings(lengths | COARSE))
+    assert large.bore.radius == pytest.approx(0.5 * diameter)
+    each = [reduce_structure(part, LOWEST) for part in (coarse, large)]
+    small, scaled = (np.sqrt(eigh(b.stiffness, b.mass, eigvals_only=True)) for b in each)
+    error = np.abs(factor * scaled / small - 1).max()
+    name = f"frequencies of a similar housing with a bore of {diameter:g} m"
+    figure("part and reduction", name, error, most=1e-8)
 
 
 def held_dofs(part):

@@ -22,6 +22,7 @@ from fenics_ehd.reduction.mesh_error import (
     SMOOTH,
     compliance_errors,
     excess,
+    mesh_verdict,
     smooth_fields,
     smooth_responses,
 )
@@ -151,3 +152,24 @@ def test_files_of_parts_are_missed_before_anything_is_meshed(monkeypatch):
     with pytest.raises(ehd.errors.SettingsError, match=r"bodies\.other\.model = 'nowhere\.msh'"):
         ehd.build(scene_of(tables, "two"))
     assert not meshed
+
+
+@pytest.mark.parametrize(
+    ("cell", "error", "word", "ratio"),
+    [
+        (0.1, 0.018, "good", 1.5),
+        (0.1, 0.09, "coarse", np.sqrt(0.09 / 0.02)),
+        (0.01, 0.018, "coarse", 1.5),
+        (0.1, 0.11, "refuse", 2.2),
+        (0.004, 0.001, "refuse", 1.5),
+        (0.1, None, "not judged", 1.5),
+        (0.004, None, "refuse", 1.5),
+    ],
+)
+def test_a_mesh_is_judged_by_its_worse_figure(cell, error, word, ratio):
+    verdict = mesh_verdict(cell, error)
+    assert (verdict.word, verdict.ratio) == (word, pytest.approx(ratio))
+    assert f"worst cell {cell:.2g}, good from 0.02" in verdict.reason
+    if error is not None:
+        assert verdict.next_error == pytest.approx(error / ratio**2)
+        assert "good up to 2 %, refused above 10 %" in verdict.reason

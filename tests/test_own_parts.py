@@ -167,6 +167,7 @@ def test_bores_yield_as_that_of_the_shipped_rod(parts, reference, tmp_path, figu
         stated = made(parts / name, tmp_path / "part.msh")
         assert stated["mass_kg"] == pytest.approx(MASS, rel=1e-4)
         assert 0.05 < stated["worst_cell"] < 1.0
+        assert stated["verdict"] in ("good", "coarse")
         _, ours = part_responses(tmp_path / "part.msh", STEEL, ["bore"], None)
         off = difference(ours.compliance, reference.compliance)
         worst = max(worst, off / stated["flexibility_mesh_error"])

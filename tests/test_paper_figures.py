@@ -183,10 +183,10 @@ def documented_settings():
     """Settings in the table of parameters: scene, key and value of each."""
     for line in PAGE.read_text().splitlines():
         cells = [cell.strip() for cell in line.split("|")[1:-1]]
-        if len(cells) == 5 and re.match(r"Table \d|[\d.]+$|\(\d", cells[0]):
+        if len(cells) == 4 and re.match(r"Table \d|[\d.]+$|\(\d", cells[0]):
             rotor = cells[0] == "Table 2" or cells[0][0] == "5"
             scene = paper.ROTOR if rotor else paper.SLIDER_CRANK
-            for text in re.findall(r"`([\w.]+ = [^`]+)`", " ".join(cells[3:])):
+            for text in re.findall(r"`([\w.]+ = [^`]+)`", cells[3]):
                 ((key, value),) = _flat(tomllib.loads(text))
                 yield scene, key, value
 

@@ -478,6 +478,15 @@ def test_pictures_are_drawn_without_a_limit_and_without_a_shaft():
     assert not chart.limits
     for figure in (campbell(chart), decrement(chart), mode_shapes(chart, 0)):
         assert figure.axes
+    curves = [line for line in decrement(chart).axes[0].lines if len(line.get_xdata()) == 1]
+    assert curves
+    assert all(line.get_marker() == "o" for line in curves)
+    failed = replace(chart, failures={900.0: "no equilibrium found"})
+    for figure in (campbell(failed), decrement(failed)):
+        (axes, *_) = figure.axes
+        labels = [text.get_text() for text in axes.get_legend().get_texts()]
+        assert labels[-1] == "no equilibrium"
+        assert axes.get_xlim()[1] == pytest.approx(900.0 * 30 / np.pi)
 
 
 def test_help_loads_no_arrays(capfd):

@@ -63,3 +63,18 @@ def test_a_command_and_its_section_begin_with_their_question(name):
     usage, first = section.lstrip().split("\n\n")[:2]
     assert usage.startswith(f"```text\nUsage: fenics-ehd {name} ")
     assert plain(first) == plain(question)
+
+
+#: Page of the guides that is about one command.
+PAGES = {"paper": "paper", "part": "own-part", "plot": "pictures", "reduce": "reduction",
+         "report": "report", "rotor": "rotor-maps", "run": "results",
+         "sensitivity": "sensitivity", "stress": "stress", "study": "study",
+         "sweep": "sweeps"}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "page"), PAGES.items())
+def test_the_page_of_a_command_begins_with_its_question(name, page):
+    question = cli.get_command(CONTEXT, name).help.partition("\n\n")[0]
+    title, first = (DOCS / f"{page}.md").read_text().split("\n\n")[:2]
+    assert title.startswith("# ")
+    assert first == f"**{question}**"

@@ -248,8 +248,7 @@ def test_rows_of_another_sweep_are_refused_unless_overwritten(
 
 def test_changed_file_is_another_sweep_and_another_file_none(tmp_path):
     path = write_scene(tmp_path, LOADED_JOURNAL)
-    with SweepFolder(tmp_path / "out", make_sweep(path, ["clearance=14e-6"])) as folder:
-        folder.write_tables()
+    sweep_inline(make_sweep(path, ["clearance=14e-6"]), tmp_path / "out")
     (tmp_path / "load.csv").write_text(LOAD.replace("1200", "1300"))
     for match in (r"forces\.load\.file is load\.csv", "to another study or sweep"):
         with pytest.raises(OtherFolderError, match=match):

@@ -26,8 +26,8 @@ _PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 
 #: Commands that install what a compilation needs.
 INSTALL = (
-    f"on Debian and Ubuntu with apt-get install gcc libc6-dev {_PYTHON}-dev, "
-    f"on Fedora and RHEL with dnf install gcc {_PYTHON}-devel"
+    f"apt-get install gcc libc6-dev {_PYTHON}-dev (Debian, Ubuntu), or "
+    f"dnf install gcc {_PYTHON}-devel (Fedora, RHEL)"
 )
 
 #: Largest number of characters of the compiler's error in a message.
@@ -107,10 +107,10 @@ def _failure(output: str, folder: Path) -> str:
     """Reason for a failed compilation, in one line; `output` ends with the error of setuptools."""
     missing = missing_parts()
     if missing:
-        return f"forms cannot be compiled without {' and '.join(missing)}: install {INSTALL}"
+        return f"forms cannot be compiled without {' and '.join(missing)}: {INSTALL}"
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     error = next((line for line in lines if "error:" in line), lines[-1])[:LONGEST]
-    remedy = f": install headers {INSTALL}" if ".h: No such file" in error else ""
+    remedy = f": {INSTALL}" if ".h: No such file" in error else ""
     return f"forms are compiled by {' '.join(_compiler())} and stored in {folder}: {error}{remedy}"
 
 

@@ -9,12 +9,12 @@ from fenics_ehd.base.processes import interrupt_kept
 
 #: Commands that install the libraries of Gmsh's window.
 INSTALL = (
-    "on Debian and Ubuntu with apt-get install libglu1-mesa libgl1 libxcursor1 libxft2 "
-    "libxinerama1, on Fedora and RHEL with dnf install mesa-libGLU libXcursor libXft libXinerama"
+    "apt-get install libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 (Debian, Ubuntu), or "
+    "dnf install mesa-libGLU libXcursor libXft libXinerama (Fedora, RHEL)"
 )
 
 try:
     with interrupt_kept():
         import gmsh  # noqa: F401
 except OSError as error:  # from the dynamic loader
-    raise LibraryError(f"Gmsh lacks a library of the system: {error}: install {INSTALL}") from error
+    raise LibraryError(f"Gmsh lacks a library of the system: {error}: {INSTALL}") from error

@@ -107,10 +107,24 @@ def missing_need(conditions: Iterable[Needs], look_up: LookUp) -> str:
     return next(filter(None, failures), "")
 
 
-def no_effect(name: str, value: Any, why: str) -> SettingsError:
+class NoEffectError(SettingsError):
+    """A setting has no effect.
+
+    Attributes
+    ----------
+    key
+        Full key of the setting, or the name of an option.
+    """
+
+    def __init__(self, message: str, key: str = ""):
+        super().__init__(message)
+        self.key = key
+
+
+def no_effect(name: str, value: Any, why: str) -> NoEffectError:
     """Make the error about a setting without effect; `why` is "without ..." or "with ..."."""
     last = name.rpartition(".")[2]
     remedy = f"give that, or drop {last}" if why.startswith("without") else f"drop {last} or that"
     plain = isinstance(value, (bool, int, float, str, tuple)) and not name.startswith("-")
     setting = f"{name} = {shown(value)}" if plain else name
-    return SettingsError(f"{setting} has no effect {why}: {remedy}")
+    return NoEffectError(f"{setting} has no effect {why}: {remedy}", name)

@@ -137,7 +137,6 @@ def for_mpirun() -> dict[str, str]:
 def begin_worker() -> None:
     """Set up a worker process of a pool on this machine, which ends with its parent."""
     set_up_worker()
-    logging.disable(logging.INFO)  # the build log of forms
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -156,6 +155,7 @@ def set_up_worker() -> None:
     # Open MPI 4 would start a daemon for each process, and two that start at once may fail.
     for name, value in {**ALONE, **dict.fromkeys(THREADS, "1")}.items():
         os.environ.setdefault(name, value)
+    logging.disable(logging.INFO)  # the build log of forms
 
 
 def letter_of(function: Callable[[Any], Any], argument: Any) -> bytes:

@@ -6,6 +6,7 @@ Imports inside functions: ``--help`` must not import Gmsh, PETSc and reductions,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,6 +145,7 @@ def part(
     figures = model_figures(target, opened, placed, part_of, around)
     figures["material_from"] = _material_from(opened, chosen)
     figures |= _write_model(target, opened, placed, part_of, around if check else 0)
+    figures |= _verdict(figures)
     if placed.size < 1:
         warn_of(
             [
@@ -151,7 +153,29 @@ def part(
                 "cells, some were inside out"
             ]
         )
+    if figures["verdict"] == "refuse":
+        warn_of([f"{target}: the mesh should not be used: {figures['verdict_reason']}"])
     answer(figures, "\n".join([made_table(figures), *_left_out(opened)]), as_json)
+
+
+def _verdict(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of the verdict on a mesh: word, reason, and size of the mesh to try next.
+
+    The size is a number of cells around the bores of a drawing, or the ratio of cell sizes of a
+    foreign mesh.
+    """
+    from fenics_ehd.reduction.mesh_error import mesh_verdict
+
+    error = figures.get("flexibility_mesh_error")
+    verdict = mesh_verdict(figures["worst_cell"], error if isinstance(error, float) else None)
+    entries: dict[str, Any] = {"verdict": verdict.word, "verdict_reason": verdict.reason}
+    if "cells_around" in figures:
+        entries["next_cells_around"] = 2 * ceil(0.5 * verdict.ratio * figures["cells_around"])
+    else:
+        entries["next_cell_size"] = 1.0 / verdict.ratio
+    if verdict.next_error is not None:
+        entries["next_mesh_error"] = verdict.next_error
+    return entries
 
 
 def _require_target(target: str, file: str) -> None:
@@ -435,6 +459,7 @@ def made_table(figures: dict[str, Any]) -> str:
             f"  mass {figures['mass_kg']:.6g} kg, {figures['degrees_of_freedom']} unknowns",
             f"  mesh error of the bore's flexibility: {text}",
         ]
+    lines += _verdict_lines(figures)
     bores = ", ".join(f'"{name}"' for name in figures["bores"])
     points = ", ".join(f'"{name}"' for name in figures["points"])
     lines += [
@@ -445,3 +470,18 @@ def made_table(figures: dict[str, Any]) -> str:
         f'  clamped = "{figures["clamped"]}"',
     ]
     return "\n".join(lines)
+
+
+def _verdict_lines(figures: Mapping[str, Any]) -> list[str]:
+    """Printed lines of the verdict on a mesh, and of the mesh to try next."""
+    if "next_cells_around" in figures:
+        size = f"--cells-around {figures['next_cells_around']}"
+    else:
+        size = f"cells {figures['next_cell_size']:.2g} times as large"
+    expected = ""
+    if "next_mesh_error" in figures:
+        expected = f", for a mesh error of about {100 * figures['next_mesh_error']:.2g} %"
+    return [
+        f"  mesh: {figures['verdict']} ({figures['verdict_reason']})",
+        f"  next size to try: {size}{expected}",
+    ]

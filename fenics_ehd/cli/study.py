@@ -14,8 +14,10 @@ import click
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import require_kept, require_made_by
+from fenics_ehd.base.needs import no_effect
 from fenics_ehd.base.renamed import renamed_message
 from fenics_ehd.cli.options import (
+    FILE,
     FOLDER,
     Real,
     aligned,
@@ -169,67 +171,177 @@ SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f")
 
 @question("How does a result depend on one or several settings?")
 @click.command()
-@click.argument("scene")
+@click.argument("sources", nargs=-1, required=True, metavar="SCENE")
 @click.option(
     "--set",
     "assignments",
     multiple=True,
-    required=True,
     metavar="KEY=VALUES",
     help="Values of a setting; KEY is section.key, or key if this is unique. VALUES are "
     "1e-5,2e-5, or first:last:count, or first:last:count:log, or words, m1,m3, or lists, "
     "'[20,5];[40,10]'. Repeatable.",
 )
+@flag("--zip", "Use the lists together, value by value, instead of all combinations.")
+@click.option(
+    "--cases",
+    "table",
+    type=FILE,
+    metavar="FILE.csv",
+    help="Table of cases: a column for each key, a line for each case. Values are written as for "
+    "--set; a heading may have a unit, 'clearance [um]'.",
+)
 @output_option("directory", "Folder for sweep.csv [default: results/SCENE-sweep].")
 @workers_option
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run the cases on the workers of a Dask scheduler, tcp://HOST:8786, or start one with "
+    "workers on this machine, local:4.",
+)
+@click.option(
+    "--part",
+    metavar="K/N",
+    help="Run only part K of N of the cases, for a job array. --merge joins the parts.",
+)
+@flag("--merge", "Join the folders of parts, sweep --merge A B ... -o DIR, and run nothing.")
 @flag("--keep", "Keep the history and summary of each case in the folders runs/0001 ...")
 @flag("--resume", "Continue the sweep in the folder; fail if the folder has no sweep.")
 @flag("--overwrite", "Discard the rows in the folder, and run all cases.")
 @no_cache_option
 @json_option
 def sweep(
-    scene: str,
-    assignments: tuple[str, ...],
+    sources: tuple[str, ...],
     directory: str | None,
+    merge: bool,
+    as_json: bool,
+    overwrite: bool,
+    **options: Any,
+) -> None:
+    """Run SCENE for many combinations of values, and write a row of sweep.csv for each.
+
+    Rows that are already complete are not computed again. If a case fails, its row has the reason,
+    and the other cases are run.
+    """
+    if merge:
+        _merge(sources, directory, options, overwrite=overwrite, as_json=as_json)
+        return
+    if len(sources) > 1:
+        raise SettingsError(f"one SCENE is run, but there are {len(sources)}: {', '.join(sources)}")
+    _sweep(sources[0], directory, as_json=as_json, overwrite=overwrite, **options)
+
+
+def _sweep(
+    scene: str,
+    directory: str | None,
+    *,
+    assignments: tuple[str, ...],
+    zip: bool,
+    table: str | None,
     workers: int | None,
+    scheduler: str | None,
+    part: str | None,
     keep: bool,
     resume: bool,
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Run SCENE for all combinations of the given values, and write a row of sweep.csv for each.
-
-    Rows that are already complete are not computed again. If a case fails, its row has the reason,
-    and the other cases are run.
-    """
+    """Run a sweep, and print its table; the parameters are the options of the command."""
     from fenics_ehd.scenes.scene import as_stored, input_files
-    from fenics_ehd.study.pool import FailedCasesError, open_pool
-    from fenics_ehd.study.sweep import OWN, SweepFolder, make_sweep, run_sweep
-    from fenics_ehd.study.worker import COMPLETE
+    from fenics_ehd.study.pool import open_pool
+    from fenics_ehd.study.scheduler import scheduled
+    from fenics_ehd.study.sweep import OWN, Part, SweepFolder, make_sweep, run_sweep
 
     if resume and overwrite:
         raise SettingsError("--resume and --overwrite exclude each other")
+    if scheduler is not None and workers is not None:
+        raise SettingsError(
+            "--scheduler and --workers exclude each other: the workers are those of the scheduler"
+        )
+    if not assignments and table is None:
+        raise SettingsError(
+            "no values to run: give --set KEY=VALUES, for instance --set clearance=1e-5,2e-5, or "
+            "--cases FILE.csv"
+        )
+    wanted = Part() if part is None else Part.read(part)
     target = Path(directory or Path("results") / f"{Path(scene).stem}-sweep")
     require_made_by(target, SweepFolder.command)
-    require_kept(target, input_files(scene, as_stored(scene)), OWN)
-    with open_pool(workers) as pool:
-        plan = make_sweep(scene, assignments)
-        with SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:
-            rows = run_sweep(folder, pool, keep=keep)
+    inputs = input_files(scene, as_stored(scene)) + ([] if table is None else [Path(table)])
+    require_kept(target, inputs, OWN)
+    plan = make_sweep(scene, assignments, zipped=zip, table=table, part=wanted)
+    pool = open_pool(workers) if scheduler is None else scheduled(scheduler)
+    with pool as executor, SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:
+        rows = run_sweep(folder, executor, keep=keep)
+    _answer_sweep(plan.scene, plan.keys, plan.joints, rows, folder.table, as_json=as_json)
+
+
+def _merge(
+    sources: tuple[str, ...],
+    directory: str | None,
+    options: Mapping[str, Any],
+    *,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Merge the folders of the parts of a sweep, and print the table of all cases.
+
+    `options` are the options that have no effect.
+    """
+    from fenics_ehd.study.merged_sweep import merge_sweeps
+    from fenics_ehd.study.pool import FailedCasesError
+
+    names = {"assignments": "set", "table": "cases"}
+    idle = [f"--{names.get(name, name)}" for name, value in options.items() if value]
+    if idle:
+        raise no_effect(idle[0], True, "with --merge")
+    if directory is None:
+        raise SettingsError("--merge needs -o DIR, the folder of the merged sweep")
+    merged = merge_sweeps(sources, directory, overwrite=overwrite)
+    scene = str(merged.table.parent)
+    _answer_sweep(
+        scene, merged.keys, merged.joints, merged.rows, merged.table, as_json, merged.missing
+    )
+    if merged.missing:
+        raise FailedCasesError(
+            f"{len(merged.missing)} of {len(merged.missing) + len(merged.rows)} cases have no row, "
+            f"the first is case {merged.missing[0]}: the sweep without --part, with -o "
+            f"{directory}, runs them"
+        )
+
+
+def _answer_sweep(
+    scene: str,
+    keys: Sequence[str],
+    joints: Sequence[str],
+    rows: Sequence[Mapping[str, Any]],
+    table: Path,
+    as_json: bool,
+    missing: Sequence[int] = (),
+) -> None:
+    """Print the rows of a sweep.
+
+    Raises
+    ------
+    FailedCasesError
+        Some cases failed.
+    """
+    from fenics_ehd.study.pool import FailedCasesError
+    from fenics_ehd.study.worker import COMPLETE
+
     failures = sum(row["status"] != COMPLETE for row in rows)
     of_joints = [
         (f"{joint}.{name}", f"{joint} {heading}", factor, form)
-        for joint in plan.joints
+        for joint in joints
         for name, heading, factor, form in JOINT_SHOWN
     ]
-    lines = table_lines(["case", *plan.keys], rows, [*of_joints, *SWEEP_SHOWN])
-    lines.append(f"rows in {folder.table}")
-    summary = {"scene": plan.scene, "keys": plan.keys, "cases": len(rows), "failed": failures}
-    summary |= {"table": str(folder.table), "rows": rows}
+    lines = table_lines(["case", *keys], rows, [*of_joints, *SWEEP_SHOWN])
+    lines.append(f"rows in {table}")
+    summary = {"scene": scene, "keys": keys, "cases": len(rows), "failed": failures}
+    summary |= {"missing": list(missing)} if missing else {}
+    summary |= {"table": str(table), "rows": rows}
     answer(summary, "\n".join(lines), as_json)
     if failures:
         raise FailedCasesError(
-            f"{failures} of {len(rows)} cases failed: see the column status of {folder.table}"
+            f"{failures} of {len(rows)} cases failed: see the column status of {table}"
         )
 
 

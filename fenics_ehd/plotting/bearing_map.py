@@ -8,9 +8,10 @@ from pathlib import Path
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from fenics_ehd.base.units import RPM
-from fenics_ehd.plotting.picture import SETTINGS, WIDTH, legend, plt, save, style
+from fenics_ehd.plotting.picture import RED, SETTINGS, WIDTH, legend, plt, save, style
 
 #: Weight of a mass of 1 kg [N].
 GRAVITY = 9.80665
@@ -18,12 +19,28 @@ GRAVITY = 9.80665
 #: Axis of a map by the column of the table: label with unit.
 ALONG = {"frequency": "speed of the shaft [rad/s]", "load_N": "load [N]"}
 
+#: Units in the names of the columns of scatter, by the first letter of the coefficients.
+UNITS = {"k": "N_per_m", "c": "Ns_per_m"}
+
+#: Ratio of the largest to the smallest value above which a logarithmic axis has labels at powers
+#: of ten only.
+DECADES = 1e3
+
+#: Largest number of values without a result that a picture lists.
+MOST_LISTED = 3
+
+#: Height of a line of a legend, as a share of the height of its panel.
+ROOM = 0.09
+
 #: Ratio of the largest to the smallest value above which an axis is logarithmic.
 WIDE = 30.0
 
 
 def plot_bearing_map(
-    rows: Sequence[Mapping[str, float | None]], along: str, path: str | Path
+    rows: Sequence[Mapping[str, float | None]],
+    along: str,
+    path: str | Path,
+    failed: Sequence[float] = (),
 ) -> None:
     """Draw stiffness, damping, whirl ratio and critical mass over speed or load.
 
@@ -35,6 +52,8 @@ def plot_bearing_map(
         Column of the horizontal axis: ``frequency`` or ``load_N``.
     path
         Path of the picture; its ending determines the format.
+    failed
+        Values of the horizontal axis without a result, which are marked by crosses.
     """
     columns = {
         name: np.array([np.nan if row[name] is None else row[name] for row in rows], dtype=float)
@@ -55,11 +74,39 @@ def plot_bearing_map(
             lower.set_xlabel(ALONG[along])
             if x.min() > 0 and x.max() > WIDE * x.min():
                 lower.set_xscale("log")
+                if x.max() > DECADES * x.min():
+                    continue
+                lower.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                lower.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                lower.xaxis.set_minor_formatter(NullFormatter())
+        if len(failed):
+            _mark_failures(axes, failed)
+        for panel in axes.flat:
+            _legend_with_room(panel)
         if along == "frequency":
             for upper in axes[0]:
                 turns = upper.secondary_xaxis("top", functions=(_to_rpm, _from_rpm))
-                turns.set_xlabel("[rpm]")
+                turns.set_xlabel("speed of the shaft [1/min]")
         save(figure, [path])
+
+
+def _mark_failures(axes: np.ndarray, failed: Sequence[float]) -> None:
+    """Mark values without a result on the horizontal axes of all panels; the last one lists them.
+
+    `axes` are the panels, whose horizontal axis keeps its range.
+    """
+    values = np.array(failed, dtype=float)
+    low, high = axes[1, 0].get_xlim()
+    within = values[(values >= low) & (values <= high)]
+    look = {"color": RED, "marker": "x", "markersize": 8, "markeredgewidth": 2.0}
+    for panel in axes.flat if len(within) else ():
+        heights = np.zeros(len(within))
+        across = panel.get_xaxis_transform()
+        panel.plot(within, heights, linestyle="none", transform=across, clip_on=False, **look)
+    listed = ", ".join(f"{value:g}" for value in values[:MOST_LISTED])
+    omitted = " ..." if len(values) > MOST_LISTED else ""
+    axes[1, 1].plot([], [], linestyle="none", label=f"no result at {listed}{omitted}", **look)
+    axes[1, 0].set_xlim(low, high)
 
 
 def _to_rpm(speed: np.ndarray) -> np.ndarray:
@@ -80,16 +127,35 @@ def _draw_entries(
     label: str,
     factor: float,
 ) -> None:
-    """Draw the four entries of a matrix over `x`, times a factor.
+    """Draw the four entries of a matrix over `x`, times a factor, with their scatter as bands.
 
     `letter` is the first letter of their columns, k in ``kxx``.
     """
     for number, entry in enumerate(("xx", "xy", "yx", "yy")):
         name = f"{letter}{entry}"
-        axes.plot(x, factor * columns[name], label=name, marker=".", **style(number))
+        look = style(number)
+        axes.plot(x, factor * columns[name], label=name, marker=".", **look)
+        scatter = columns[f"{name}_scatter_{UNITS[letter]}"]
+        low, high = (factor * (columns[name] + sign * scatter) for sign in (-1.0, 1.0))
+        axes.fill_between(x, low, high, color=look["color"], alpha=0.25, linewidth=0.0)
     axes.axhline(0.0, color="0.5", linewidth=0.8)
     axes.set_ylabel(label)
-    legend(axes)
+
+
+def _legend_with_room(axes: Axes) -> None:
+    """Add a legend at the top of a panel, with room for it above the curves."""
+    handles = axes.get_legend_handles_labels()[0]
+    if not handles:
+        return
+    lines = -(-len(handles) // 4) if len(handles) > 3 else len(handles)
+    low, high = axes.get_ylim()
+    share = ROOM * (lines + 0.5)
+    if axes.get_yscale() == "log":
+        axes.set_ylim(low, high * (high / low) ** share)
+    else:
+        axes.set_ylim(low, high + share * (high - low))
+    columns = 1 if lines == len(handles) else 4
+    legend(axes, loc="upper center", ncol=columns, columnspacing=1.0)
 
 
 def _draw_critical_mass(axes: Axes, x: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
@@ -108,4 +174,3 @@ def _draw_critical_mass(axes: Axes, x: np.ndarray, columns: Mapping[str, np.ndar
     if np.isnan(mass).any():
         axes.set_title("no critical mass: every mass is stable", fontsize=8.5, loc="left")
     axes.set_ylabel("mass [kg]")
-    legend(axes)

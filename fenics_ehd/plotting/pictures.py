@@ -78,9 +78,9 @@ QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
                 mean=True,
             ),
             Panel(
-                "power [W]",
+                "friction power loss [W]",
                 {
-                    "friction_power_W": "friction power loss",
+                    "friction_power_W": "of the film",
                     "contact_power_W": "touching asperities",
                 },
                 mean=True,

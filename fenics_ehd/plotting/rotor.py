@@ -5,11 +5,13 @@ Speeds are drawn in revolutions per minute and frequencies in Hz, as is usual in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -30,7 +32,6 @@ from fenics_ehd.plotting.picture import (
     RED,
     SETTINGS,
     WIDTH,
-    legend,
     plt,
     save_in_formats,
     style,
@@ -42,12 +43,27 @@ HERTZ = 0.5 / np.pi
 #: Highest frequency in the diagrams over the largest speed.
 HIGHEST = 1.6
 
+#: Label of the axis of speeds.
+SPEED_LABEL = "speed [1/min]"
+
 #: Colour map of damping ratios, and the largest one that it distinguishes.
 DAMPING = "viridis_r"
 MOST_DAMPING = 0.3
 
 #: Dashes of the line at a limit of stability.
 LIMIT_DASHES = (0, (6, 2, 1, 2))
+
+#: Half width of the axis of a single speed, as a share of the speed.
+ALONE = 0.1
+
+#: Smallest distance of labels at the end of curves, as a share of the height of the diagram.
+LABEL_DISTANCE = 0.034
+
+#: Share of the width of the diagram below which the labels of two critical speeds would overlap.
+NEAR_SPEEDS = 0.08
+
+#: Number of characters in a line of a title.
+TITLE_WIDTH = 72
 
 #: Largest number of modes in a picture of mode shapes.
 MOST_SHAPES = 6
@@ -78,7 +94,7 @@ def plot_map(chart: RotorMap, directory: str | Path, shown: Sequence[int]) -> li
             for number, n in enumerate(shown, 1):
                 figures[f"{MODE_SHAPES}-{number}"] = mode_shapes(chart, n)
         if chart.response is not None:
-            figures[UNBALANCE] = unbalance(chart.response)
+            figures[UNBALANCE] = unbalance(chart, chart.response)
         paths = []
         for name, figure in figures.items():
             paths += save_in_formats(figure, directory, name)
@@ -95,13 +111,29 @@ def _along(chart: RotorMap, body: str) -> np.ndarray:
 
 
 def _speed_axis(axes: Axes, chart: RotorMap) -> None:
-    """Label the horizontal axis, which has the speeds, and mark the limits of stability."""
-    axes.set_xlabel("speed [1/min]")
+    """Set the horizontal axis, which has the speeds; mark stability limits and failed speeds."""
     for limit in chart.limits:
         axes.axvline(RPM * abs(limit.speed), color=RED, linewidth=1.2, linestyle=LIMIT_DASHES)
-    speeds = RPM * np.abs(chart.speeds)
-    if len(speeds) > 1:
-        axes.set_xlim(speeds[0], speeds[-1])
+    failed = RPM * np.abs([*chart.failures])
+    if len(failed):
+        axes.plot(
+            failed, np.zeros(len(failed)), "x", color=RED, markersize=8, markeredgewidth=2.0,
+            transform=axes.get_xaxis_transform(), clip_on=False, zorder=4,
+        )  # fmt: skip
+    speeds = np.concatenate([RPM * np.abs(chart.speeds), failed])
+    margin = 0.0 if len(speeds) > 1 else ALONE * speeds[0]
+    axes.set_xlim(speeds.min() - margin, speeds.max() + margin)
+
+
+def _failure_handles(chart: RotorMap) -> list[Line2D]:
+    """Entry of the legend for speeds without equilibrium; an empty list if there are none."""
+    if not chart.failures:
+        return []
+    cross = Line2D(
+        [], [], linestyle="none", marker="x", color=RED, markeredgewidth=2.0,
+        label="no equilibrium",
+    )  # fmt: skip
+    return [cross]
 
 
 def _limit_text(limit: StabilityLimit) -> str:
@@ -133,6 +165,7 @@ def campbell(chart: RotorMap) -> Figure:
     speeds = np.abs(chart.speeds)
     highest = HIGHEST * float(speeds.max())
     image = None
+    ends: dict[int, tuple[float, float]] = {}
     for track, drawn in _listed(chart, highest):
         roots = chart.roots[track, drawn]
         axes.plot(RPM * speeds[drawn], HERTZ * roots.imag, color="0.7", linewidth=0.8, zorder=1)
@@ -157,28 +190,62 @@ def campbell(chart: RotorMap) -> Figure:
                 linewidths=1.2,
                 zorder=2,
             )
-        axes.annotate(
-            str(track + 1), (RPM * speeds[drawn[-1]], HERTZ * roots.imag[-1]),
-            xytext=(5, 0), textcoords="offset points", va="center", fontsize=8,
-        )  # fmt: skip
-    line = np.array([0.0, speeds.max()])
+        ends[track] = (RPM * float(speeds[drawn[-1]]), HERTZ * float(roots.imag[-1]))
+    last = RPM * float(speeds.max()) if len(speeds) > 1 else np.inf
+    _label_curves(axes, ends, last, LABEL_DISTANCE * HERTZ * highest)
+    line = np.array([0.0, 2.0 * speeds.max()])
     axes.plot(RPM * line, HERTZ * line, color="black", linewidth=1.0, linestyle="--", zorder=1)
+    before = -np.inf
+    above = False
     for critical in chart.critical_speeds:
         speed = abs(critical.speed)
+        # Labels of neighbouring critical speeds are alternately below and above their circles.
+        above = speed - before < NEAR_SPEEDS * float(speeds.max()) and not above
+        before = speed
         axes.plot(
             RPM * speed, HERTZ * speed, "o", markersize=11, markerfacecolor="none",
             markeredgecolor=BLUE, zorder=3,
         )  # fmt: skip
         axes.annotate(
             f"{RPM * speed:.0f}", (RPM * speed, HERTZ * speed), ha="center",
-            xytext=(0, -16), textcoords="offset points", color=BLUE, fontsize=8.5,
+            xytext=(0, 9 if above else -16), textcoords="offset points", color=BLUE, fontsize=8.5,
         )  # fmt: skip
-    axes.set(ylabel="frequency [Hz]", ylim=(0.0, HERTZ * highest))
+    axes.set(xlabel=SPEED_LABEL, ylabel="frequency [Hz]", ylim=(0.0, HERTZ * highest))
     _speed_axis(axes, chart)
     if image is not None:
         figure.colorbar(image, ax=axes, label="damping ratio", extend="max", pad=0.02)
     _legend_below(axes, _campbell_handles(chart))
     return figure
+
+
+def _label_curves(
+    axes: Axes, ends: Mapping[int, tuple[float, float]], last: float, distance: float
+) -> None:
+    """Write the numbers of modes at the ends of their curves.
+
+    Parameters
+    ----------
+    axes, ends
+        Axes, and end of the curve of each track.
+    last
+        Speed at which a curve has its number right of the diagram, with a line to the curve.
+    distance
+        Smallest distance of these numbers, in the unit of the vertical axis.
+    """
+    height = -np.inf
+    for track, end in sorted(ends.items(), key=lambda item: item[1][1]):
+        if end[0] < last:
+            axes.annotate(
+                str(track + 1), end, xytext=(5, 0), textcoords="offset points", va="center",
+                fontsize=8,
+            )  # fmt: skip
+            continue
+        height = max(end[1], height + distance)
+        axes.annotate(
+            str(track + 1), end, xytext=(1.02, height), textcoords=axes.get_yaxis_transform(),
+            va="center", fontsize=8, annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": "0.5", "linewidth": 0.6, "shrinkA": 0.0},
+        )  # fmt: skip
 
 
 def _legend_below(axes: Axes, handles: Sequence[Line2D]) -> None:
@@ -201,7 +268,7 @@ def _campbell_handles(chart: RotorMap) -> list[Line2D]:
     handles.append(Line2D([], [], color="black", linestyle="--", linewidth=1.0, label="1x"))
     if chart.critical_speeds:
         handles.append(mark("o", "critical speed", BLUE, "none"))
-    return [*handles, *_limit_handles(chart)]
+    return [*handles, *_limit_handles(chart), *_failure_handles(chart)]
 
 
 def _limit_handles(chart: RotorMap) -> list[Line2D]:
@@ -213,7 +280,7 @@ def _limit_handles(chart: RotorMap) -> list[Line2D]:
 
 
 def decrement(chart: RotorMap) -> Figure:
-    """Logarithmic decrement over the speed of those modes that have critical speeds or limits."""
+    """Logarithmic decrement over the speed, of modes with a damping ratio below 0.4."""
     figure, axes = plt.subplots(figsize=(WIDTH, 4.2), layout="constrained")
     speeds = np.abs(chart.speeds)
     highest = HIGHEST * float(speeds.max())
@@ -221,14 +288,16 @@ def decrement(chart: RotorMap) -> Figure:
         values = [log_decrement(root) for root in chart.roots[track, drawn]]
         axes.plot(
             RPM * speeds[drawn], np.array(values, dtype=float), label=f"mode {track + 1}",
-            **style(number),
+            marker="o" if len(drawn) == 1 else None, **style(number),
         )  # fmt: skip
     axes.axhline(0.0, color="black", linewidth=0.8)
     low, high = axes.get_ylim()
     axes.axhspan(min(low, 0.0), 0.0, color=RED, alpha=0.12, linewidth=0.0)
-    axes.set(ylabel="logarithmic decrement", ylim=(low, high))
+    axes.set(xlabel=SPEED_LABEL, ylabel="logarithmic decrement", ylim=(low, high))
     _speed_axis(axes, chart)
-    handles = [*axes.get_legend_handles_labels()[0], *_limit_handles(chart)]
+    handles = [
+        *axes.get_legend_handles_labels()[0], *_limit_handles(chart), *_failure_handles(chart),
+    ]  # fmt: skip
     _legend_below(axes, handles)
     return figure
 
@@ -292,10 +361,15 @@ def _draw_shape(axes: Axes, chart: RotorMap, n: int, track: int) -> None:
     axes.set_box_aspect((1.8, 1.0, 1.0))
 
 
-def unbalance(response: UnbalanceResponse) -> Figure:
+def unbalance(chart: RotorMap, response: UnbalanceResponse) -> Figure:
     """Unbalance response over the speed: amplitudes and phases of points, forces in bearings.
 
     Points on the curves are the speeds of the map; between them M, D and K are interpolated.
+
+    Parameters
+    ----------
+    chart, response
+        The map, and its response to unbalances.
     """
     panels = 3 if response.forces else 2
     figure, axes = plt.subplots(
@@ -315,16 +389,29 @@ def unbalance(response: UnbalanceResponse) -> Figure:
         look = {"label": joint, **style(number), **marks}
         axes[2].plot(speeds, larger_axes(curves.forces[joint]), **look)
     axes[0].set_ylabel("amplitude [µm]")
-    axes[1].set_ylabel("phase [°]")
+    axes[1].set_ylabel("phase from the angle\nof the shaft [°]")
     if response.forces:
         axes[2].set_ylabel("bearing force [N]")
+    for panel in (*axes[:1], *axes[2:]):
+        panel.set_ylim(bottom=0.0)
+        _legend_above(panel, panel.get_legend_handles_labels()[0])
     for panel in axes:
-        legend(panel)
-    axes[-1].set_xlabel("speed [1/min]")
-    if len(speeds) > 1:
-        axes[-1].set_xlim(speeds[0], speeds[-1])
+        _speed_axis(panel, chart)
+    _legend_above(axes[1], [*_limit_handles(chart), *_failure_handles(chart)])
+    axes[-1].set_xlabel(SPEED_LABEL)
     listed = ", ".join(
-        f"{1e6 * each.magnitude:.4g} g mm at {each.point}" for each in response.unbalances
+        f"{1e6 * each.magnitude:.4g}\u00a0g\u00a0mm at\u00a0{each.point}"
+        for each in response.unbalances
     )
-    figure.suptitle(f"response to {listed}")
+    title = wrap(f"response to {listed}", TITLE_WIDTH, max_lines=3, placeholder=" ...")
+    figure.suptitle("\n".join(title), fontsize=10)
     return figure
+
+
+def _legend_above(axes: Axes, handles: Sequence[Artist]) -> None:
+    """Put a legend above a panel, if it has entries."""
+    if handles:
+        axes.legend(
+            handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=4,
+            columnspacing=1.2, frameon=False,
+        )  # fmt: skip

@@ -565,6 +565,7 @@ def summarised_run(
         for _ in run.steps():
             check()
             between()
+    run.add_reported()
     return _entries(run, verdict(RunSummary(run)), about, {})
 
 

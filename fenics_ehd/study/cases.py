@@ -98,7 +98,7 @@ def with_values(scene: Scene, values: Mapping[str, Any], optional: Collection[st
 MOST_CASES = 10_000
 
 
-def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
+def parse_values(key: str, text: str, like: object, *, repeated: bool = False) -> tuple[Any, ...]:
     """Values for a swept key from a text, in the order of the text.
 
     Parameters
@@ -112,6 +112,8 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
     like
         A value of the key's type. A text of another type is returned unchanged, so that the check
         of the setting refuses it.
+    repeated
+        Whether a value may occur several times.
 
     Raises
     ------
@@ -124,23 +126,38 @@ def parse_values(key: str, text: str, like: object) -> tuple[Any, ...]:
         raise SettingsError(f"{key} = {text!r}: a value is missing between separators")
     values: list[Any] = []
     for item in items:
-        if isinstance(like, tuple):
-            values.append(_list(key, item))
-        elif isinstance(like, bool):
-            values.append({"true": True, "false": False}.get(item.lower(), item))
-        elif isinstance(like, str):
-            values.append(item)
-        elif ":" in item:
+        if ":" in item and not isinstance(like, (tuple, bool, str)):
             values += [_plain(number, like) for number in _range(key, item)]
         else:
-            number = _number(item)
-            values.append(item if number is None else _plain(number, like))
+            values.append(parse_value(key, item, like))
     if not isinstance(like, (tuple, str)):
         _require_same_units(key, text)
+    if not repeated:
+        require_different(key, values)
+    return tuple(values)
+
+
+def parse_value(key: str, item: str, like: object) -> Any:
+    """Value from a text that is neither a range nor a list of values; see `parse_values`."""
+    if isinstance(like, tuple):
+        return _list(key, item)
+    if isinstance(like, bool):
+        return {"true": True, "false": False}.get(item.lower(), item)
+    number = None if isinstance(like, str) else _number(item)
+    return item if number is None else _plain(number, like)
+
+
+def require_different(key: str, values: Iterable[Any]) -> None:
+    """Refuse values of a key of which two are equal.
+
+    Raises
+    ------
+    SettingsError
+        A value is given twice; the message has the value.
+    """
     value, times = Counter(map(as_text, values)).most_common(1)[0]
     if times > 1:
         raise SettingsError(f"{key} = {value}: the value is given twice: drop one of them")
-    return tuple(values)
 
 
 def parse_quantities(option: str, text: str, unit: str) -> tuple[float, ...]:
@@ -302,7 +319,7 @@ class Case:
     bodies
         Bodies that must be reduced for the scene, by their names in the scene.
     values
-        Values of the swept keys, in the order of the keys.
+        Values of the swept keys, in the order of the keys; numbers in the units of the settings.
     """
 
     name: str
@@ -334,7 +351,15 @@ def make_case(
             f"output.accuracy = {varied.output.accuracy:g} would choose other settings for each "
             "case, but only cases with the given settings can be compared: drop the key"
         )
-    return Case(name, varied, needed_bodies(varied), tuple(values.values()))
+    numbers = dict(by_key(varied.tables))
+    converted = (_converted(value, numbers.get(key)) for key, value in values.items())
+    return Case(name, varied, needed_bodies(varied), tuple(converted))
+
+
+def _converted(value: Any, setting: Any) -> Any:
+    """Number in the unit of its setting, if a value is a text with a unit; else the value."""
+    is_number = isinstance(setting, (int, float)) and not isinstance(setting, bool)
+    return setting if isinstance(value, str) and is_number else value
 
 
 def identity(scene: Scene) -> dict[str, str]:

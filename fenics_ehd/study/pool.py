@@ -132,6 +132,23 @@ def open_pool(workers: int | None) -> ProcessPool:
     return ProcessPool(workers or len(os.sched_getaffinity(0)))
 
 
+def require_importable_main(pool: ProcessPool) -> None:
+    """Refuse a script that would call itself in the processes of a pool, which import the script.
+
+    Raises
+    ------
+    SettingsError
+        The first process ended while it imported the script.
+    """
+    try:
+        pool.submit(call_of_letter, letter_of(bool, 0)).result()
+    except BrokenExecutor:
+        raise SettingsError(
+            "a worker process ended at its start: a script must call ehd.sweep under "
+            "if __name__ == '__main__':, because the processes import the script"
+        ) from None
+
+
 #: Number of tasks that an executor has at the same time, for each of its workers. Tasks beyond them
 #: wait here, so that a task that is sent again need not wait for all others.
 TASKS_PER_WORKER = 2
@@ -580,7 +597,7 @@ class RunsFolder(ExitStack):
         bodies = {BODY_FILE.format(name): body for name, body in case.bodies.items()}
         claim(directory, [*files, *bodies], self.command)
         for name, body in bodies.items():
-            _share(body_path(self.bodies, body), directory / name)
+            share(body_path(self.bodies, body), directory / name)
         for name, content in files.items():
             write_whole(directory / name, content)
 
@@ -677,7 +694,7 @@ class BodySender:
         return replace(task, bodies=bodies)
 
 
-def _share(file: Path, copy: Path) -> None:
+def share(file: Path, copy: Path) -> None:
     """Link a body's file into the folder of a run, because many runs share a body.
 
     If the file system has no links, the file is copied.

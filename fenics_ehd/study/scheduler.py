@@ -1,6 +1,6 @@
 """Workers of Dask distributed: a scheduler that is running, or one that is started here.
 
-A scheduler accepts workers on any machine (``dask worker tcp://HOST:8786 --nthreads 1``), and its
+A scheduler accepts workers on any machine (`WORKER`), and its
 client has an executor for `fenics_ehd.study.pool.run_cases`. The library is not required.
 
 Imports inside functions: Dask is imported only by commands that use it.
@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
+from importlib import metadata
 from typing import Any
 
 from fenics_ehd.base.errors import EhdError, InputError, SettingsError
@@ -104,12 +105,48 @@ def scheduled(address: str) -> Iterator[Executor]:
         except (OSError, ValueError, ImportError) as error:
             raise InputError(
                 f"--scheduler {address}: no scheduler answers ({' '.join(str(error).split())}): "
-                "start one with 'dask scheduler', and workers with 'dask worker "
-                f"{address} --nthreads 1'"
+                "start one with 'python -m distributed.cli.dask_scheduler', and workers with "
+                f"'{WORKER.format(address)}'"
             ) from None
-        if not client.ncores():
-            raise InputError(
-                f"--scheduler {address}: the scheduler has no workers: start them with "
-                f"'dask worker {address} --nthreads 1'"
-            )
+        _require_workers(client, address)
         yield client.get_executor()
+
+
+#: Command that starts a worker, with the Python of this package.
+WORKER = "python -m distributed.cli.dask_worker {} --nthreads 1"
+
+
+def _require_workers(client: Any, address: str) -> None:
+    """Refuse a scheduler without workers, or whose workers cannot run cases.
+
+    Raises
+    ------
+    InputError
+        There is no worker, a worker has several threads, or it has another version of the package.
+    """
+    threads = client.ncores()
+    command = WORKER.format(address)
+    if not threads:
+        raise InputError(
+            f"--scheduler {address}: the scheduler has no workers: start them with '{command}'"
+        )
+    several = [worker for worker, number in threads.items() if number > 1]
+    if several:
+        raise InputError(
+            f"--scheduler {address}: worker {several[0]} has {threads[several[0]]} threads, but a "
+            f"process runs one case at a time: start workers with '{command}'"
+        )
+    try:
+        versions = client.run(metadata.version, "fenics_ehd")
+    except metadata.PackageNotFoundError:
+        raise InputError(
+            f"--scheduler {address}: a worker has no fenics_ehd: start it with the Python in which "
+            f"fenics_ehd is installed, '{command}'"
+        ) from None
+    here = metadata.version("fenics_ehd")
+    other = next((worker for worker, version in versions.items() if version != here), None)
+    if other is not None:
+        raise InputError(
+            f"--scheduler {address}: worker {other} has version {versions[other]} of fenics_ehd, "
+            f"but this is {here}: install the same version"
+        )

@@ -1,4 +1,4 @@
-"""Parameter sweeps: one scene is run for all combinations of given values.
+"""Parameter sweeps: one scene is run for many combinations of values.
 
 ``sweep.csv`` has a row for every case that has ended, in the order of the combinations. It is
 rewritten once a second. ``sweep.json`` has the scene and the values of the sweep. Complete cases
@@ -7,30 +7,73 @@ are not run again.
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from fenics_ehd.base.arguments import require_class, require_count
 from fenics_ehd.base.errors import InputError, SettingsError
-from fenics_ehd.scenes.scene import Scene, as_stored
+from fenics_ehd.base.files import require_kept, require_made_by
+from fenics_ehd.base.needs import NoEffectError
+from fenics_ehd.scenes.scene import Scene, as_stored, input_files, stored
+from fenics_ehd.study.case_table import CaseTable
 from fenics_ehd.study.cases import (
-    MOST_CASES,
     Case,
     as_text,
-    described,
     finite,
     identity,
     make_case,
-    parse_values,
-    resolve_key,
-    scene_values,
     write_table,
 )
-from fenics_ehd.study.pool import RunsFolder, run_cases
+from fenics_ehd.study.combinations import (
+    Axis,
+    axes_of_options,
+    axes_of_values,
+    combinations,
+)
+from fenics_ehd.study.pool import RunsFolder, open_pool, require_importable_main, run_cases
+
+#: Key of ``sweep.json`` with the part of the sweep in the folder.
+PART = "part"
+
+
+@dataclass(frozen=True)
+class Part:
+    """Part of the cases of a sweep, for one of several computers.
+
+    Attributes
+    ----------
+    number, of
+        Number of the part, from 1, and number of all parts. Part 3 of 16 has the cases 3, 19, ...
+    """
+
+    number: int = 1
+    of: int = 1
+
+    @classmethod
+    def read(cls, text: str) -> Part:
+        """Read a part from a text such as ``3/16``.
+
+        Raises
+        ------
+        SettingsError
+            The text is malformed, or there is no such part.
+        """
+        match = re.fullmatch(r"\s*([0-9]{1,6})\s*/\s*([0-9]{1,6})\s*", text, re.ASCII)
+        if match is None or not 1 <= int(match[1]) <= int(match[2]):
+            raise SettingsError(
+                f"--part {text}: give the number of the part and the number of parts, from 1/16 to "
+                "16/16 for instance"
+            )
+        return cls(int(match[1]), int(match[2]))
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.of}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +89,11 @@ class Sweep:
     joints
         Names of the lubricated joints.
     cases
-        Cases in the order of the combinations; the last key changes fastest.
+        Cases of the part in the order of the combinations; the last key changes fastest.
     identity
-        All data on which the rows depend, as text by name; equal for equal sweeps.
+        All data on which the rows depend, as text by name; equal for all parts of a sweep.
+    part
+        Part of the cases that is run.
     """
 
     scene: str
@@ -56,52 +101,72 @@ class Sweep:
     joints: tuple[str, ...]
     cases: tuple[Case, ...]
     identity: Mapping[str, str]
+    part: Part = Part()
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Content of ``sweep.json``: the identity of the sweep, and the part."""
+        return {**self.identity, PART: str(self.part)}
 
 
-def make_sweep(source: str, assignments: Sequence[str]) -> Sweep:
-    """Make a sweep of a scene from assignments ``key=values``; the last key changes fastest.
+def make_sweep(
+    source: str | Path | Scene,
+    assignments: Sequence[str] = (),
+    *,
+    zipped: bool = False,
+    table: str | None = None,
+    part: Part = Part(),
+) -> Sweep:
+    """Make a sweep of a scene from the options of the command line.
+
+    Parameters
+    ----------
+    source
+        Scene, or the source of a scene.
+    assignments, zipped, table
+        See `axes_of_options`.
+    part
+        Part of the cases that is run.
 
     Raises
     ------
     SettingsError
         Keys or values cannot be used; the message names all of them.
     """
-    scene = as_stored(source)
-    axes = _axes(scene, assignments)
-    size = math.prod(len(values) for values in axes.values())
-    if size > MOST_CASES:
+    scene = _as_stored(source)
+    axes = axes_of_options(scene, assignments, zipped=zipped, table=table)
+    return _sweep_of(scene, axes, part)
+
+
+def _as_stored(source: str | Path | Scene) -> Scene:
+    """Scene with its values rounded as in the text that is stored with a run."""
+    return stored(source) if isinstance(source, Scene) else as_stored(source)
+
+
+def _sweep_of(scene: Scene, axes: Sequence[Axis], part: Part) -> Sweep:
+    """Sweep of a stored scene over axes; all cases are checked, also those of other parts."""
+    cases = _cases(scene, axes)
+    if part.of > len(cases):
         raise SettingsError(
-            f"the sweep has {size} cases, above the limit of {MOST_CASES}: give fewer values"
+            f"--part {part}: the sweep has {len(cases)} cases: give at most {len(cases)} parts"
         )
-    swept = {key: ", ".join(map(described, values)) for key, values in axes.items()}
-    swept["swept"] = ", ".join(axes)
+    swept = {key: text for axis in axes for key, text in axis.described().items()}
+    swept |= {"swept": ", ".join(axis.name for axis in axes), "cases": str(len(cases))}
     return Sweep(
         scene.name,
-        tuple(axes),
+        tuple(key for axis in axes for key in axis.keys),
         tuple(scene.films),
-        tuple(_cases(scene, axes)),
+        tuple(cases[part.number - 1 :: part.of]),
         identity(scene) | swept,
+        part,
     )
 
 
-def _axes(scene: Scene, assignments: Sequence[str]) -> dict[str, tuple[Any, ...]]:
-    """Values of each swept key from the assignments, by full key."""
-    axes: dict[str, tuple[Any, ...]] = {}
-    like, _ = scene_values(scene)
-    for assignment in assignments:
-        name, equals, text = assignment.partition("=")
-        if not equals:
-            raise SettingsError(
-                f"--set {assignment!r} must be KEY=VALUES, for instance clearance=1e-5,2e-5"
-            )
-        key = resolve_key(scene, name.strip())
-        if key in axes:
-            raise SettingsError(f"--set {assignment}: {key} is given twice")
-        axes[key] = parse_values(key, text, like.get(key, 0.0))
-    return axes
+#: Largest number of reasons in the message about cases that cannot run.
+MOST_REASONS = 5
 
 
-def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
+def _cases(scene: Scene, axes: Sequence[Axis]) -> list[Case]:
     """Cases for all combinations of values.
 
     A combination may contain values without effect, if each has an effect in another combination.
@@ -109,39 +174,59 @@ def _cases(scene: Scene, axes: Mapping[str, tuple[Any, ...]]) -> list[Case]:
     Raises
     ------
     SettingsError
-        Some combinations cannot run; the message has the reasons.
+        Some combinations cannot run; the message has the reasons. A key without effect is named
+        once.
     """
-    combinations = [
-        dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())
-    ]
-    made = [_made(f"{n:04d}", scene, values) for n, values in enumerate(combinations, 1)]
+    combined = combinations(axes)
+    made = [_made(f"{n:04d}", scene, values) for n, values in enumerate(combined, 1)]
     accepted = [
-        values for values, case in zip(combinations, made, strict=True) if isinstance(case, Case)
+        values for values, case in zip(combined, made, strict=True) if isinstance(case, Case)
     ]
-    effective = {key: {as_text(values[key]) for values in accepted} for key in axes}
-    for n, values in enumerate(combinations):
-        if isinstance(made[n], str):
+    keys = [key for axis in axes for key in axis.keys]
+    effective = {key: {as_text(values[key]) for values in accepted} for key in keys}
+    for n, values in enumerate(combined):
+        if isinstance(made[n], InputError):
             optional = [key for key, value in values.items() if as_text(value) in effective[key]]
             made[n] = _made(f"{n + 1:04d}", scene, values, optional)
-    complaints = [case for case in made if isinstance(case, str)]
-    if complaints:
-        # A section reports only its first invalid value; checks of single values show the others.
-        alone = [_made("", scene, {key: v}) for key, values in axes.items() for v in values]
-        every = dict.fromkeys([*complaints, *(case for case in alone if isinstance(case, str))])
+    refused = [case for case in made if isinstance(case, InputError)]
+    if refused:
         raise SettingsError(
-            f"{len(complaints)} of {len(made)} cases cannot run: {'; '.join(every)}"
+            f"{len(refused)} of {len(made)} cases cannot run: "
+            f"{_reasons([*refused, *_refused_alone(scene, axes)])}"
         )
     return [case for case in made if isinstance(case, Case)]
 
 
+def _refused_alone(scene: Scene, axes: Sequence[Axis]) -> list[InputError]:
+    """Errors of single values: a section of a scene reports only its first invalid value."""
+    single: dict[tuple[str, str], Any] = {}
+    for axis in axes:
+        for row in axis.rows:
+            single |= {(k, as_text(v)): v for k, v in zip(axis.keys, row, strict=True)}
+    alone = [_made("", scene, {key: value}) for (key, _), value in single.items()]
+    return [case for case in alone if isinstance(case, InputError)]
+
+
+def _reasons(errors: Iterable[InputError]) -> str:
+    """Different messages of errors in one line; a key without effect is named once."""
+    by_reason: dict[str, str] = {}
+    for error in errors:
+        by_reason.setdefault(
+            error.key if isinstance(error, NoEffectError) else str(error), str(error)
+        )
+    reasons = list(by_reason.values())
+    hidden = len(reasons) - MOST_REASONS
+    return "; ".join(reasons[:MOST_REASONS]) + (f"; and {hidden} more" if hidden > 0 else "")
+
+
 def _made(
     name: str, scene: Scene, values: Mapping[str, Any], optional: Sequence[str] = ()
-) -> Case | str:
-    """Make a case of a sweep; if the case cannot run, return the reason as text."""
+) -> Case | InputError:
+    """Make a case of a sweep; if the case cannot run, return the error."""
     try:
         return make_case(name, scene, values, optional)
     except InputError as error:
-        return str(error)
+        return error
 
 
 #: Columns of a sweep's table from ``summary.json``: for every lubricated joint, and for the run.
@@ -163,7 +248,9 @@ FIGURES = (
 
 
 #: Files of a sweep that --overwrite removes; reduced bodies, named by checksum, are kept.
-OWN = ("sweep.json", "sweep.csv", "runs/")
+ABOUT = "sweep.json"
+TABLE = "sweep.csv"
+OWN = (ABOUT, TABLE, "runs/")
 
 
 def figure_columns(joints: Sequence[str]) -> tuple[str, ...]:
@@ -201,10 +288,10 @@ class SweepFolder(RunsFolder):
         self, directory: str | Path, sweep: Sweep, *, resume: bool = False, overwrite: bool = False
     ):
         self.sweep = sweep
-        self.table = Path(directory) / "sweep.csv"
+        self.table = Path(directory) / TABLE
         if resume and not self.table.is_file():
             raise InputError(f"--resume: {self.table} does not exist: there is nothing to resume")
-        super().__init__(directory, sweep.cases, OWN, sweep.identity, overwrite=overwrite)
+        super().__init__(directory, sweep.cases, OWN, sweep.about, overwrite=overwrite)
 
     def rows(self) -> list[dict[str, Any]]:
         """Rows of the cases that have ended, by column, in the order of the cases."""
@@ -222,10 +309,13 @@ class SweepFolder(RunsFolder):
         return row | {name: finite(figures.get(name)) for name in columns}
 
     def write_tables(self) -> None:
-        """Write ``sweep.json``, and then ``sweep.csv``."""
-        self.write("sweep.json", self.sweep.identity)
-        columns = "case", *self.sweep.keys, "status", *figure_columns(self.sweep.joints)
-        write_table(self.table, columns, self.rows())
+        """Write ``sweep.csv``."""
+        write_table(self.table, self.columns, self.rows())
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of ``sweep.csv``."""
+        return "case", *self.sweep.keys, "status", *figure_columns(self.sweep.joints)
 
 
 def run_sweep(
@@ -248,6 +338,81 @@ def run_sweep(
         Rows of all cases, by column.
     """
     missing = folder.take_stock()
+    folder.write(ABOUT, folder.sweep.about)
     folder.write_tables()
     run_cases(folder, missing, executor, keep=keep)
     return folder.rows()
+
+
+def sweep(
+    scene: Scene | str | Path,
+    values: Mapping[str, Any] | str | Path,
+    *,
+    zipped: bool = False,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    folder: str | Path | None = None,
+    keep: bool = False,
+    overwrite: bool = False,
+) -> CaseTable:
+    """Run a scene for many combinations of values, as ``fenics-ehd sweep`` does; one rank.
+
+    Parameters
+    ----------
+    scene
+        Scene as read, or the source of a scene, as for `read_scene`.
+    values
+        Values by key, the full key or a unique end of it: an iterable of values, or a text as for
+        ``--set``, such as ``"10e-6:30e-6:5"``. Or the path of a CSV file as for ``--cases``.
+    zipped
+        Whether the lists are used together, value by value; by default, all combinations are run.
+    executor
+        Executor that runs the cases: of the standard library, of Dask (``client.get_executor()``),
+        or ``MPIPoolExecutor``. By default, processes on this machine run the cases.
+    workers
+        Number of these processes; by default one for each core.
+    folder
+        Folder of the results, whose complete cases are not run again; by default nothing is stored.
+    keep
+        Whether the history of every case is kept in the folder.
+    overwrite
+        Whether the rows of another sweep in the folder are replaced.
+
+    Returns
+    -------
+    CaseTable
+        Table with a row for each case. The row of a case that failed has the reason.
+
+    Raises
+    ------
+    SettingsError
+        Keys or values cannot be used; the message names all of them.
+    InputError, InUseError
+        The folder cannot be used, or another process uses it.
+    """
+    require_class("scene", scene, Scene, str, Path)
+    require_class("values", values, Mapping, str, Path)
+    if executor is not None:
+        require_class("executor", executor, Executor)
+    if executor is not None and workers is not None:
+        raise SettingsError(f"workers = {workers} has no effect with an executor: drop workers")
+    if keep and folder is None:
+        raise SettingsError("keep = True needs a folder: give folder, or drop keep")
+    if workers is not None:
+        require_count("workers", workers, 1)
+    start = _as_stored(scene)
+    plan = _sweep_of(start, axes_of_values(start, values, zipped=zipped), Part())
+    with ExitStack() as held:
+        target = Path(
+            held.enter_context(TemporaryDirectory(prefix="fenics-ehd-"))
+            if folder is None
+            else folder
+        )
+        require_made_by(target, SweepFolder.command)
+        require_kept(target, input_files("", start), OWN)
+        opened = held.enter_context(SweepFolder(target, plan, overwrite=overwrite))
+        if executor is None:
+            executor = held.enter_context(open_pool(workers))
+            require_importable_main(executor)
+        rows = run_sweep(opened, executor, keep=keep)
+        return CaseTable(opened.columns, rows)

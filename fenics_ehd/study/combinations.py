@@ -1,0 +1,286 @@
+"""Combinations of the values of a sweep: from the command line, from a CSV file, or from Python.
+
+An axis of a sweep has one key, or several keys whose values are used together, row by row. Cases
+are all combinations of the rows of all axes; the rows of the last axis change fastest.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.files import read_text
+from fenics_ehd.base.needs import no_effect
+from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.study.cases import (
+    MOST_CASES,
+    described,
+    parse_value,
+    parse_values,
+    require_different,
+    resolve_key,
+    scene_values,
+)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Keys of a sweep whose values are used together.
+
+    Attributes
+    ----------
+    keys
+        Full keys of the settings.
+    rows
+        Values of the keys, row by row.
+    """
+
+    keys: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    def described(self) -> dict[str, str]:
+        """Texts of the values by key; for a file, its name and checksum."""
+        columns = zip(*self.rows, strict=True)
+        return {
+            key: ", ".join(map(described, values))
+            for key, values in zip(self.keys, columns, strict=True)
+        }
+
+    @property
+    def name(self) -> str:
+        """Keys with commas between them, in parentheses if there are several."""
+        return self.keys[0] if len(self.keys) == 1 else f"({', '.join(self.keys)})"
+
+
+def combinations(axes: Sequence[Axis]) -> list[dict[str, Any]]:
+    """Values by key for all combinations of the rows of axes.
+
+    Raises
+    ------
+    SettingsError
+        There are more than `MOST_CASES` combinations.
+    """
+    size = math.prod(len(axis.rows) for axis in axes)
+    if size > MOST_CASES:
+        raise SettingsError(
+            f"the sweep has {size} cases, above the limit of {MOST_CASES}: give fewer values"
+        )
+    keys = [key for axis in axes for key in axis.keys]
+    products = itertools.product(*(axis.rows for axis in axes))
+    return [dict(zip(keys, itertools.chain(*rows), strict=True)) for rows in products]
+
+
+def axes_of_options(
+    scene: Scene, assignments: Sequence[str], *, zipped: bool = False, table: str | None = None
+) -> list[Axis]:
+    """Axes of a sweep from the options of the command line.
+
+    Parameters
+    ----------
+    scene
+        Scene as stored.
+    assignments
+        Texts ``key=values`` of the options ``--set``.
+    zipped
+        Whether all lists, and the rows of the table, are used together.
+    table
+        Path of a CSV file with a column for each key, and a row for each case.
+
+    Raises
+    ------
+    SettingsError
+        A key or value cannot be used, a key is given twice, or lists that are used together have
+        different lengths.
+    """
+    axes = [] if table is None else [read_cases(scene, table)]
+    like, _ = scene_values(scene)
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        if not equals:
+            raise SettingsError(
+                f"--set {assignment!r} must be KEY=VALUES, for instance clearance=1e-5,2e-5"
+            )
+        key = resolve_key(scene, name.strip())
+        values = parse_values(key, text, like.get(key, 0.0), repeated=zipped)
+        _require_new(axes, key, f"--set {assignment}")
+        axes.append(Axis((key,), tuple((value,) for value in values)))
+    if zipped:
+        if len(axes) == 1:
+            raise no_effect("--zip", True, "without a second list")
+        return [_together(axes, "--zip")]
+    return axes
+
+
+def axes_of_values(
+    scene: Scene, values: Mapping[str, Any] | str | Path, *, zipped: bool = False
+) -> list[Axis]:
+    """Axes of a sweep from Python: values by key, or the path of a CSV file as for ``--cases``.
+
+    Values of a key are an iterable, or a text as for ``--set``.
+
+    Raises
+    ------
+    SettingsError
+        As `axes_of_options`.
+    """
+    if isinstance(values, (str, Path)):
+        return axes_of_options(scene, (), zipped=zipped, table=str(values))
+    axes: list[Axis] = []
+    like, _ = scene_values(scene)
+    for name, entry in values.items():
+        key = resolve_key(scene, name)
+        _require_new(axes, key, repr(name))
+        if isinstance(entry, str):
+            listed: Sequence[Any] = parse_values(key, entry, like.get(key, 0.0), repeated=zipped)
+        else:
+            listed = _listed(key, entry)
+            if not zipped:
+                require_different(key, listed)
+        axes.append(Axis((key,), tuple((value,) for value in listed)))
+    if not axes:
+        raise SettingsError("values = {}: give at least one key with its values")
+    return [_together(axes, "zipped=True")] if zipped else axes
+
+
+def _listed(key: str, values: Any) -> list[Any]:
+    """Values of an iterable as plain Python values."""
+    if not isinstance(values, Iterable) or isinstance(values, Mapping):
+        raise SettingsError(f"{key} = {values!r} must be a list of values")
+    listed = [_as_plain(value) for value in values]
+    if not listed:
+        raise SettingsError(f"{key} = []: give at least one value")
+    return listed
+
+
+def _as_plain(value: Any) -> Any:
+    """Value of a setting without types of NumPy, tuples and paths."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return list(value)
+    return str(value) if isinstance(value, Path) else value
+
+
+def _require_new(axes: Iterable[Axis], key: str, written: str) -> None:
+    """Refuse a key that an axis has."""
+    if any(key in axis.keys for axis in axes):
+        raise SettingsError(f"{written}: {key} is given twice")
+
+
+def _together(axes: Sequence[Axis], option: str) -> Axis:
+    """One axis with all keys of several axes, whose rows are used together."""
+    first = axes[0]
+    for axis in axes[1:]:
+        if len(axis.rows) != len(first.rows):
+            raise SettingsError(
+                f"{option}: {axis.name} has {len(axis.rows)} values, but {first.name} has "
+                f"{len(first.rows)}: give lists of the same length"
+            )
+    rows = zip(*(axis.rows for axis in axes), strict=True)
+    keys = tuple(key for axis in axes for key in axis.keys)
+    return Axis(keys, tuple(tuple(itertools.chain(*row)) for row in rows))
+
+
+#: Pattern of a heading of a CSV file with a unit for the whole column, ``clearance [um]``.
+HEADING = re.compile(r"\s*(?P<key>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]+)\])?\s*")
+
+
+def read_cases(scene: Scene, path: str) -> Axis:
+    """Read the cases of a sweep from a CSV file.
+
+    The first line has the keys, and each further line the values of a case. A value is written as
+    for ``--set``, with or without a unit. A heading may have a unit for all values in its column.
+
+    Raises
+    ------
+    SettingsError
+        The file cannot be read, a key is unknown or given twice, or a value is missing; the message
+        has the line and the column.
+    """
+    option = f"--cases {path}"
+    lines = list(_lines(path, option))
+    if len(lines) < 2:
+        raise SettingsError(f"{option}: the file needs a line of keys, and a line for each case")
+    if len(lines) - 1 > MOST_CASES:
+        raise SettingsError(
+            f"{option}: the file has {len(lines) - 1} cases, above the limit of {MOST_CASES}"
+        )
+    like, _ = scene_values(scene)
+    keys: list[str] = []
+    units: list[str] = []
+    for heading in lines[0][1]:
+        match = HEADING.fullmatch(heading)
+        if match is None or not match["key"]:
+            raise SettingsError(
+                f"{option}: heading {heading!r} must be a key, or a key with a unit in brackets"
+            )
+        try:
+            key = resolve_key(scene, match["key"])
+        except SettingsError as error:
+            raise SettingsError(f"{option}: {error}") from None
+        if key in keys:
+            raise SettingsError(f"{option}: column {heading.strip()}: {key} is given twice")
+        keys.append(key)
+        units.append(match["unit"] or "")
+    rows = []
+    for number, cells in lines[1:]:
+        if len(cells) != len(keys):
+            raise SettingsError(
+                f"{option}: line {number} has {len(cells)} values, but the first line has "
+                f"{len(keys)} keys"
+            )
+        row = []
+        for key, unit, cell in zip(keys, units, cells, strict=True):
+            if not cell.strip():
+                raise SettingsError(f"{option}: line {number}: {key} has no value")
+            try:
+                value = parse_value(key, cell.strip(), like.get(key, 0.0))
+            except SettingsError as error:
+                raise SettingsError(f"{option}: line {number}: {error}") from None
+            row.append(_with_unit(value, unit, f"{option}: line {number}: {key}"))
+        rows.append(tuple(row))
+    for key, values in zip(keys, zip(*rows, strict=True), strict=True):
+        texts = [value for value in values if isinstance(value, str)]
+        if texts and len(texts) < len(values):
+            raise SettingsError(
+                f"{option}: only some values of {key} have a unit: give all of them a unit, or none"
+            )
+    return Axis(tuple(keys), tuple(rows))
+
+
+def _with_unit(value: Any, unit: str, label: str) -> Any:
+    """Value with the unit of its column; the setting converts it to its own unit."""
+    if not unit:
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise SettingsError(f"{label} = {value!r} must be a number in the column's unit, {unit}")
+    return f"{value!r} {unit}"
+
+
+def _lines(path: str, option: str) -> Iterator[tuple[int, list[str]]]:
+    """Numbers and cells of the lines of a CSV file; lines that are empty are omitted.
+
+    Cells are separated by commas; if the first line has none, by semicolons or tabs.
+    """
+    try:
+        text = read_text(path)
+        first = text.partition("\n")[0]
+        delimiter = next((mark for mark in ",;\t" if mark in first), ",")
+        reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                yield reader.line_num, cells
+    except OSError as error:
+        raise SettingsError(f"{option}: {error.strerror}") from None
+    except (ValueError, csv.Error) as error:
+        raise SettingsError(f"{option}: {error}") from None
