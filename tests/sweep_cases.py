@@ -30,7 +30,7 @@ LOADED_JOURNAL = toml(tables_of("loaded-journal", scene_cases.LOADED_JOURNAL))
 #: Cases 1 and 3 can run; a clearance is not thin, a film soon thinner than it may be.
 SOME_FAIL = ("clearance=14e-6,17e-6,3e-3", "smallest_film=0.01,0.9999")
 #: Enough cases to be stopped in the middle of them.
-MANY = "clearance=10e-6:30e-6:8"
+MANY = "clearance=10e-6:30e-6:80"
 
 
 class Inline(Executor):

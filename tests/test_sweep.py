@@ -136,8 +136,8 @@ def test_bodies_of_one_part_are_reduced_together_and_once(tmp_path):
     sweep = make_sweep(write_scene(tmp_path, text), ["method=rigid,m3", "residual_modes=16,31"])
     pool, rows = sweep_inline(sweep, tmp_path / "swept")
     assert [row["status"] for row in rows] == ["complete"] * 4
-    (bodies,) = (task for task in pool.tasks if not isinstance(task, CaseTask))
-    found = [body.settings.reduction for body in bodies]
+    (part,) = (task for task in pool.tasks if not isinstance(task, CaseTask))
+    found = [body.settings.reduction for body in part.bodies]
     # What M3 keeps of 31 modes serves 16; the rigid part needs neither.
     assert [(r.method, r.residual_modes) for r in found] == [("m3", 31), ("m3", 16), ("rigid", 31)]
     bodies = {path: ehd.load_body(path) for path in (tmp_path / "swept" / "bodies").iterdir()}
