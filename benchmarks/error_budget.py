@@ -17,6 +17,10 @@ Shipped scenes as they are, but for some that are quick, are judged in total, ag
 with a tenth of the tolerance and one and a half times as many cells; `reference` is then the error
 budget of the reference.
 
+`--figures` compares the errors of all figures of a joint on scenes with friction, heat, contact and
+elastic rods, against one reference with a tenth of the tolerance at most, twice as many cells, and
+M4 with every pressure.
+
 References are kept in a folder of JSON files and not run again.
 """
 
@@ -37,6 +41,7 @@ import numpy as np
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_budget import Estimator
+from fenics_ehd.multibody.figures import figures_of, numbers
 from fenics_ehd.multibody.periodic import PeriodicSolver
 from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
@@ -289,8 +294,52 @@ SCENES |= {name: (name, {}) for name in SHIPPED}
 LESS_STRICT = 10
 LESS_FINE = 1.5
 
+FRICTION = {f"{PIN}.friction": True}
+
+#: Scenes on which the errors of all figures are judged.
+FIGURES: dict[str, tuple[str, Mapping[str, Any]]] = {
+    **{
+        f"{name}, friction": ("four-bar", {**SCENES[name][1], **FRICTION})
+        for name in ("four-bar, 1e-2", "four-bar, contact", "four-bar, Roelands")
+    },
+    "four-bar, barrel, friction": ("four-bar", {**SCENES["four-bar, barrel"][1], **FRICTION}),
+    "slider-crank, rigid rod, friction": (
+        "slider-crank",
+        {**SCENES["slider-crank, rigid rod"][1], f"{BIG}.friction": True},
+    ),
+    "journal, heat": (
+        "loaded-journal",
+        {
+            f"{JOURNAL}.cells": [24, 5],
+            f"{JOURNAL}.friction": True,
+            f"{JOURNAL}.heat": {"supply_temperature": 80.0},
+            "lubricants.oil": {"grade": "SAE 10W-40"},
+            "forces.load.scale": 0.7,
+            "time.tolerance": 1e-3,
+            "time.periodicity": 1e-3,
+        },
+    ),
+    **{
+        name: SCENES[name]
+        for name in (
+            "journal, 1e-2",
+            "journal, contact",
+            "journal, conserved",
+            "near whirl, 100 kg",
+            "soft rod",
+            "slider-crank, 20 x 5",
+            "slider-crank-paper, 1e-4",
+            "slider-crank-paper, M1, 1e-4",
+        )
+    },
+}
+SCENES |= FIGURES
+
 #: Numbers by quantity of every joint.
 Errors = dict[str, list[float]]
+
+#: True error of a figure above which its estimate is counted.
+CLEAR_TRUE = 3e-3
 
 #: A true error is clear of its reference where it is above so many times what that of twice as many
 #: cells leaves.
@@ -346,6 +395,20 @@ class References:
     def extremes(self, scene: ehd.Scene) -> dict[str, list[float]]:
         """Peak pressure and thinnest film of every joint."""
         return self._kept(scene, "smooth", lambda: self.done(scene).extremes)
+
+    def figures(self, scene: ehd.Scene) -> dict[str, dict[str, float]]:
+        """All figures of every joint."""
+
+        def solve() -> dict[str, dict[str, float]]:
+            run, cycles = self.run(scene)
+            solved = Recorder(run, scene.span, cycles)
+            deque(solved.steps(), maxlen=0)
+            solved.add_reported()
+            joints = RunSummary(solved).entries()["joints"]
+            return {name: dict(numbers(joint)) for name, joint in joints.items()}
+
+        figures: dict[str, dict[str, float]] = self._kept(scene, "figures", solve)
+        return figures
 
     def with_budget(
         self, scene: ehd.Scene
@@ -507,6 +570,68 @@ def by_component(
     }
 
 
+def judge_figures(name: str, references: References) -> list[tuple[str, str, float, float]]:
+    """Joint, name, true error and estimate of every figure of a scene with an estimated error.
+
+    Errors of angles are in degrees, those of temperatures in K, all others are relative.
+    """
+    shipped, changes = FIGURES[name]
+    scene = ehd.read_scene(shipped, **changes)
+    if any(isinstance(part, schema.FlexibleSettings) for part in scene.bodies.values()):
+        # References have the same mesh of the part.
+        scene = changed(scene, {"output.part_mesh_error": False})
+    run, cycles = references.run(scene)
+    reference = references.figures(changed(scene, fine(scene, run)))
+    solved = Recorder(run, scene.span, cycles)
+    deque(solved.steps(), maxlen=0)
+    solved.add_reported()
+    summary = RunSummary(solved, Estimator(solved).budget().joints).entries()
+    rows = []
+    for figure in figures_of(summary):
+        true = reference.get(figure.joint, {}).get(figure.name)
+        if figure.error is None or true is None:
+            continue
+        off = abs(figure.value - true)
+        scale = 1.0 if figure.relative is None else abs(figure.value)
+        if figure.unit == "deg":
+            off = abs((off + 180.0) % 360.0 - 180.0)
+        rows.append((figure.joint, figure.name, off / scale, figure.error / scale))
+    return rows
+
+
+def fine(scene: ehd.Scene, run: Run) -> dict[str, Any]:
+    """Settings of a reference for all figures."""
+    time = scene.time
+    settings: dict[str, Any] = {
+        "time.tolerance": min(time.tolerance / LESS_STRICT, FRESH_TOLERANCE),
+        "time.largest_step": min(time.largest_step / SHORT, FRESH_STEP),
+    }
+    if time.periodic:
+        settings["time.periodicity"] = time.periodicity / LESS_STRICT
+    for body, part in scene.bodies.items():
+        if isinstance(part, schema.FlexibleSettings):
+            settings[f"bodies.{body}.reduction.method"] = "m4"
+            settings[f"bodies.{body}.reduction.flexibility_tolerance"] = 0.0
+    return settings | finer(scene, run, FRESH_FINE)
+
+
+def print_figures(names: list[str], references: References) -> None:
+    """Print the errors of all figures of several scenes, and their distribution."""
+    ratios = []
+    print("| scene | joint | figure | true | estimated |")
+    print("|---|---|---|---|---|")
+    for name in names:
+        for joint, figure, true, estimate in judge_figures(name, references):
+            print(f"| {name} | {joint} | {figure} | {true:.5f} | {estimate:.5f} |", flush=True)
+            if true > CLEAR_TRUE:
+                ratios.append(true / max(estimate, 1e-12))
+    values = np.array(ratios)
+    print(
+        f"{len(values)} true errors above {CLEAR_TRUE:g}: {np.sum(values > 2)} estimates too small "
+        f"by more than 2, {np.sum(values < 0.5)} too large by more than 2"
+    )
+
+
 def estimate_of(row: Mapping[str, Any], component: str) -> Any:
     """Of a component, or all that are estimated: those of parts' meshes have no reference here."""
     found = row["estimate"]
@@ -534,9 +659,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=SCENES, default=list(SCENES))
     parser.add_argument("--fresh", action="store_true", help="scenes of many kinds")
+    parser.add_argument("--figures", action="store_true", help="errors of all figures")
     parser.add_argument("--cache", type=Path, default=Path("results/error-budget"))
     arguments = parser.parse_args()
     references = References(arguments.cache)
+    if arguments.figures:
+        chosen = [name for name in FIGURES if name in arguments.only]
+        print_figures(chosen, references)
+        return
     print("| scene | joint | quantity | step size | film mesh | basis | total | reference | cost |")
     print("|---|---|---|---|---|---|---|---|---|")
     ratios: dict[str, list[float]] = {}

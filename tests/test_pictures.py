@@ -16,6 +16,7 @@ from recorded_runs import stored_run
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
+from fenics_ehd.multibody.cycle import angle_name
 from fenics_ehd.plotting import maps as bores
 from fenics_ehd.plotting import shown
 from fenics_ehd.plotting.picture import ENDINGS, kind_of, plt, save
@@ -276,6 +277,74 @@ def test_a_map_marks_the_extreme_of_all_nodes_and_steps(quantity, sign):
     assert found[marked] == pytest.approx(found[node], rel=1e-12)
 
 
+@pytest.mark.parametrize("quantity", ["pressure_map", "film_map"])
+@pytest.mark.parametrize("cells", [(8, 2), (40, 8)])
+def test_a_map_is_smooth_and_within_the_nodal_values(quantity, cells):
+    one = filmed(cells=cells)
+    factor, nodal = {
+        "pressure_map": (1e-6, one.film.pressure.max(axis=0)),
+        "film_map": (1e6, one.film.gap.min(axis=0)),
+    }[quantity]
+    values, angle, height, *_ = QUANTITIES[quantity].raster(one, "")
+    assert len(angle) > 240
+    assert len(height) > 48
+    assert values.max() == pytest.approx(factor * nodal.max(), rel=1e-12)
+    assert values.min() == pytest.approx(factor * nodal.min(), rel=1e-6)
+    for (where, z), value in zip(one.grid.node_positions, factor * nodal, strict=True):
+        turn = (np.degrees(where) + 180.0) % 360.0 - 180.0
+        row, column = np.abs(height - 1e3 * z).argmin(), np.abs(angle - turn).argmin()
+        assert abs(angle[column] - turn) < 1e-6
+        assert values[row, column] == pytest.approx(value, rel=1e-6, abs=1e-6)
+
+
+def test_a_marked_extreme_is_that_of_the_summary():
+    found = {
+        "cycle_max_pressure_Pa": 40.1e6, "cycle_max_pressure_crank_angle_deg": 91.5,
+        "cycle_min_film_thickness_m": 1.9e-6, "cycle_min_film_crank_angle_deg": 180.5,
+    }  # fmt: skip
+    one = joint(figures={"big_end": found})
+    for quantity, point in (("max_pressure", (91.5, 40.1)), ("min_film_thickness", (180.5, 1.9))):
+        (axes,) = drawn(quantity, one)
+        (mark,) = (line for line in axes.lines if line.get_marker() == "o")
+        np.testing.assert_allclose(mark.get_xydata(), [point])
+    # A difference has its own extreme.
+    (axes,) = drawn("max_pressure", one, joint(figures={"big_end": found}), difference=True)
+    (mark,) = (line for line in axes.lines if line.get_marker() == "o")
+    assert mark.get_ydata() == [0.0]
+
+
+def test_angles_of_diagrams_are_from_minus_180_to_180_degrees():
+    (axes,) = drawn("orbit", joint())
+    labels = [label.get_text().removesuffix("°") for label in axes.get_xticklabels()]
+    assert sorted(map(int, labels)) == list(range(-135, 181, 45))
+
+
+def test_the_axis_names_the_body_that_turns():
+    (axes,) = drawn("max_pressure", joint())
+    assert axes.get_xlabel() == "crank angle [°]"
+    one = joint()
+    one.run.angle_name = angle_name("shaft")
+    (axes,) = drawn("max_pressure", one)
+    assert axes.get_xlabel() == "angle of the shaft [°]"
+
+
+@pytest.mark.parametrize("quantity", ["max_pressure", "orbit", "force", "eccentricity"])
+def test_differences_are_labelled_as_such(quantity):
+    (axes,) = drawn(quantity, joint(), joint(), difference=True)
+    assert axes.get_ylabel().startswith("difference of")
+    assert axes.get_ylim()[0] <= 0.0 <= axes.get_ylim()[1]
+
+
+def test_joints_of_one_run_share_a_diagram_under_their_names():
+    one = joint("front")
+    two = replace(joint("back"), run=one.run)
+    for quantity in ("max_pressure", "orbit"):
+        figure = QUANTITIES[quantity].draw({"": [one, two]})
+        texts = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+        plt.close(figure)
+        assert [text.partition(":")[0] for text in texts][:2] == ["front", "back"]
+
+
 def test_between_drawn_bore_and_journal_lies_the_film():
     one = filmed()
     film = one.film
@@ -315,6 +384,13 @@ def test_the_basis_error_is_drawn_where_it_is_known():
     (axes,) = drawn("basis_error", known)
     assert axes.get_yscale() == "log"
     assert len(curves(axes)) == 2
+    axes.figure.canvas.draw()
+    assert {"0.01", "0.1", "1"} <= {label.get_text() for label in axes.get_yticklabels()}
+    # Round-off before the first estimate does not stretch the axis.
+    errors = np.where(TURN < 1.0, 1e-20, 1e-8)
+    (axes,) = drawn("basis_error", joint(basis_error_estimate_m=errors))
+    low, high = axes.get_ylim()
+    assert high / low < 2e5
 
 
 def test_the_command_and_its_page_name_every_quantity(capsys):

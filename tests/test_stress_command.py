@@ -18,6 +18,7 @@ import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.files import listed
 from fenics_ehd.cli.stress import instants_of
+from fenics_ehd.multibody.trust import NOT_ESTIMATED
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.reduction.part_files import von_mises
 from fenics_ehd.results.paraview import gather_part
@@ -100,6 +101,10 @@ def test_command_finds_the_extremes_of_the_run(folder, whole_rod, damping, capfd
     )
     low, high = worst["in_cells_around_Pa"]
     assert low - limit <= worst["von_mises_Pa"] <= high + limit
+    errors = worst["errors"]
+    assert errors["mesh"] == pytest.approx(0.5 * (high - low) / worst["von_mises_Pa"])
+    known = [error for name, error in errors.items() if name != "known" and error != NOT_ESTIMATED]
+    assert errors["known"] == pytest.approx(sum(known))
     tensors = np.moveaxis(stress, 1, 2)[..., np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])]
     largest = np.linalg.eigvalsh(tensors)[..., 2].max()
     assert rod["largest_principal"]["stress_Pa"] == pytest.approx(largest, rel=1e-6)
@@ -112,7 +117,16 @@ def test_command_prints_a_table_and_its_files_go_with_the_run(folder, capfd):
         capfd, "stress", folder, "--complete", "--model", folder.parent / "rod.geo"
     )
     assert status == 0
-    for words in ("half-range, von Mises", "its mean", "largest principal", "of crank", "piston"):
+    for words in (
+        "half-range, von Mises",
+        "+- ",
+        "mesh ",
+        "run ",
+        "its mean",
+        "largest principal",
+        "of crank",
+        "piston",
+    ):
         assert words in out
     assert "--complete" not in out
     assert json.loads((folder / "stress.json").read_text())["complete"]

@@ -544,6 +544,7 @@ class Estimator:
             self._summary,
             binding,
             (*EXTREME_COLUMNS, *self._curves.columns),
+            self._curves.times,
             self._curves.steps,
             self._curves.reported[..., i],
             {name: change[..., i] for name, change in changes.items()},

@@ -6,7 +6,14 @@ minus computed) of all columns. The figure is computed again from the columns pl
 the same summary (`RunSummary.figures`), and the change of the figure is its error by the component.
 
 The error of an extreme is the mean of this change and of the root mean square of the error curve
-near the extreme, as for peak pressures. The total is the sum of all components.
+near the extreme, as for peak pressures. The mean of a quantity that acts over a small part of the
+cycle, such as the force of asperities, is similar: a cancellation within a short event is a
+coincidence. With the change d of the mean, the mean a of the absolute value of the error curve, and
+the part p of the cycle over which the quantity acts, the error of a mean is
+
+    |d| + (1 - p) (a - |d|) / 2.
+
+The total is the sum of all components.
 """
 
 from __future__ import annotations
@@ -40,6 +47,24 @@ def extreme_column(name: str, columns: tuple[str, ...]) -> str | None:
     return None
 
 
+def mean_column(name: str, columns: tuple[str, ...]) -> str | None:
+    """Column of which a figure is the mean over the cycle or run; None for other figures."""
+    prefix, mean, column = name.partition("mean_")
+    return column if mean and prefix in ("", "cycle_") and column in columns else None
+
+
+def acting_part(values: np.ndarray, weights: np.ndarray) -> float:
+    """Part of the time over which a quantity acts [-]: 1 if it is constant.
+
+    Parameters
+    ----------
+    values, weights
+        Values at k times, and the lengths of time that these represent, shape (k,).
+    """
+    square = float(weights @ values**2) * float(weights.sum())
+    return float(weights @ np.abs(values)) ** 2 / square if square else 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class FigureErrors:
     """Errors of the figures of a joint.
@@ -50,8 +75,10 @@ class FigureErrors:
         Summary of the run, and film of the joint.
     columns
         Names of the q columns that have error curves.
+    times
+        Times of the curves, shape (k,) [s].
     steps
-        Indices of the steps of the current cycle, or of the run, at the times of the curves, (s,).
+        Indices of the steps of the current cycle, or of the run, in `times`, shape (s,).
     reported, changes
         Curves of the run, and of its errors by component, of all columns, shape (q, k) each.
     remaining
@@ -62,6 +89,7 @@ class FigureErrors:
     summary: RunSummary
     binding: FilmBinding
     columns: tuple[str, ...]
+    times: np.ndarray
     steps: np.ndarray
     reported: np.ndarray
     changes: Mapping[str, np.ndarray]
@@ -107,7 +135,30 @@ class FigureErrors:
                 sign = -1.0 if name.removeprefix("cycle_").startswith("min_") else 1.0
                 near = near_extreme(sign * self.reported[row], change[row])
                 errors[name] = 0.5 * (errors[name] + near)
+            column = mean_column(name, self.columns)
+            if column is not None:
+                row = self.columns.index(column)
+                errors[name] += self._cancelled(name, row, change[row], errors[name])
         return errors
+
+    def _cancelled(self, name: str, row: int, change: np.ndarray, error: float) -> float:
+        """Part of an error curve that cancels in a mean, and counts as its error.
+
+        Parameters
+        ----------
+        name, row
+            Figure that is the mean, and row of its column.
+        change, error
+            Error curve of the column, shape (k,), and change of the mean by it.
+        """
+        cycle = self.summary.last_cycle
+        assert cycle is not None
+        weights = np.gradient(self.times)
+        if name.startswith("cycle_"):
+            weights = np.where(self.times >= cycle.start, weights, 0.0)
+        absolute = float(weights @ np.abs(change) / weights.sum())
+        part = acting_part(self.reported[row], weights)
+        return 0.5 * (1.0 - part) * max(absolute - error, 0.0)
 
     def _changed(self, change: np.ndarray) -> RunSummary:
         """Summary of the run with error curves added to the columns of the joint."""

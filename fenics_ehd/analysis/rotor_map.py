@@ -69,6 +69,9 @@ OVERDAMPED = 0.7
 #: Number of times that the interval between two speeds is halved at most.
 HALVINGS = 3
 
+#: Largest number of speeds by way of which a speed is approached where the search had failed.
+APPROACHES = 2
+
 #: Damping ratio above which a crossing of the 1x line is no critical speed.
 CRITICAL_DAMPING = 0.4
 
@@ -427,6 +430,11 @@ def rotor_map_of(
         except SolverError as error:
             failures[speed] = str(error)
         progress(speed)
+    # The pose may be too far from the equilibrium at a low speed, but that at a higher speed near.
+    for speed in sorted(failures, key=abs, reverse=True) if chosen else ():
+        with suppress(SolverError):
+            chosen[speed] = _approached(solver, speed)
+            del failures[speed]
     if not chosen:
         speed, reason = next(iter(failures.items()))
         raise SolverError(f"no equilibrium at any speed; at {speed:.6g} rad/s: {reason}")
@@ -455,6 +463,24 @@ def rotor_map_of(
             *(() if response is None else _of_response(system, response)),
         ),
     )
+
+
+def _approached(solver: MapSolver, speed: float, attempts: int = APPROACHES) -> MapPoint:
+    """Point at a speed [rad/s], if necessary by way of speeds between it and the nearest point.
+
+    Raises
+    ------
+    SolverError
+        No equilibrium was found; `attempts` is the largest number of speeds between.
+    """
+    try:
+        return solver.at(speed)
+    except SolverError:
+        if not attempts:
+            raise
+    nearest = min(solver.points, key=lambda other: abs(other - speed))
+    _approached(solver, float(np.copysign(np.sqrt(nearest * speed), speed)), attempts - 1)
+    return solver.at(speed)
 
 
 def _ordered(chosen: Mapping[float, MapPoint]) -> tuple[MapPoint, ...]:

@@ -100,7 +100,7 @@ def smooth_mean(times: np.ndarray, values: np.ndarray, period: float | None) -> 
 
 def columns_of(step: MechanismStep) -> dict[str, float]:
     """Results of every lubricated joint at a step, by the paths of their columns, with units."""
-    return joints_row(step.solution.joints)
+    return joints_row(step.solution.joints, reported=True)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from fenics_ehd.base.processes import require_alike
 from fenics_ehd.base.progress import Progress, shown_progress
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
-from fenics_ehd.multibody.cycle import Cycle
+from fenics_ehd.multibody.cycle import CRANK, Cycle
 from fenics_ehd.multibody.figures import figures_of
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
@@ -424,19 +424,19 @@ JOINT_LINES = {
     "{mean_bore_friction_torque_Nm:.4g} N m on the bore{on_bodies}",
     "cycle_mean_force_N": "    peak of the {span:12}{cycle_max_pressure_Pa:9.3f} MPa "
     "at {cycle_max_pressure_angle_deg:.1f} deg of the bore, {cycle_max_pressure_height_m:+.2f} mm, "
-    "crank {cycle_max_pressure_crank_angle_deg:.1f} deg\n"
+    "{body} {cycle_max_pressure_crank_angle_deg:.1f} deg\n"
     "    thinnest of the {span:8}{cycle_min_film_thickness_m:9.4f} um  "
     "at {cycle_min_film_angle_deg:.1f} deg of the bore, {cycle_min_film_height_m:+.2f} mm, "
-    "crank {cycle_min_film_crank_angle_deg:.1f} deg\n"
+    "{body} {cycle_min_film_crank_angle_deg:.1f} deg\n"
     "    force                   {cycle_mean_force_N:9.4g} N   mean, {cycle_max_force_N:.4g} N at "
-    "{cycle_max_force_angle_deg:.1f} deg, crank {cycle_max_force_crank_angle_deg:.1f} deg\n"
+    "{cycle_max_force_angle_deg:.1f} deg, {body} {cycle_max_force_crank_angle_deg:.1f} deg\n"
     "    eccentricity            {cycle_max_eccentricity_ratio:9.3f} c   at most in the deformed "
-    "bore, crank {cycle_max_eccentricity_crank_angle_deg:.1f} deg",
+    "bore, {body} {cycle_max_eccentricity_crank_angle_deg:.1f} deg",
     "cycle_mean_specific_load_Pa": "    specific load F / (2RB) "
     "{cycle_mean_specific_load_Pa:9.3f} MPa mean, {cycle_max_specific_load_Pa:.4g} MPa at most",
     "cycle_min_lambda_ratio": "    lambda ratio            {cycle_min_lambda_ratio:9.3f}"
     "{bound[cycle_min_lambda_ratio]}     thinnest film over combined roughness, "
-    "crank {cycle_min_lambda_ratio_crank_angle_deg:.1f} deg",
+    "{body} {cycle_min_lambda_ratio_crank_angle_deg:.1f} deg",
     "effective_temperature_C": "    effective temperature   {effective_temperature_C:9.2f} C   "
     "from {supply_temperature_C:.2f} C, {outlet_temperature_C:.2f} C with "
     "{mean_leaving_flow_m3_per_s:.3f} cm3/s that leave",
@@ -444,7 +444,7 @@ JOINT_LINES = {
     "contact pressure up to {max_contact_pressure_Pa:.3g} MPa",
     "cycle_max_contact_share": "    load on asperities      {mean_contact_share:9.3g}"
     "{bound[mean_contact_share]}     share, mean, {cycle_max_contact_share:.3g}"
-    "{bound[cycle_max_contact_share]} at most, crank "
+    "{bound[cycle_max_contact_share]} at most, {body} "
     "{cycle_max_contact_share_crank_angle_deg:.1f} deg",
 }
 
@@ -477,10 +477,17 @@ def bound_texts(joint: Mapping[str, Any]) -> Mapping[str, str]:
     return texts
 
 
-def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
+def joint_lines(joint: Mapping[str, Any], span: str = "cycle", body: str = CRANK) -> list[str]:
     """Printed lines of the results of a joint, the flows last.
 
-    `span` is the word for the time span of the results: ``cycle`` or ``run``.
+    Parameters
+    ----------
+    joint
+        Entries of the joint in ``summary.json``.
+    span
+        Word for the time span of the results: ``cycle`` or ``run``.
+    body
+        Name of the body whose angle is the reference angle.
     """
     figures = {}
     for key, value in joint.items():
@@ -494,6 +501,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle") -> list[str]:
     words: dict[str, Any] = {
         "bound": bounds,
         "span": span,
+        "body": body,
         "pressure_error": error_text(joint, "max_pressure", pressure, "MPa"),
         "film_error": error_text(joint, "min_film_thickness", film, "um"),
         "on_bodies": "" if "mean_film_power_W" in joint else ", not applied to the bodies",
@@ -523,7 +531,10 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
     for name, body in summary["bodies"].items():
         lines.append(f"  {name}: {body['method']} with {body['modes']} modes")
     for name, joint in joints.items():
-        lines += [f"  {name}", *joint_lines(joint, _span(summary))]
+        lines += [
+            f"  {name}",
+            *joint_lines(joint, _span(summary), summary.get("reference_body") or CRANK),
+        ]
     lines += budget_table(joints, summary) + accuracy_lines(summary)
     prefix = "the cycle: " if _span(summary) == "cycle" else ""
     lines.append(

@@ -27,15 +27,19 @@ from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.plotting.shown import recorded
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME, SERIES, STRESS
-from fenics_ehd.results.stress import cycle_stress, figures, write_fields
+from fenics_ehd.results.stress import (
+    COMPONENTS,
+    PARTIAL,
+    cycle_stress,
+    figures,
+    stress_errors,
+    write_fields,
+)
 from fenics_ehd.scenes.part import model_file, remade_part
 from fenics_ehd.scenes.scene import GROUND, Scene, as_stored, meshed
 
 #: Relative scatter of the stress in the cells around a node, above which it is not resolved.
 LARGEST_SCATTER = 0.2
-
-#: Reduction methods whose modes contain only a part of the bore's static flexibility.
-PARTIAL = ("m1", "m2", "m3")
 
 
 def cycle_stresses(
@@ -83,13 +87,14 @@ def cycle_stresses(
         motion = run.in_equilibrium(body) if damping else run.elastic(body)
         loads = run.loads(body) if complete else None
         result = cycle_stress(part.structure, part.body, part.columns, *motion, loads)
+        errors = stress_errors(summary, part.body, body, complete)
         path = folder / "vtk" / f"{body}_stress.vtu"
         write_fields(path, result, instants["time_s"])
         by_body[body] = {
             "method": part.body.method,
             "modes": part.body.modes,
             "nodes": len(result.nodes),
-            **figures(result, instants),
+            **figures(result, instants, errors),
             "fields": str(path.relative_to(folder)),
         }
     answered = {
@@ -201,10 +206,24 @@ def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
     ends = extreme["in_cells_around_Pa"]
     around = " to ".join(f"{end * 1e-6:.1f}" for end in ends)
     position = ", ".join(f"{1e3 * x:.2f}" for x in extreme["place_m"])
-    lines = [_row(name, value, f"   {around}"), f"      at ({position}) mm, {_when(extreme)}"]
+    lines = [
+        _row(name, value, f"   {around}"),
+        f"      {_bound(extreme['errors'])}",
+        f"      at ({position}) mm, {_when(extreme)}",
+    ]
     if ends[1] - ends[0] > LARGEST_SCATTER * abs(value):
         lines.append("      not resolved by the mesh: refine it; a sharp corner or edge never is")
     return lines
+
+
+def _bound(errors: Mapping[str, float | str]) -> str:
+    """Text of the error of a stress: the sum, and its components or the reason for none."""
+    each = ", ".join(f"{name} {_share(errors[name])}" for name in COMPONENTS)
+    return f"+- {_share(errors['known'])}: {each}"
+
+
+def _share(error: float | str) -> str:
+    return error if isinstance(error, str) else f"{100 * error:.2g} %"
 
 
 def _when(extreme: Mapping[str, Any]) -> str:

@@ -112,7 +112,7 @@ def figures_of(summary: Mapping[str, Any]) -> list[Figure]:
         lacking = missing_components(joint)
         errors = joint.get("errors", {})
         for key, value in numbers(joint):
-            error = errors.get(key) or reason_of(key)
+            error = errors.get(key, reason_of(key))
             if isinstance(error, str):
                 figures.append(Figure(name, key, value, None, error))
             else:

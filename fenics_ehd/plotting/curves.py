@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from textwrap import fill
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
@@ -17,7 +18,6 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
-from fenics_ehd.multibody.summary import EXTREMES
 from fenics_ehd.plotting.picture import (
     BLUE,
     PANEL,
@@ -44,6 +44,16 @@ AROUND = "_angle_deg"
 #: Part of the time of an initial value problem, at its start, that does not set the upper limit of
 #: an axis: the film is thick there, and later films would not be visible.
 BUILD_UP = 0.1
+
+
+#: Largest ratio of the values on a logarithmic axis: the error at the start of a run is round-off.
+DECADES = 1e5
+
+#: Largest number of curves whose legend is inside of the axes; that of more is above them.
+MOST_INSIDE = 4
+
+#: Number of characters of a label after which it continues in the next line.
+LABEL_WIDTH = 30
 
 
 @dataclass(frozen=True)
@@ -192,19 +202,15 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
 
 
 def _between_steps(joint: ShownJoint, panel: Panel, over: str) -> tuple[float, float] | None:
-    """Angle and value of a cycle extreme in the summary, which is interpolated between the steps.
+    """Position and value of a cycle extreme in the summary, interpolated between the steps.
 
     The result is None if the panel has no error budget, or the summary has no such extreme.
     """
     if not panel.budget or over != ANGLE:
         return None
     (column,) = panel.columns
-    name = next(name for name, source, _, _ in EXTREMES if source == column)
-    figures = joint.run.figures.get(joint.name, {})
-    keys = (f"cycle_{name}_crank_angle_deg", f"cycle_{column}")
-    if not all(key in figures for key in keys):
-        return None
-    return figures[keys[0]], factor_of(panel.label) * figures[keys[1]]
+    extreme = joint.cycle_extreme(column)
+    return extreme and (extreme[0], factor_of(panel.label) * extreme[1])
 
 
 def name_among(joint: ShownJoint, joints: Sequence[ShownJoint]) -> str:
@@ -268,13 +274,17 @@ def _lay_out(
     curves: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> None:
     """Set limits, ticks, labels and legend of a panel."""
-    axes.set_ylabel(panel.label)
+    axes.set_ylabel("\n".join(fill(line, LABEL_WIDTH) for line in panel.label.splitlines()))
     label = "".join(f", {joint.run.label}" for joint in joints[:1] if joint.run.label)
     axes.set_xlabel((f"{joints[0].run.angle_name} [°]" if over == ANGLE else "time [ms]") + label)
-    axes.margins(x=0)
+    known = np.concatenate([x for x, _ in curves])  # errors may be unknown at the ends
+    axes.set_xlim(known.min(), known.max() if np.ptp(known) else None)
     axes.xaxis.set_major_locator(MultipleLocator(span(over, joints)))
     if panel.scale == "log":
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        low, high = axes.get_ylim()
+        axes.set_ylim(max(low, high / DECADES))
         axes.grid(alpha=0.15, which="minor")
     elif panel.scale == "angle":
         axes.set(ylim=(-180, 180), yticks=np.arange(-180, 181, 90))
@@ -287,7 +297,10 @@ def _lay_out(
         axes.set_ylim(1.05 * lowest if lowest < 0.0 else 0.0, high)
     else:
         axes.axhline(0.0, color="0.3", linewidth=0.8, zorder=1)
-    legend(axes)
+    if len(axes.get_legend_handles_labels()[0]) > MOST_INSIDE:
+        legend(axes, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
+    else:
+        legend(axes)
 
 
 def subtracted(first: ShownJoint, second: ShownJoint) -> ShownJoint:

@@ -120,7 +120,8 @@ class Map:
             return raster
         column, angle, height = (joint.columns[name] for name in self.marked)
         step = column.argmin() if self.extreme is np.min else column.argmax()
-        mark = factor * column[step], angle[step], 1e3 * height[step]
+        _, value = joint.cycle_extreme(self.marked[0]) or (0.0, column[step])
+        mark = factor * value, angle[step], 1e3 * height[step]
         return raster._replace(mark=mark)
 
 

@@ -20,6 +20,7 @@ from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.multibody.cycle import CRANK, TURN_ROUNDING, angle_before, angle_name
 from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.multibody.recorded_quantities import FilmResult
+from fenics_ehd.multibody.summary import EXTREMES
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.run import stored_scene
@@ -253,6 +254,19 @@ class ShownJoint:
     def journal_angle(self) -> np.ndarray | None:
         """Angle of the journal's body, see `ShownRun.journal_angle`."""
         return self.run.journal_angle(self.name)
+
+    def cycle_extreme(self, column: str) -> tuple[float, float] | None:
+        """Reference angle [degrees] and value of a cycle extreme, interpolated between the steps.
+
+        They are those of the summary, by the name of the column. The result is None if the summary
+        does not have the extreme.
+        """
+        figures = self.run.figures.get(self.name, {})
+        name = next((name for name, source, _, _ in EXTREMES if source == column), "")
+        keys = (f"cycle_{name}_crank_angle_deg", f"cycle_{column}")
+        if not all(key in figures for key in keys):
+            return None
+        return figures[keys[0]], figures[keys[1]]
 
     @cached_property
     def film(self) -> FilmResult:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import meshio
@@ -18,11 +19,22 @@ from fenics_ehd.fem.stress import (
     largest_half_range,
     largest_principal,
 )
+from fenics_ehd.multibody.figures import figures_of
+from fenics_ehd.multibody.trust import NOT_ESTIMATED
 from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.reduction.part_files import von_mises
 from fenics_ehd.reduction.residual_completion import missing_fields, pattern_fields
 from fenics_ehd.reduction.structure import Structure
 from fenics_ehd.results.paraview import CELL_NAMES
+
+#: Components of the error of a stress.
+COMPONENTS = ("mesh", "reduction", "run")
+
+#: Errors by the reduction and by the run if neither is known.
+NO_ERRORS = MappingProxyType(dict.fromkeys(COMPONENTS[1:], NOT_ESTIMATED))
+
+#: Reduction methods whose modes contain only a part of the bore's static flexibility.
+PARTIAL = ("m1", "m2", "m3")
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +179,12 @@ def _displacements(
     return fields, None
 
 
-def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Values, positions and instants of the largest stresses, for ``stress.json``.
+def figures(
+    stress: CycleStress,
+    instants: Mapping[str, np.ndarray],
+    errors: Mapping[str, float | str] = NO_ERRORS,
+) -> dict[str, Any]:
+    """Values, errors, positions and instants of the largest stresses, for ``stress.json``.
 
     Parameters
     ----------
@@ -176,6 +192,8 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
         Stresses of a body.
     instants
         Times or angles of the instants by column name, shape (t,) each.
+    errors
+        Relative errors by the reduction and by the run, see `stress_errors`.
     """
     node = stress.half_range_node
     half_range = stress.half_range
@@ -183,9 +201,12 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
     top = stress.principal_node
     when = stress.principal_instants[top]
     mean = half_range.mean[node]
+    largest = float(half_range.von_mises[node])
+    principal = float(stress.principal[top])
     return {
         "half_range": {
-            "von_mises_Pa": float(half_range.von_mises[node]),
+            "von_mises_Pa": largest,
+            "errors": summed_errors(largest, stress.half_range_around, errors),
             "in_cells_around_Pa": list(stress.half_range_around),
             "place_m": stress.nodes[node].tolist(),
             **{name: values[pair].tolist() for name, values in instants.items()},
@@ -195,12 +216,69 @@ def figures(stress: CycleStress, instants: Mapping[str, np.ndarray]) -> dict[str
             "mean_hydrostatic_Pa": float(mean[:3].mean()),
         },
         "largest_principal": {
-            "stress_Pa": float(stress.principal[top]),
+            "stress_Pa": principal,
+            "errors": summed_errors(principal, stress.principal_around, errors),
             "in_cells_around_Pa": list(stress.principal_around),
             "place_m": stress.nodes[top].tolist(),
             **{name: float(values[when]) for name, values in instants.items()},
         },
     }
+
+
+def stress_errors(
+    summary: Mapping[str, Any], body: ReducedBody, name: str, complete: bool
+) -> dict[str, float | str]:
+    """Relative errors of a body's stresses by the reduction and by the run.
+
+    Parameters
+    ----------
+    summary
+        Summary of the run with its error budget.
+    body, name
+        Reduced body and its name.
+    complete
+        Whether the static response that the basis lacks was added.
+
+    Returns
+    -------
+    dict
+        ``reduction``: verified relative error of the displacement of the bores, or 0 if nothing is
+        missing. ``run``: largest relative error of the force extremes of all joints, to which
+        stresses are proportional. In place of an error that is not known there is a text.
+    """
+    verified = {
+        **summary.get("verified_flexibility_errors", {}),
+        **summary.get("flexibility_errors", {}),
+    }
+    reduction: float | str = float(verified.get(name, 0.0))
+    unverified = body.method == "m4" and np.isnan(body.flexibility_error)
+    if unverified or (body.method in PARTIAL and not complete):
+        reduction = NOT_ESTIMATED
+    forces = [
+        figure.relative
+        for figure in figures_of(summary)
+        if figure.name == "cycle_max_force_N" and figure.relative is not None
+    ]
+    return {"reduction": reduction, "run": max(forces, default=NOT_ESTIMATED)}
+
+
+def summed_errors(
+    value: float, around: tuple[float, float], errors: Mapping[str, float | str]
+) -> dict[str, float | str]:
+    """Relative errors of an extreme stress by component, and their sum ``known``.
+
+    The error of the mesh is half the range of the values of single cells around the node.
+
+    Parameters
+    ----------
+    value, around
+        Stress, and its least and largest value in the cells around the node [Pa].
+    errors
+        Errors by the reduction and by the run, see `stress_errors`.
+    """
+    mesh = 0.5 * (around[1] - around[0]) / abs(value) if value else 0.0
+    each = {"mesh": mesh, **errors}
+    return {**each, "known": sum(error for error in each.values() if not isinstance(error, str))}
 
 
 def write_fields(path: Path, stress: CycleStress, time: np.ndarray) -> None:

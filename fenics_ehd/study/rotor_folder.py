@@ -266,6 +266,8 @@ class RotorFolder(ExitStack):
     def _require_same(self, about: Mapping[str, str]) -> None:
         """Refuse the folder if its points are those of another scene."""
         path = self.path / ABOUT
+        if not any((self.path / POINTS).glob("*.npz")):
+            return
         reason = difference(path, about, more_keys=False)
         if reason == UNREADABLE:
             raise InputError(f"{path} cannot be read: choose another folder or use --overwrite")

@@ -40,18 +40,22 @@ UNITS = {
 
 #: Words for figures whose name does not explain them.
 LABELS = {
-    "max_pressure_Pa": "peak oil film pressure (POFP)",
-    "min_film_thickness_m": "minimum oil film thickness (MOFT)",
+    "max_pressure_Pa": "peak pressure (POFP)",
+    "min_film_thickness_m": "minimum film (MOFT)",
     "max_force_N": "largest load",
     "mean_force_N": "mean load",
     "max_eccentricity_ratio": "largest eccentricity / clearance",
-    "basis_error_estimate_m": "error of the gap by the reduced basis",
-    "orbit_1x_amplitude_m": "orbit, once per revolution: amplitude",
-    "orbit_1x_phase_deg": "orbit, once per revolution: phase",
-    "orbit_0_5x_amplitude_m": "orbit, half frequency: amplitude",
-    "orbit_0_5x_phase_deg": "orbit, half frequency: phase",
-    "energy_balance_error": "error of the energy balance / energy exchanged",
-    "periodicity_defect": "largest change of a film between the last cycles",
+    "max_specific_load_Pa": "largest specific load F / (2 R B)",
+    "mean_specific_load_Pa": "mean specific load F / (2 R B)",
+    "min_lambda_ratio": "least film / roughness (lambda)",
+    "max_contact_share": "largest share on asperities",
+    "basis_error_estimate_m": "gap error by the reduced basis",
+    "orbit_1x_amplitude_m": "orbit, 1x amplitude",
+    "orbit_1x_phase_deg": "orbit, 1x phase",
+    "orbit_0_5x_amplitude_m": "orbit, 0.5x amplitude",
+    "orbit_0_5x_phase_deg": "orbit, 0.5x phase",
+    "energy_balance_error": "energy balance error / energy exchanged",
+    "periodicity_defect": "change of the films in the last cycle",
     "largest_multiplier": "largest Floquet multiplier (below 1: stable)",
     "simulated_time_s": "simulated time",
     "start_s": "start of the cycle",
@@ -118,7 +122,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Block:
-    """A table of figures: its caption, the headings of its columns, and its rows."""
+    """A table of figures: its caption, the headings of its columns, and its rows.
+
+    Without headings, the figures follow each other in a paragraph.
+    """
 
     caption: str
     heads: tuple[str, ...]
@@ -201,7 +208,7 @@ def figure_blocks(figures: Sequence[Figure], body: str, *, searched: bool) -> li
     of_run = [figure for figure in figures if not figure.joint]
     if of_run:
         rows = tuple(Row(label_of(name), (cell,)) for name, cell in _cells(of_run, body).items())
-        blocks.append(Block("The run", ("value",), rows))
+        blocks.append(Block("The run", (), rows))
     return blocks
 
 

@@ -114,6 +114,7 @@ def _pressure_at_peak(joint: ShownJoint) -> Figure:
         for name in ("max_pressure_Pa", "max_pressure_angle_deg", "max_pressure_height_m")
     )
     raster = raster_of(joint.grid, 1e-6 * np.asarray(joint.film.pressure[step]), joint.name)
+    _, peak = joint.cycle_extreme("max_pressure_Pa") or (0.0, peak)
     raster = raster._replace(mark=(1e-6 * peak, angle, 1e3 * height))
     return draw_rasters([[raster]], "pressure [MPa]", PRESSURES)
 

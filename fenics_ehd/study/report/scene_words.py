@@ -168,7 +168,7 @@ def _lubricated(name: str, joint: LubricatedSettings, history: History) -> list[
     words.append(f"radial clearance {value_text(joint.clearance, 'm')}")
     if name in history.joints:
         around, along = grid.cells
-        words.append(f"film of {around} × {along} {ELEMENTS.get(joint.element, '')} cells")
+        words.append(f"film mesh {around} × {along} ({ELEMENTS.get(joint.element, joint.element)})")
     words.append(
         f"viscosity {joint.viscosity:g} Pa s" if joint.lubricant == NONE else f"{joint.lubricant}"
     )
