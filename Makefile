@@ -89,6 +89,7 @@ pictures: set-up  ## draw the pictures of docs/pictures again
 	$(VENV)/bin/fenics-ehd run build/thinner.toml --no-plots --overwrite -o build/thinner
 	$(VENV)/bin/fenics-ehd plot build/linkage build/thinner --difference \
 	  --quantity rocker_end.min_film_thickness -o docs/pictures
+	$(VENV)/bin/python docs/demo_pictures.py
 	rm -f docs/pictures/*.svg
 
 docs: set-up $(VENV)/docs-stamp  ## build the documentation site into build/site

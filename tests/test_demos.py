@@ -25,6 +25,16 @@ def test_every_demo_is_tested():
     assert {path.stem for path in DEMOS.glob("*.py")} == tested
 
 
+def test_every_demo_has_a_page_with_its_picture():
+    pages = {path.stem: path for path in (DEMOS.parent / "docs" / "demos").glob("*.md")}
+    assert pages.keys() == {"index", *(path.stem for path in DEMOS.glob("*.py"))}
+    for name, page in pages.items():
+        pictures = re.findall(r"!\[.+\]\((.+)\)", page.read_text())
+        # Exudyn, with which this demo compares frequencies, is not among Debian's packages.
+        assert len(pictures) == (name not in ("index", "exudyn_body")), name
+        assert all((page.parent / picture).is_file() for picture in pictures), name
+
+
 @pytest.mark.slow
 def test_slider_crank_builds_up_its_film():
     result = demo("slider_crank").main(revolutions=0.05)
