@@ -247,6 +247,18 @@ def test_a_map_needs_neither_times_nor_a_drive():
         ehd.build(scene)
 
 
+def test_a_folder_without_points_takes_another_scene(complete, tmp_path):
+    path, _ = complete
+    light = write(tmp_path, **{"joints.left.clearance": 41e-6})
+    heavy = tmp_path / "heavy.toml"
+    heavy.write_text(
+        light.read_text().replace("acceleration = [0.0, -9.81]", "acceleration = [0.0, -1e7]")
+    )
+    arguments = ("--speeds", "500", "--meshes", "1", "-o", tmp_path / "map", "--no-plots")
+    assert call("rotor", heavy, *arguments) == 1
+    assert call("rotor", path, *arguments) == 0
+
+
 def test_a_speed_without_equilibrium_gives_status_1_and_the_others_stay(
     complete, tmp_path, capfd, monkeypatch
 ):
