@@ -39,3 +39,5 @@ default_role = "code"
 html_theme = "furo"
 html_title = f"fenics_ehd {__version__}"
 html_copy_source = False
+html_static_path = ["_static"]
+html_css_files = ["narrow.css"]

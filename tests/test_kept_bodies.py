@@ -281,8 +281,9 @@ def test_options_of_petsc_count(cache, tmp_path):
 
 
 def test_the_kernel_of_the_process_is_named():
-    (kernel,) = {text for text in kept_bodies.blas_kernels() if text.startswith("OpenBLAS")}
-    assert kernel.endswith("threads=1")
+    kernels = {text for text in kept_bodies.blas_kernels() if text.startswith("OpenBLAS")}
+    assert kernels  # one of Debian; NumPy, SciPy and PETSc of PyPI contain their own
+    assert all(kernel.endswith("threads=1") for kernel in kernels)
 
 
 def test_names_depend_on_bodies_that_the_reductor_reduced_before(cache, tmp_path):

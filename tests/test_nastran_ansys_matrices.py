@@ -220,7 +220,7 @@ def test_dmig_cards_of_another_program():
     ("old", "new", "message"),
     [
         ("KAAX", "KBBX", "no DMIG matrix KAAX; there are: KBBX, MAAX; give names"),
-        ("       6       2       0", "       9       2       0", "has form 9, but 1"),
+        ("       6       2       0", "       9       2       0", "has form 9, but must have 1"),
         ("       6       2       0", "       6       3       0", "its numbers are complex"),
         (
             "               7               1",
