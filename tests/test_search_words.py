@@ -38,7 +38,7 @@ def test_the_list_has_the_words_of_the_field():
     assert len(words) > 70
 
 
-@pytest.mark.parametrize(("word", "pages"), listed())
+@pytest.mark.parametrize(("word", "pages"), list(listed()))
 def test_a_search_word_occurs_on_its_page(word, pages):
     assert any(plain(word) in plain((DOCS / page).read_text()) for page in pages)
 
@@ -72,7 +72,7 @@ PAGES = {"paper": "paper", "part": "own-part", "plot": "pictures", "reduce": "re
          "sweep": "sweeps"}  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "page"), PAGES.items())
+@pytest.mark.parametrize(("name", "page"), list(PAGES.items()))
 def test_the_page_of_a_command_begins_with_its_question(name, page):
     question = cli.get_command(CONTEXT, name).help.partition("\n\n")[0]
     title, first = (DOCS / f"{page}.md").read_text().split("\n\n")[:2]

@@ -158,9 +158,11 @@ def _described(name: str, error: Exception) -> str:
     reason = " ".join(str(error).split())[:200]
     path = os.environ.get("PYTHONPATH")
     remedy = f"see PYTHONPATH = {path}" if path else "see 'pip list' for a second one"
+    debian = Path(origin(name)).is_relative_to(DEBIAN_LIBRARIES)
+    need = "Debian's packages need Debian's numpy" if debian else "it needs another numpy"
     return (
-        f"{library} does not work in {sys.executable}: {type(error).__name__}: {reason}: Debian's "
-        f"packages need Debian's numpy, {remedy}"
+        f"{library} does not work in {sys.executable}: {type(error).__name__}: {reason}: {need}, "
+        f"{remedy}"
     )
 
 

@@ -8,6 +8,10 @@ its work:
             ...
             stage.to(part.stop)
 
+A library such as tqdm draws one bar for each loop: it neither has nested stages in one line, nor
+adds lines to a log at intervals, nor shows what a worker process is doing, and its bars in
+notebooks need ipywidgets. This module has one line for all of these.
+
 The caller decides whether and where progress is shown. In a terminal, one line on standard error is
 rewritten and is removed at the end. In a notebook, one output is updated. In the log of a command,
 a line is added at intervals of `LOG_INTERVAL`. Elsewhere, and on all ranks but the first, progress

@@ -29,7 +29,7 @@ from fenics_ehd.base.progress import Progress, shown_progress
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
 from fenics_ehd.multibody.cycle import CRANK, Cycle
-from fenics_ehd.multibody.figures import figures_of
+from fenics_ehd.multibody.figures import ERROR_ITSELF, figures_of
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
     Checkpoint,
@@ -466,12 +466,15 @@ VALUE = re.compile(r"\{(\w+):[^}]*\} (?:MPa|N m|N|W|um|C|c|cm3/s)(?=[ ,\n]|$)")
 def bound_texts(joint: Mapping[str, Any]) -> Mapping[str, str]:
     """Texts of the errors of a joint's figures by name, `` +- 0.5 %`` or `` (not estimated)``.
 
-    They are empty if the run has no error budget.
+    They are empty if the run has no error budget, and for figures that are errors themselves.
     """
     texts: dict[str, str] = defaultdict(str)
     if "errors" in joint:
         for figure in figures_of({"joints": {"": joint}}):
-            texts[figure.name] = f" {figure.bound}" if figure.known else f" ({figure.reason})"
+            if figure.known:
+                texts[figure.name] = f" {figure.bound}"
+            elif figure.reason != ERROR_ITSELF:
+                texts[figure.name] = f" ({figure.reason})"
     # Lines of these figures have the text of `error_text`.
     texts |= dict.fromkeys(("max_pressure_Pa", "min_film_thickness_m"), "")
     return texts
