@@ -313,8 +313,13 @@ def test_files_of_ansys_that_do_not_fit_are_named(rotor_files, tmp_path):
         ehd.read_ansys(*files[:2], FILES / "README.md")
     short = tmp_path / "short.txt"
     short.write_text("%%MatrixMarket matrix array integer general\n2 1\n1\n2\n")
-    with pytest.raises(error, match=r"short\.txt names the nodes of 6 equations, but .* has 345"):
+    with pytest.raises(error, match=r"short\.txt names the nodes of 6 eq.*\(345, 345\): write"):
         ehd.read_ansys(*files[:2], short)
+    small = tmp_path / "small.txt"
+    io.mmwrite(small.with_suffix(".mtx"), sparse.eye(6).tocoo())
+    small.with_suffix(".mtx").rename(small)
+    with pytest.raises(error, match=r"345 equations, but .*small\.txt has the shape \(6, 6\)"):
+        ehd.read_ansys(small, *files[1:])
 
 
 # Check

@@ -18,6 +18,7 @@ from fenics_ehd.plotting.rotor import campbell, decrement, mode_shapes
 from fenics_ehd.scenes.kept_bodies import checksum
 from fenics_ehd.scenes.rotor_map import plan_map
 from fenics_ehd.scenes.scene import scene_text
+from fenics_ehd.study import rotor_folder
 from fenics_ehd.study.rotor_folder import StoredPoints
 
 COARSE = {"joints.left.cells": [16, 3], "joints.right.cells": [16, 3]}
@@ -245,6 +246,16 @@ def test_a_map_needs_neither_times_nor_a_drive():
     np.testing.assert_allclose(bare.roots[slow], chart.roots[slow], rtol=1e-5)
     with pytest.raises(ehd.errors.SettingsError, match=r"^give either time\.end or time\.revolut"):
         ehd.build(scene)
+
+
+def test_a_map_of_a_scene_without_times_takes_further_speeds():
+    """The times that such a scene gets for its steps depend on the speeds, its points do not."""
+    tables = json.loads(json.dumps(ehd.read_scene("rotor-two-bearings", **COARSE).tables))
+    del tables["time"]
+    scene = ehd.read_scene(tables)
+    first, second = (plan_map(scene, speeds, meshes=1) for speeds in ([500.0], [300.0, 500.0]))
+    assert first.scene.time != second.scene.time
+    assert rotor_folder._identity(first) == rotor_folder._identity(second)
 
 
 def test_a_folder_without_points_takes_another_scene(complete, tmp_path):

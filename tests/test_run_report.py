@@ -16,7 +16,7 @@ import fenics_ehd as ehd
 from fenics_ehd.multibody.figures import figures_of
 from fenics_ehd.scenes.scene import as_stored
 from fenics_ehd.study.report.run_figures import UNITS, figure_blocks, number_text
-from fenics_ehd.study.report.scene_words import scene_entries, value_text
+from fenics_ehd.study.report.scene_words import scene_entries, setting_text
 
 FORMER = Path(__file__).parent / "stored" / "run-0.3"
 
@@ -214,7 +214,7 @@ def test_printed_units_have_the_factor_of_their_unit():
     ],
 )
 def test_settings_have_the_unit_that_fits(value, unit, text):
-    assert value_text(value, unit) == text
+    assert setting_text(value, unit) == text
 
 
 @pytest.mark.parametrize("name", ["engine", "rotor", "four-bar", "slider-crank-both-ends"])

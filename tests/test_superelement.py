@@ -189,10 +189,10 @@ def test_lines_of_the_page_integrate_the_equations_of_motion(rod, tmp_path, monk
     ehd.reduction.export_npz(rod, "rod.npz")
     names = {}
     exec(block.split("```")[0], names)
-    found, mass = names["found"], names["mass"]
+    solution, mass = names["solution"], names["mass"]
     # Momentum along y over the mass is the velocity of the centre.
-    velocity = mass[1] @ found.y[len(mass) :, -1] / mass[1, 1]
-    end = found.t[-1]
+    velocity = mass[1] @ solution.y[len(mass) :, -1] / mass[1, 1]
+    end = solution.t[-1]
     expected = 100.0 * (1.0 - np.cos(1000.0 * end)) / 1000.0 / mass[1, 1]
     np.testing.assert_allclose(velocity, expected, rtol=1e-5)
     assert solve_ivp is names["solve_ivp"]

@@ -115,13 +115,13 @@ class FigureErrors:
         each = [self._by_change(change, names) for change in self.changes.values()]
         each += [self._by_start(names), self._by_quadrature(names)]
         totals = {name: sum(component[name] for component in each) for name in names}
-        errors |= {name: total for name, total in totals.items() if np.isfinite(total)}
         heat = self.binding.joint.heat
         if heat is not None and "outlet_temperature_C" in totals:
             # The effective temperature follows from that of the outlet, up to its tolerance.
-            error = heat.outlet_weight * totals["outlet_temperature_C"] + heat.tolerance
-            errors["effective_temperature_C"] = error
-        return errors
+            totals["effective_temperature_C"] = (
+                heat.outlet_weight * totals["outlet_temperature_C"] + heat.tolerance
+            )
+        return errors | {name: total for name, total in totals.items() if np.isfinite(total)}
 
     def _by_change(self, change: np.ndarray, names: list[str]) -> dict[str, float]:
         """Errors of the figures in `names` by one component with the error curves `change`."""

@@ -181,6 +181,10 @@ class Progress:
             Amount that is done at the start.
         """
         stage = Stage(self._update, name, total, unit, done)
+        if self._show is None:
+            # One silent progress serves all threads.
+            yield stage
+            return
         began = monotonic()
         self._stages.append(stage)
         try:
@@ -188,7 +192,7 @@ class Progress:
             yield stage
         finally:
             self._stages.pop()
-            if self._show is not None and not self._stages:
+            if not self._stages:
                 self._ended.append(f"{name}: {duration(monotonic() - began)}")
                 self._end(", ".join(self._ended))
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.files import claim, require_writable
+from fenics_ehd.base.progress import duration
 from fenics_ehd.cli.options import (
     aligned,
     answer,
@@ -101,19 +102,14 @@ def _print_estimates(figures: Sequence[PaperFigure], folders: Mapping[str, Study
 
 
 def _counts(each: Estimate) -> list[str]:
-    return [str(each.runs), str(each.runs - each.missing), _duration(each.seconds)]
-
-
-def _duration(seconds: float) -> str:
-    """Text of an estimated time, ``40 s`` or ``3 min``; two digits are enough."""
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    return [str(each.runs), str(each.runs - each.missing), duration(each.seconds)]
 
 
 def _drawn(figure: PaperFigure, folder: StudyFolder, target: Path) -> dict[str, Any]:
     """Draw a figure from the runs in a folder; entry of the result for it."""
+    from fenics_ehd.multibody.verdict import COMPLETE
     from fenics_ehd.study.report.paper_figures import write_figure
     from fenics_ehd.study.report.study_data import read_study
-    from fenics_ehd.study.worker import COMPLETE
 
     files = write_figure(figure, read_study(folder.path), target)
     statuses = {name: folder.status(name) for name in figure.runs}
@@ -137,7 +133,14 @@ def _require_complete(entries: Sequence[Mapping[str, Any]]) -> None:
     """
     from fenics_ehd.study.pool import FailedCasesError
 
-    failures = {name: why for entry in entries for name, why in entry["failed"].items()}
+    failures = {
+        f"{entry['scene']}/{name}": why
+        for entry in entries
+        for name, why in entry["failed"].items()
+    }
     if failures:
         name, why = next(iter(failures.items()))
-        raise FailedCasesError(f"{len(failures)} runs failed, the first is {name}: {why}")
+        raise FailedCasesError(
+            f"{len(failures)} runs failed, the first is {name}: {why}: the same command runs them "
+            "again"
+        )

@@ -29,7 +29,7 @@ from fenics_ehd.base.progress import Progress, shown_progress
 from fenics_ehd.base.settings import read_toml
 from fenics_ehd.cli.options import aligned, answer, echo, say_reducing, warn_of
 from fenics_ehd.multibody.cycle import CRANK, Cycle
-from fenics_ehd.multibody.figures import ERROR_ITSELF, figures_of
+from fenics_ehd.multibody.figures import figures_of
 from fenics_ehd.multibody.trust import NOT_APPLICABLE, NOT_ESTIMATED
 from fenics_ehd.results.recorded_run import (
     Checkpoint,
@@ -306,9 +306,8 @@ def changed_scene(
             raise SettingsError(
                 "--body and --method exclude each other: the body is already reduced"
             )
-        from fenics_ehd.scenes.part_changes import (
-            with_body,  # imports all reductions, which is slow
-        )
+        # The module imports all reductions, which is slow.
+        from fenics_ehd.scenes.part_changes import with_body
 
         scene = with_body(scene, body, read_toml(name) if Path(name).suffix == ".toml" else {})
     if method is not None:
@@ -466,15 +465,15 @@ VALUE = re.compile(r"\{(\w+):[^}]*\} (?:MPa|N m|N|W|um|C|c|cm3/s)(?=[ ,\n]|$)")
 def bound_texts(joint: Mapping[str, Any]) -> Mapping[str, str]:
     """Texts of the errors of a joint's figures by name, `` +- 0.5 %`` or `` (not estimated)``.
 
-    They are empty if the run has no error budget, and for figures that are errors themselves.
+    They are empty if the run has no error budget, and for figures without an error by their nature.
     """
     texts: dict[str, str] = defaultdict(str)
     if "errors" in joint:
         for figure in figures_of({"joints": {"": joint}}):
             if figure.known:
                 texts[figure.name] = f" {figure.bound}"
-            elif figure.reason != ERROR_ITSELF:
-                texts[figure.name] = f" ({figure.reason})"
+            elif figure.reason == NOT_ESTIMATED:
+                texts[figure.name] = f" ({NOT_ESTIMATED})"
     # Lines of these figures have the text of `error_text`.
     texts |= dict.fromkeys(("max_pressure_Pa", "min_film_thickness_m"), "")
     return texts

@@ -136,12 +136,12 @@ def study(
     meshes. Errors are differences from a reduction with the full interface, which has a static mode
     for every pressure node. Cases that are complete are not run again.
     """
+    from fenics_ehd.multibody.verdict import COMPLETE
     from fenics_ehd.scenes.scene import as_stored, input_files
     from fenics_ehd.study.compare import MADE, StudyFolder, run_study
     from fenics_ehd.study.plan import REFERENCE, make_study
     from fenics_ehd.study.pool import FailedCasesError, open_pool
     from fenics_ehd.study.report.write import write_report
-    from fenics_ehd.study.worker import COMPLETE
 
     target = Path(directory or Path("results") / f"{Path(scene).stem}-study")
     require_made_by(target, StudyFolder.command)
@@ -324,8 +324,8 @@ def _answer_sweep(
     FailedCasesError
         Some cases failed.
     """
+    from fenics_ehd.multibody.verdict import COMPLETE
     from fenics_ehd.study.pool import FailedCasesError
-    from fenics_ehd.study.worker import COMPLETE
 
     failures = sum(row["status"] != COMPLETE for row in rows)
     of_joints = [

@@ -138,7 +138,7 @@ def reason_of(name: str) -> str:
     return next(matching, NOT_ESTIMATED)
 
 
-def stated_errors(
+def reported_errors(
     entries: Mapping[str, Any], errors: Mapping[str, float | str]
 ) -> dict[str, float | str]:
     """Entry ``errors`` of a joint: the error of each figure in `entries`, or the reason for none.

@@ -19,7 +19,7 @@ from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.extremes import over_time
 from fenics_ehd.film.film import steepest_thickening
 from fenics_ehd.multibody.cycle import END_ROUNDING, Cycle, angle_before, first_of_last
-from fenics_ehd.multibody.figures import stated_errors
+from fenics_ehd.multibody.figures import reported_errors
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.notices import (
     RINGING,
@@ -273,7 +273,7 @@ class RunSummary:
         if binding.name in self.error_budget:
             budget = dict(self.error_budget[binding.name])
             errors = budget.pop("figures", {})
-            figures |= {"error_budget": budget, "errors": stated_errors(figures, errors)}
+            figures |= {"error_budget": budget, "errors": reported_errors(figures, errors)}
         return figures
 
     def figures(self, binding: FilmBinding, cycle: Cycle) -> dict[str, Any]:

@@ -67,7 +67,7 @@ class _Inverse:
         self._converged = ""
 
     def restart(self, _eps: SLEPc.EPS, _its: int, count: int, _values: Any, _errors: Any) -> None:
-        """Show the number of modes that have converged; SLEPc calls this method at restarts."""
+        """Keep the number of converged modes for the progress; SLEPc calls this at restarts."""
         self._converged = f"{count} converged"
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -12,14 +12,14 @@ CalculiX writes the matrices with ``*FREQUENCY, SOLVER=MATRIXSTORAGE`` (tested w
 digits. ``JOB.dof`` has the node and the direction of each row as ``node.direction``.
 
 Ansys writes the matrices of ``file.full`` in Matrix Market form, and the numbers of the nodes in
-the order of the equations (tested with files of Ansys in the test data of
-jgerstmayr/EXUDYN)::
+the order of the equations (matrices and nodes tested with files of Ansys in the test data of
+jgerstmayr/EXUDYN; the commands are from Ansys' description of *VEC and *EXPORT)::
 
     *SMAT,MatK,D,IMPORT,FULL,file.full,STIFF
     *EXPORT,MatK,MMF,K.txt
     *SMAT,MatM,D,IMPORT,FULL,file.full,MASS
     *EXPORT,MatM,MMF,M.txt
-    *VEC,Nodes,I,IMPORT,FULL,file.full,FORWARD
+    *VEC,Nodes,I,IMPORT,FULL,file.full,BACK
     *EXPORT,Nodes,MMF,nodes.txt
 
 ``HBMAT`` with a mapping writes lines of equation, node and direction instead (implemented from the
@@ -212,6 +212,7 @@ def read_ansys(
     """
     from scipy import io
 
+    labels = _ansys_labels(Path(mapping))
     files = [Path(stiffness), Path(mass)]
     entries = []
     for file in files:
@@ -219,14 +220,12 @@ def read_ansys(
             require_file(file)
             require_matrix_market(file)
             matrix = sparse.coo_matrix(io.mmread(file))
+        if matrix.shape != (len(labels), len(labels)):
+            raise StructureError(
+                f"{mapping} names the nodes of {len(labels)} equations, but {file} has the shape "
+                f"{matrix.shape}: write the mapping of HBMAT for a part that is held"
+            )
         entries.append((np.column_stack([matrix.row, matrix.col]), matrix.data))
-    size = matrix.shape[0]
-    labels = _ansys_labels(Path(mapping))
-    if len(labels) != size:
-        raise StructureError(
-            f"{mapping} names the nodes of {len(labels)} equations, but {files[1]} has {size}: "
-            "write the mapping of HBMAT for a part that is held"
-        )
     return in_order(files, entries, labels, numbers)
 
 

@@ -45,7 +45,7 @@ DENSITIES = (30.0, 20e3)
 
 @dataclass(frozen=True)
 class MatrixCheck:
-    """What the matrices K and M of a part say about it; printed as lines of text.
+    """Mass, centre, elastic defects and estimates from a part's K and M; printed as lines of text.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ def check_matrices(
     Returns
     -------
     MatrixCheck
-        What was found; `MatrixCheck.notices` are about units.
+        Mass, centre, defects and estimates; its `notices` are lines about units.
 
     Raises
     ------

@@ -550,7 +550,10 @@ def _entries(
 
 
 def summarised_run(
-    run: Recorder, about: Mapping[str, Any], between: Callable[[], None] = _nothing
+    run: Recorder,
+    about: Mapping[str, Any],
+    between: Callable[[], None] = _nothing,
+    progress: Progress = SILENT,
 ) -> dict[str, Any]:
     """Integrate a run as `record_run` does, but without files; return its summary.
 
@@ -561,8 +564,9 @@ def summarised_run(
     SolverError
         Raised by `Run.until` and `PeriodicSolver`.
     """
-    with interrupt_between_steps() as check:
-        for _ in run.steps():
+    with run.shown(progress, about["scene"]) as show, interrupt_between_steps() as check:
+        for step, _ in run.steps():
+            show(step)
             check()
             between()
     run.add_reported()

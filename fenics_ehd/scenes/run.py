@@ -234,18 +234,21 @@ def run_scene(
 
 
 def summarise_scene(
-    scene: Scene, built: Machine, between: Callable[[], None] = lambda: None
+    scene: Scene,
+    built: Machine,
+    between: Callable[[], None] = lambda: None,
+    progress: Progress = SILENT,
 ) -> dict[str, Any]:
     """Integrate a scene without files; return its summary, which is that of `run_scene`.
 
-    The summary has no versions, and the run is not shown. The parameters are those of `run_scene`.
+    The summary has no versions. The parameters are those of `run_scene`.
 
     Raises
     ------
     SolverError
         Raised by `Run.until` and `PeriodicSolver`.
     """
-    return summarised_run(_recorder(scene, built), _about(scene, built), between)
+    return summarised_run(_recorder(scene, built), _about(scene, built), between, progress)
 
 
 def _recorder(scene: Scene, built: Machine) -> Recorder:

@@ -17,8 +17,8 @@ from fenics_ehd.base.described import Described, names_or_none
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import require_writable
 from fenics_ehd.base.printed import key_hint
+from fenics_ehd.multibody.verdict import COMPLETE
 from fenics_ehd.study.cases import write_table
-from fenics_ehd.study.worker import COMPLETE
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -352,7 +352,9 @@ OWN_KINDS = ("step", "film", "basis")
 
 def _own_error(folder: StudyFolder, kind: str) -> dict[str, Any]:
     if kind not in folder.study.checks:
-        return dict.fromkeys(ERRORS) | {"why": "the study has no run for it"}
+        return dict.fromkeys(ERRORS) | {
+            "why": f"this study computes no {kind} error of the reference"
+        }
     (run, meaning) = folder.study.checks[kind]
     errors = folder.own_error(kind)
     if errors is None:

@@ -30,10 +30,10 @@ from fenics_ehd.base.files import (
     to_json,
     write_whole,
 )
+from fenics_ehd.multibody.verdict import COMPLETE
 from fenics_ehd.study.cases import difference, write_table
 from fenics_ehd.study.pool import OUTCOMES, OtherFolderError, read_records, share
 from fenics_ehd.study.sweep import ABOUT, OWN, PART, TABLE, Part, SweepFolder
-from fenics_ehd.study.worker import COMPLETE
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,8 @@ class PartFolder:
             reader = csv.DictReader(io.StringIO(read_text(path / TABLE)), strict=True)
             rows = {int(row["case"]): row for row in reader}
             columns = tuple(reader.fieldnames or ())
+            if "cases" not in about or "status" not in columns:
+                raise ValueError("another version made it: run the sweep again")
             records = read_records(path / OUTCOMES)
         except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
             raise InputError(f"--merge: {path} cannot be read: {error}") from None
@@ -140,8 +142,10 @@ def merge_sweeps(
     with ExitStack() as held:
         parts = []
         for path in dict.fromkeys(paths):
+            # A part that is still running is refused before it is read.
+            if path.is_dir():
+                held.enter_context(locked(path))
             parts.append(PartFolder.read(path))
-            held.enter_context(locked(path))
         _require_same_sweep(parts)
         about = {**parts[0].identity, PART: str(Part())}
         require_made_by(target, SweepFolder.command)

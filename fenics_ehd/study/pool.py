@@ -153,7 +153,7 @@ def require_importable_main(pool: ProcessPool) -> None:
 #: wait here, so that a task that is sent again need not wait for all others.
 TASKS_PER_WORKER = 2
 
-#: Number of workers of an executor that does not tell it.
+#: Number of workers that is assumed if an executor has no attribute with this number.
 UNKNOWN_WIDTH = 32
 
 
@@ -161,7 +161,12 @@ def width_of(executor: Executor) -> int:
     """Number of workers of an executor; `UNKNOWN_WIDTH` if the executor does not have it."""
     client: Any = getattr(executor, "_client", None)  # of Dask, whose number of workers may change
     if hasattr(client, "ncores"):
-        return max(1, sum(client.ncores().values()))
+        try:
+            return max(1, sum(client.ncores().values()))
+        except OSError as error:
+            raise WorkerDiedError(
+                f"the scheduler no longer answers ({error}): start it, and repeat the command"
+            ) from None
     names = "width", "num_workers", "_max_workers"
     numbers = (getattr(executor, name, None) for name in names)
     return next((number for number in numbers if isinstance(number, int)), UNKNOWN_WIDTH)
@@ -310,13 +315,14 @@ class ProcessPool(Executor):
         self.width = width
         self._threads = ThreadPoolExecutor(width, initializer=_block_interrupts)
         self._executors: dict[int, ProcessPoolExecutor] = {}
-        self._futures: list[Future[Any]] = []
+        self._futures: set[Future[Any]] = set()
         self._others = set(multiprocessing.active_children())
 
     def submit(self, function: Callable[..., R], /, *arguments: Any, **keywords: Any) -> Future[R]:
         """Call a function in the next free process; return a `Future` of its result."""
         future = self._threads.submit(self._call, function, *arguments, **keywords)
-        self._futures.append(future)
+        self._futures.add(future)
+        future.add_done_callback(self._futures.discard)  # a result may hold the files of a run
         return future
 
     def _call(self, function: Callable[..., R], *arguments: Any, **keywords: Any) -> R:
@@ -334,7 +340,7 @@ class ProcessPool(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes after their tasks; with `cancel_futures`, end them at once."""
         self._threads.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
-        while cancel_futures and not all(future.done() for future in self._futures):
+        while cancel_futures and not all(future.done() for future in list(self._futures)):
             # PETSc prints a page of advice if it is only terminated, so the process is killed.
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
@@ -376,7 +382,7 @@ def reduce_missing(
     failures: dict[str, Outcome] = {}
     reduced = read = 0
     tasks = [PartTask(in_turn(bodies)) for bodies in parts.values()]
-    tasks = [replace(task, progress=watch.file(task.name)) for task in tasks]
+    tasks = [replace(task, progress=watch.file(task.bodies[0].name)) for task in tasks]
     reductions = Tasks(executor, reduce_part, check, watch=watch)
     for task, answer in reductions.outcomes(tasks):
         if isinstance(answer, Outcome):
@@ -695,7 +701,7 @@ class BodySender:
 
 
 def share(file: Path, copy: Path) -> None:
-    """Link a body's file into the folder of a run, because many runs share a body.
+    """Link a file into another folder: runs share bodies, and a merged sweep files of its parts.
 
     If the file system has no links, the file is copied.
     """

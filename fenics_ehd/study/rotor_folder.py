@@ -206,14 +206,15 @@ def _identity(plan: RotorPlan) -> dict[str, str]:
     """All data on which the points of a map depend, as text by key.
 
     Unbalances do not act in an equilibrium: the response to them is computed from stored points.
+    The times of a run are not used.
     """
-    unbalances = [
+    unused = [
         f"forces.{name}."
         for name, force in plan.scene.forces.items()
         if isinstance(force, Unbalance)
     ]
     values = identity(plan.scene).items()
-    about = {key: text for key, text in values if not key.startswith(tuple(unbalances))}
+    about = {key: text for key, text in values if not key.startswith(("time.", *unused))}
     return about | {"rotating": ", ".join(plan.rotating), "meshes": str(plan.meshes)}
 
 

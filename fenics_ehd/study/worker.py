@@ -24,7 +24,7 @@ import platform
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from hashlib import sha256
 from math import inf
 from pathlib import Path
@@ -40,6 +40,7 @@ from fenics_ehd.base.processes import one_blas_thread
 from fenics_ehd.base.progress import written_progress
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
 from fenics_ehd.multibody.mechanism import Mechanism
+from fenics_ehd.multibody.verdict import COMPLETE
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body
 from fenics_ehd.results.recorded_run import BODY_FILE, RunFolder
 from fenics_ehd.scenes.build import Machine, build
@@ -50,9 +51,6 @@ from fenics_ehd.scenes.run import run_scene, summarise_scene
 from fenics_ehd.scenes.scene import Scene, flexible
 from fenics_ehd.study.cases import Case
 from fenics_ehd.study.scheduler import require_wanted
-
-#: Status of a run whose results can be trusted.
-COMPLETE = "complete"
 
 
 @dataclass(frozen=True)
@@ -128,8 +126,18 @@ class PartTask:
         return f"reduction of {self.bodies[0].key.rpartition('.')[2]}"
 
 
+#: Lock so that a process runs one task at a time: PETSc, Gmsh, form cache and working folder are
+#: shared.
+_ALONE = threading.Lock()
+
+
 def reduce_part(task: PartTask) -> Reductions:
     """Reduce bodies of one part in this process, or read all from the cache."""
+    with _ALONE, one_blas_thread():
+        return _reduced_part(task)
+
+
+def _reduced_part(task: PartTask) -> Reductions:
     comm = MPI.COMM_SELF
     bodies = task.bodies
     progress = written_progress(task.progress)
@@ -302,10 +310,6 @@ class MissingBodies:
     worker: str
 
 
-#: Lock so that a process runs one case at a time: PETSc, form cache and working folder are shared.
-_ALONE = threading.Lock()
-
-
 def run_case(task: CaseTask) -> CaseResult | MissingBodies:
     """Run a case as ``fenics-ehd run`` does; an error becomes the status of the outcome."""
     with _ALONE, one_blas_thread():
@@ -320,7 +324,8 @@ def run_case(task: CaseTask) -> CaseResult | MissingBodies:
             if missing:
                 return MissingBodies(tuple(missing), f"{platform.node()} {os.getpid()}")
             if not task.keep:
-                return CaseResult(_outcome(task.case.scene, bodies, summarise_scene))
+                summarise = partial(summarise_scene, progress=written_progress(task.progress))
+                return CaseResult(_outcome(task.case.scene, bodies, summarise))
         except Exception as error:
             return CaseResult(failed(error))
         return _stored_run(task, bodies)

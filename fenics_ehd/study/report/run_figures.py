@@ -171,8 +171,8 @@ def label_of(name: str) -> str:
     base = name.removeprefix(CYCLE)
     if base in LABELS:
         return LABELS[base]
-    factor_and_unit = (end for end in UNITS if base.endswith(end))
-    words = base.removesuffix(next(factor_and_unit, ""))
+    endings = (end for end in UNITS if base.endswith(end))
+    words = base.removesuffix(next(endings, ""))
     return words.replace("_per_rad", "").replace("_", " ").replace(".", ": ")
 
 
@@ -247,7 +247,9 @@ def _cells(figures: Iterable[Figure], body: str) -> dict[str, Cell]:
             continue
         end = next(end for end in POSITIONS if name.endswith(end))
         stem = name.removesuffix(end)
-        owner = next((other for other in main if other.startswith(f"{stem}_")), None)
+        # A dimensionless figure has no unit at the end of its name.
+        owners = (other for other in main if other == stem or other.startswith(f"{stem}_"))
+        owner = next(owners, None)
         if owner is None:
             cells[name] = Cell([_full(figure)], value_text(figure), "")
             continue

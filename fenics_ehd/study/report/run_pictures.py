@@ -26,8 +26,6 @@ MOST_JOINTS = 4
 LAST = {
     "contact": "Asperity contact: force, largest pressure, and shares of load and area.",
     "friction": "Friction: torques on journal and bore, and power lost in the film.",
-    "bore": "Bore, journal and film pressure at the instants of peak pressure and of minimum film; "
-    "clearance and deformation are magnified.",
     "energy": "Energies that were stored, exchanged and lost, and the error of their balance.",
 }
 
@@ -74,7 +72,7 @@ def deciding_pictures(run: ShownRun) -> Iterator[Picture]:
             _pressure_at_peak(highest),
         )
     for name, caption in LAST.items():
-        figure = _figure(name, ranked[:1] if name == "bore" else joints, run)
+        figure = _figure(name, joints, run)
         if figure is not None:
             yield Picture(name, caption, figure)
             return

@@ -28,7 +28,7 @@ SCALES: Mapping[str, tuple[tuple[float, float, str], ...]] = {
     "Pa": ((1e9, 1e-9, "GPa"), (1e5, 1e-6, "MPa"), (0.0, 1.0, "Pa")),
 }
 
-#: Settings that are written first in the sentence of an entry, or not at all.
+#: Settings that are not written: points, the state at the start, and a limit of the solver.
 SKIPPED = ("points", "position", "velocity", "eccentricity", "eccentricity_rate", "smallest_film")
 
 #: Words for a film element by the name of its family.
@@ -61,12 +61,12 @@ class Entry(NamedTuple):
     words: str
 
 
-def value_text(value: Any, unit: str = "") -> str:
+def setting_text(value: Any, unit: str = "") -> str:
     """Text of a setting with its unit, in the larger or smaller unit of `SCALES` that fits."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        parts = ", ".join(value_text(part) for part in value)
+        parts = ", ".join(setting_text(part) for part in value)
         return f"({parts}) [{unit}]" if "," in unit else f"({parts}) {unit}".rstrip()
     if not isinstance(value, int | float):
         return str(value)
@@ -107,7 +107,7 @@ def changed_settings(
             ]
         else:
             unit = unit_of(field.metadata.get("help", ""))
-            texts.append(f"{name} {value_text(value, unit if unit != '-' else '')}")
+            texts.append(f"{name} {setting_text(value, unit if unit != '-' else '')}")
     return texts
 
 
@@ -143,7 +143,7 @@ def _flexible(body: FlexibleSettings, reduced: Mapping[str, Any]) -> list[str]:
         words = [f"elastic part from the file {body.body}"]
     else:
         words.append(
-            f"Young's modulus {value_text(body.material.youngs_modulus, 'Pa')}, density "
+            f"Young's modulus {setting_text(body.material.youngs_modulus, 'Pa')}, density "
             f"{body.material.density:g} kg/m3"
         )
         counts = (f"{name.replace('_', ' ')} {body.geometry[name]:g}" for name in body.cell_counts)
@@ -165,7 +165,7 @@ def _lubricated(name: str, joint: LubricatedSettings, history: History) -> list[
         words.append(
             f"bore diameter {2e3 * float(film.radius):.6g} mm, width {1e3 * grid.width:.6g} mm"
         )
-    words.append(f"radial clearance {value_text(joint.clearance, 'm')}")
+    words.append(f"radial clearance {setting_text(joint.clearance, 'm')}")
     if name in history.joints:
         around, along = grid.cells
         words.append(f"film mesh {around} × {along} ({ELEMENTS.get(joint.element, joint.element)})")
