@@ -11,6 +11,7 @@ from scipy import io, sparse
 from scipy.linalg import eigh
 
 import fenics_ehd as ehd
+from fenics_ehd.reduction.foreign_matrices import in_order
 from fenics_ehd.reduction.matrix_check import RIGID_LIMIT, check_matrices
 from fenics_ehd.reduction.nastran_matrices import read_op4_matrices
 
@@ -127,6 +128,9 @@ def unlike(text, old, new):
     return text.replace(old, new, 1)
 
 
+#: A value of a text file.
+ONE = f"{1.0:23.16E}"
+
 HEAD = f"{3:8d}{3:8d}{6:8d}{2:8d}KGG     1P,3E23.16\n"
 
 
@@ -138,10 +142,13 @@ HEAD = f"{3:8d}{3:8d}{6:8d}{2:8d}KGG     1P,3E23.16\n"
         (b"\x18\0\0\0" + bytes(10), "damaged or cut off"),
         (b"       3       3 no head\n", "no head of a matrix"),
         (HEAD.encode(), "the file ends in column 0 of 3 of KGG"),
-        ((HEAD + f"{1:8d}{1:8d}{4:8d}\n 1.0\n").encode(), "the file ends in column 1"),
-        ((HEAD + f"{1:8d}{1:8d}{9:8d}\n 1.0\n{2:8d}{1:8d}{2:8d}\n").encode(), "9 words are"),
-        ((HEAD + f"{1:8d}{3:8d}{4:8d}\n 1.0\n 1.0\n{4:8d}{1:8d}{2:8d}\n 1.0\n").encode(), "row 4"),
-        ((HEAD + f"{1:8d}{1:8d}{2:8d}\n *.*****\n").encode(), "is no number"),
+        ((HEAD + f"{1:8d}{1:8d}{4:8d}\n{ONE}\n").encode(), "the file ends in column 1"),
+        ((HEAD + f"{1:8d}{1:8d}{9:8d}\n{ONE}\n{2:8d}{1:8d}{2:8d}\n").encode(), "9 words are"),
+        (
+            (HEAD + f"{1:8d}{3:8d}{4:8d}\n{ONE}\n{ONE}\n{4:8d}{1:8d}{2:8d}\n{ONE}\n").encode(),
+            "row 4",
+        ),
+        ((HEAD + f"{1:8d}{1:8d}{2:8d}\n{'*.****':>23s}\n").encode(), "is no number"),
         ((HEAD + f"{1:8d}{1:8d}{2:8d}{2:8d}\n").encode(), "is no record of matrix KGG"),
     ],
 )
@@ -167,14 +174,31 @@ def test_matrices_that_are_not_those_of_a_solid_part_are_named(ring, tmp_path):
     with pytest.raises(error, match=r"has no matrix KGG, but .*EYE10.*: give names"):
         ehd.read_op4(file)
     with pytest.raises(error, match="EYE5CD: its numbers are complex"):
-        ehd.read_op4(file, names=("EYE5CD", "EYE5CD"))
-    with pytest.raises(error, match=r"shape \(10, 10\), but 3 nodes have 3 or 6 rows"):
+        ehd.read_op4(file, names=("EYE5CD", "EYE10"))
+    with pytest.raises(error, match="K and M have one name, in one file"):
         ehd.read_op4(file, names=("EYE10", "EYE10"))
+    with pytest.raises(error, match="must be the names of K and of M"):
+        ehd.read_op4(file, names=("EYE10",))
+    with pytest.raises(error, match=r"shape \(10, 10\), not six rows .*: give the numbers of all"):
+        ehd.read_op4(file, names=("EYE10", "RND1RD"))
+    with pytest.raises(error, match=r"shape \(10, 10\), but 3 nodes have 3 or 6 rows"):
+        ehd.read_op4(file, numbers=[1, 2, 3], names=("EYE10", "RND1RD"))
+    with pytest.raises(error, match="numbers must be distinct whole numbers"):
+        ehd.read_op4(file, numbers=5, names=("EYE10", "RND1RD"))
     beam = in_g_set(ring[0]).tolil()
     beam[4, 0] = beam[0, 4] = 5.0
     (tmp_path / "beam.op4").write_text(op4_text("KGG", beam.tocsr()))
     with pytest.raises(error, match="the rotation 5 of node 1 has stiffness or mass"):
-        ehd.read_op4(tmp_path / "beam.op4", tmp_path / "beam.op4")
+        ehd.read_op4(tmp_path / "beam.op4", tmp_path / "beam.op4", range(1, 1 + len(ring[2])))
+    twice = op4_text("KGG", ring[0][:6, :6].tocsr())
+    (tmp_path / "twice.op4").write_text(twice + twice)
+    with pytest.raises(error, match="there are two matrices KGG"):
+        read_op4_matrices(tmp_path / "twice.op4")
+    (tmp_path / "huge.op4").write_text(twice.replace(f"{6:8d}{6:8d}", f"{6:8d}{99999999:8d}", 1))
+    with pytest.raises(
+        error, match=r"99999999 rows and 6 columns, but only .* its head is damaged"
+    ):
+        read_op4_matrices(tmp_path / "huge.op4")
 
 
 # DMIG
@@ -199,7 +223,9 @@ def test_the_ring_from_dmig_cards(ring, form, tmp_path):
         dmig_text(name, matrix, numbers, form=form)
         for name, matrix in zip(("KAAX", "MAAX"), ring[:2], strict=True)
     )
-    (tmp_path / "ring.pch").write_text("$ a comment\n" + text)
+    lines = text.splitlines()
+    lines.insert(4, "   $ an indented comment")
+    (tmp_path / "ring.pch").write_text("\n".join(["$ a comment", *lines, "ENDDATA"]))
     found = ehd.read_dmig(tmp_path / "ring.pch", numbers=numbers)
     # A field of 16 characters has 10 digits.
     assert abs(found.stiffness - ring[0]).max() < 1e-9 * abs(ring[0]).max()
@@ -233,6 +259,7 @@ def test_dmig_cards_of_another_program():
             "is no whole number",
         ),
         ("E+0", "E+x", "is no number"),
+        (f"{1:16d}\n*{7:23d}", f"{1:16d}\n*{'':23s}", "all are needed"),
     ],
 )
 def test_dmig_cards_that_cannot_be_used_are_named(ring, old, new, message, tmp_path):
@@ -376,3 +403,61 @@ def test_shapes_that_do_not_fit_are_named(ring):
     flat = ring[2] * [1.0, 1.0, 0.0]
     with pytest.raises(ehd.errors.StructureError, match=r"in one plane|same order"):
         check_matrices(*ring[:2], flat)
+
+
+def test_rows_of_a_large_part_have_products_above_32_bits():
+    """A diagonal and one coupling of 20 000 nodes, as 32-bit row numbers."""
+    size = 60_000
+    rows = np.append(np.arange(size), [1, size - 2]).astype(np.int32)
+    columns = np.append(np.arange(size), [size - 2, 1]).astype(np.int32)
+    values = np.append(np.full(size, 2.0), [0.5, 0.5])
+    entries = (np.column_stack([rows, columns]), values)
+    labels = np.column_stack([np.repeat(np.arange(1, size // 3 + 1), 3), np.arange(size) % 3])
+    found = in_order([Path("K"), Path("M")], [entries, entries], labels, None)
+    assert found.stiffness.nnz == size + 2
+
+
+def test_a_row_without_stiffness_does_not_hold_the_others(ring):
+    """Only a penalty against most of the diagonal counts as held."""
+    soft = ring[0].tolil()
+    soft[3, :] = soft[:, 3] = 0.0
+    soft[3, 3] = 1e-8
+    both = [m.tocoo() for m in (soft, ring[1])]
+    entries = [(np.column_stack([m.row, m.col]), m.data) for m in both]
+    nodes = np.arange(1, 1 + len(ring[2]))
+    labels = np.column_stack([np.repeat(nodes, 3), np.tile([0, 1, 2], len(nodes))])
+    found = in_order([Path("K"), Path("M")], entries, labels, None)
+    assert abs(found.stiffness - soft.tocsr()).max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("which", "value", "message"),
+    [
+        ("stiffness", np.nan, "stiffness matrix has a number that is not finite"),
+        ("mass", 0.0, "diagonal of the mass matrix is 0"),
+        ("mass", -1.0, "diagonal of the mass matrix is -"),
+    ],
+)
+def test_matrices_of_no_part_are_refused_by_the_check(ring, which, value, message):
+    changed = {"stiffness": ring[0], "mass": ring[1]}
+    changed[which] = changed[which] * value
+    with pytest.raises(ehd.errors.StructureError, match=message):
+        check_matrices(**changed, coordinates=ring[2])
+
+
+def test_damaged_entries_and_few_digits_show_in_the_check(ring):
+    error = ehd.errors.StructureError
+    lost = ring[1].tolil()
+    lost[4, 4] = 0.0
+    with pytest.raises(error, match=r"masses along x, y and z are .* entries of M are missing"):
+        check_matrices(ring[0], lost.tocsr(), ring[2])
+    askew = ring[0].tolil()
+    askew[4, 7] *= 1.5
+    with pytest.raises(error, match="stiffness matrix differs from its transpose by"):
+        check_matrices(askew.tocsr(), *ring[1:])
+    rounded = ring[0].copy()
+    rounded.data = np.array([float(f"{value:.9e}") for value in rounded.data])
+    (line,) = check_matrices(0.5 * (rounded + rounded.T), *ring[1:]).notices
+    assert "too much for a verified reduction" in line
+    with pytest.raises(error, match="are no numbers"):
+        check_matrices(*ring[:2], "abc")

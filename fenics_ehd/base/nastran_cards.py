@@ -15,16 +15,22 @@ Card = tuple[str, list[str]]
 
 
 def cards_of(lines: Iterable[str]) -> Iterator[Card]:
-    """Join lines to cards: the fields of continuation lines are appended."""
+    """Join lines to cards: the fields of continuation lines are appended.
+
+    Comments, which begin with ``$`` anywhere in a line, and empty lines are left out.
+    """
     card: Card | None = None
-    for line in lines:
+    for text in lines:
+        line = text.partition("$")[0].rstrip()
+        if not line:
+            continue
         first, fields = fields_of(line)
         if card is not None and (not first or first[0] in "+*"):
             card[1].extend(fields)
             continue
         if card is not None:
             yield card
-        card = first.rstrip("*").upper(), fields
+        card = first.rstrip("*").strip().upper(), fields
     if card is not None:
         yield card
 

@@ -49,7 +49,7 @@ from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import reorder, require_matrix_market
 from fenics_ehd.reduction.matrix_check import MatrixCheck, check_matrices
 
-#: Diagonal entry of K over the smallest one above which the degree of freedom counts as held by a
+#: Diagonal entry of K over their median above which the degree of freedom counts as held by a
 #: penalty: the stiffness of the part is then lost in round-off.
 _PENALTY = 1e15
 
@@ -212,6 +212,8 @@ def read_ansys(
     """
     from scipy import io
 
+    for name, path in (("stiffness", stiffness), ("mass", mass), ("mapping", mapping)):
+        require_class(name, path, str, Path)
     labels = _ansys_labels(Path(mapping))
     files = [Path(stiffness), Path(mass)]
     entries = []
@@ -350,7 +352,8 @@ def _square(file: Path, indices: np.ndarray, values: np.ndarray, size: int) -> s
     """
     if indices.max() >= size:
         raise StructureError(f"{file} has row {indices.max() + 1}, but there are {size} rows")
-    rows, columns = indices.T
+    # Products of row numbers exceed 32 bits from 46 000 rows on.
+    rows, columns = indices.T.astype(np.int64)
     keys, uses = np.unique(rows * size + columns, return_counts=True)
     if uses.max() > 1:
         row, column = divmod(int(keys[np.argmax(uses)]), size)
@@ -401,19 +404,22 @@ def in_order(
         If `numbers` are not distinct whole numbers or lack a labelled node, or if the files do
         not make symmetric matrices.
     """
+    for file, (_, values) in zip(files, entries, strict=True):
+        if np.iscomplexobj(values) or not len(values) or not np.isfinite(values).all():
+            raise StructureError(
+                f"{file}: the matrix is empty, complex, or has a number that is not finite"
+            )
     stiffness, mass = (
         _square(file, indices, values, len(labels))
         for file, (indices, values) in zip(files, entries, strict=True)
     )
-    nodes = np.unique(labels[:, 0]) if numbers is None else np.asarray(numbers)
-    if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
-        raise StructureError("numbers must be distinct whole numbers, one for every node")
+    nodes = np.unique(labels[:, 0]) if numbers is None else node_numbers(numbers)
     rows, unknown = _looked_up(nodes, labels[:, 0])
     if len(unknown):
         raise StructureError(f"{files[0]}: node {unknown[0]} is not in `numbers`")
     diagonal = stiffness.diagonal()
-    smallest = diagonal.min(initial=np.inf, where=diagonal > 0)
-    free = np.flatnonzero(diagonal <= _PENALTY * smallest)
+    usual = float(np.median(diagonal[diagonal > 0])) if (diagonal > 0).any() else 0.0
+    free = np.flatnonzero(diagonal <= _PENALTY * usual)
     dofs = np.full((len(nodes), 3), -1)
     dofs[rows[free], labels[free, 1]] = np.arange(len(free))
     if (dofs >= 0).sum() != len(free):
@@ -421,6 +427,20 @@ def in_order(
     return ForeignMatrices(
         reorder(stiffness[free][:, free], dofs), reorder(mass[free][:, free], dofs), nodes
     )
+
+
+def node_numbers(numbers: ArrayLike) -> np.ndarray:
+    """Numbers of nodes as an array.
+
+    Raises
+    ------
+    StructureError
+        If they are not distinct whole numbers.
+    """
+    nodes = np.asarray(numbers)
+    if nodes.ndim != 1 or nodes.dtype.kind not in "iu" or len(np.unique(nodes)) != len(nodes):
+        raise StructureError("numbers must be distinct whole numbers, one for every node")
+    return nodes
 
 
 # Mass of 10-node tetrahedra

@@ -30,7 +30,13 @@ from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.nastran_cards import cards_of, real_number, whole_number
 from fenics_ehd.base.sealed_file import named, require_file
-from fenics_ehd.reduction.foreign_matrices import Entries, ForeignMatrices, in_order, labels_of
+from fenics_ehd.reduction.foreign_matrices import (
+    Entries,
+    ForeignMatrices,
+    in_order,
+    labels_of,
+    node_numbers,
+)
 
 #: Number of columns of an integer in a text file.
 _INTEGER = 8
@@ -46,6 +52,9 @@ _PACKED = 65536
 
 #: Size of a real number in words of 4 bytes, by the type of the matrix.
 _WORDS = {1: 1, 2: 2, 3: 1, 4: 2}
+
+#: Most rows for a value, above which the head of a matrix counts as damaged.
+_EMPTY_ROWS = 100
 
 #: Types of complex matrices, whose values are pairs of real numbers.
 _COMPLEX = (3, 4)
@@ -127,13 +136,17 @@ def read_op4_matrices(path: str | Path) -> dict[str, sparse.csr_matrix]:
     """
     require_class("path", path, str, Path)
     file = Path(path)
+    matrices: dict[str, sparse.csr_matrix] = {}
     with named(StructureError, str(file)):
         require_file(file)
         with open(file, "rb") as stream:
             start = stream.read(2 * _INTEGER)
-        if re.fullmatch(rb"[ \d\-]+", start):
-            return dict(_text_matrices(file))
-        return dict(_binary_matrices(file))
+        text = re.fullmatch(rb"[ \d\-]+", start) is not None
+        for name, matrix in _text_matrices(file) if text else _binary_matrices(file):
+            if name in matrices:
+                raise ValueError(f"there are two matrices {name}: write each to a file of its own")
+            matrices[name] = matrix
+    return matrices
 
 
 def read_op4(
@@ -165,14 +178,22 @@ def read_op4(
     StructureError
         If a file cannot be read, if it has no such matrix, or if its rows do not fit the nodes.
     """
-    files = [Path(stiffness), Path(stiffness if mass is None else mass)]
+    files = _two_files(stiffness, mass, names)
     matrices = [
         _named_matrix(file, name, alone=mass is not None)
         for file, name in zip(files, names, strict=True)
     ]
     size = matrices[0].shape[0]
-    each = 6 if _rotations_empty(matrices[0]) else 3
-    nodes = np.arange(1, size // each + 1) if numbers is None else np.asarray(numbers)
+    if numbers is None:
+        if size % 6 or not _rotations_empty(matrices[0]):
+            raise StructureError(
+                f"{files[0]} has a matrix of shape {matrices[0].shape}, not six rows for a node "
+                "with empty ones of its rotations: give the numbers of all nodes"
+            )
+        nodes = np.arange(1, size // 6 + 1)
+    else:
+        nodes = node_numbers(numbers)
+    each = 6 if size == 6 * len(nodes) else 3
     for file, matrix in zip(files, matrices, strict=True):
         if matrix.shape != (each * len(nodes),) * 2:
             raise StructureError(
@@ -190,6 +211,30 @@ def read_op4(
     return in_order(files, entries, labels, numbers)
 
 
+def _two_files(
+    stiffness: str | Path, mass: str | Path | None, names: tuple[str, str]
+) -> list[Path]:
+    """Paths of the files with K and M, which may be one file.
+
+    Raises
+    ------
+    StructureError
+        If `names` are not two different names.
+    """
+    require_class("stiffness", stiffness, str, Path)
+    if mass is not None:
+        require_class("mass", mass, str, Path)
+    if (
+        not isinstance(names, tuple | list)
+        or len(names) != 2
+        or not all(isinstance(name, str) for name in names)
+    ):
+        raise StructureError(f"names = {names!r} must be the names of K and of M")
+    if mass is None and names[0] == names[1]:
+        raise StructureError(f"names = {names!r}: K and M have one name, in one file")
+    return [Path(stiffness), Path(stiffness if mass is None else mass)]
+
+
 def _named_matrix(file: Path, name: str, *, alone: bool) -> sparse.csr_matrix:
     """Matrix of a file by its name; with `alone`, the only matrix of a file needs no name.
 
@@ -198,9 +243,8 @@ def _named_matrix(file: Path, name: str, *, alone: bool) -> sparse.csr_matrix:
     StructureError
         If the file has no such matrix.
     """
-    matrices = read_op4_matrices(file)
-    if alone and len(matrices) == 1:
-        name = next(iter(matrices))
+    matrices = {key.upper(): matrix for key, matrix in read_op4_matrices(file).items()}
+    name = next(iter(matrices)) if alone and len(matrices) == 1 else name.upper()
     if name not in matrices:
         raise StructureError(
             f"{file} has no matrix {name}, but {', '.join(matrices)}: give names = those of K and M"
@@ -211,11 +255,9 @@ def _named_matrix(file: Path, name: str, *, alone: bool) -> sparse.csr_matrix:
 
 
 def _rotations_empty(matrix: sparse.csr_matrix) -> bool:
-    """Whether a matrix has six rows for a node of which the last three are empty."""
-    if matrix.shape[0] % 6:
-        return False
-    filled = np.abs(matrix.diagonal()).reshape(-1, 6)
-    return not filled[:, 3:].any()
+    """Whether the last three of every six rows of a matrix are empty, but not the first three."""
+    filled = np.diff(matrix.indptr).reshape(-1, 6) > 0
+    return bool(filled[:, :3].any() and not filled[:, 3:].any())
 
 
 def _require_empty(file: Path, matrix: sparse.csr_matrix, each: int, nodes: np.ndarray) -> None:
@@ -258,8 +300,12 @@ def _text_head(line: str) -> tuple[_Head, int]:
     fixed = re.fullmatch(r"([ \d-]{32})(.{8})\s*(?:1P,?)?\s*\d*[ED](\d+)\.\d+.*", line, re.I)
     if not fixed:
         raise ValueError(f"{line[:48]!r} is no head of a matrix of OUTPUT4")
-    columns, rows, _, kind = (int(fixed[1][i : i + _INTEGER]) for i in range(0, 32, _INTEGER))
-    return _Head.of(fixed[2].strip(), columns, rows, kind), int(fixed[3])
+    fields = [fixed[1][i : i + _INTEGER].strip() for i in range(0, 32, _INTEGER)]
+    width = int(fixed[3])
+    if width < 8 or not all(re.fullmatch(r"-?\d+", field) for field in fields):
+        raise ValueError(f"{line[:48]!r} is no head of a matrix of OUTPUT4")
+    columns, rows, _, kind = map(int, fields)
+    return _Head.of(fixed[2].strip(), columns, rows, kind), width
 
 
 def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Column]:
@@ -277,20 +323,25 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
     for line in lines:
         if "." in line:
             cut = line.rstrip()
+            if len(cut) % width:
+                raise ValueError(f"{cut[-width:]!r} of {head.name} is not {width} characters wide")
             values += [real_number(cut[i : i + width].strip()) for i in range(0, len(cut), width)]
             continue
         if values:
             # Some programs count the words of a text file, some its values.
-            if words not in (len(values), _WORDS[head.kind] * len(values), len(values) // 2):
+            if words not in (len(values), _WORDS[head.kind] * len(values)):
                 raise ValueError(
                     f"column {column} of {head.name} has {len(values)} values from row {row}, but "
                     f"{words} words are announced"
                 )
             yield _Column(column, row, np.array(values))
             values = []
-        integers = [int(text) for text in line.split()]
+        fields = line.split()
         if len(line.rstrip()) == 3 * _INTEGER:
-            integers = [int(line[i : i + _INTEGER]) for i in range(0, len(line), _INTEGER)]
+            fields = [line[i : i + _INTEGER].strip() for i in range(0, 3 * _INTEGER, _INTEGER)]
+        if not all(re.fullmatch(r"-?\d+", field) for field in fields):
+            raise ValueError(f"{line[:48]!r} is no record of matrix {head.name}")
+        integers = [int(field) for field in fields]
         if len(integers) == 3:
             column, row, words = integers
         elif len(integers) == 2 and head.bigmat:
@@ -378,23 +429,27 @@ def _binary_columns(records: Iterator[bytes], head: _Head, integer: np.dtype) ->
     size = 4 * _WORDS[head.kind] if word == 4 else 8
     real = np.dtype(f"{integer.str[0]}f{size}")
     for record in records:
+        if len(record) < 3 * word or len(record) % word:
+            raise ValueError(f"a record of {len(record)} bytes is no column of {head.name}")
         column, row, _ = map(int, np.frombuffer(record, integer, 3))
         if column > head.columns:
             return
         content = record[3 * word :]
         if row:
+            if len(content) % size:
+                raise ValueError(f"column {column} of {head.name} ends within a value")
             yield _Column(column, row, np.frombuffer(content, real).astype(float))
             continue
+        skipped = 2 * word if head.bigmat else word
         while content:
+            if len(content) < skipped:
+                raise ValueError(f"column {column} of {head.name} has a string that does not fit")
             if head.bigmat:
                 length, row = map(int, np.frombuffer(content, integer, 2))
-                skipped = 2 * word
             else:
-                packed = int(np.frombuffer(content, integer, 1)[0])
-                length, row = divmod(packed, _PACKED)
-                skipped = word
+                length, row = divmod(int(np.frombuffer(content, integer, 1)[0]), _PACKED)
             end = skipped + (length - 1) * word
-            if length < 2 or end > len(content):
+            if length < 2 or end > len(content) or (end - skipped) % size:
                 raise ValueError(f"column {column} of {head.name} has a string that does not fit")
             yield _Column(column, row, np.frombuffer(content[skipped:end], real).astype(float))
             content = content[end:]
@@ -415,15 +470,25 @@ def _assembled(head: _Head, columns: Iterator[_Column]) -> sparse.csr_matrix:
     values = np.concatenate([part.values for part in parts])
     lengths = np.array([len(part.values) for part in parts])
     if head.kind in _COMPLEX:
+        if (lengths % 2).any():
+            raise ValueError(f"matrix {head.name} is complex, but has a column of half a value")
         values = values[::2] + 1j * values[1::2]
         lengths //= 2
+    # Memory for the rows of a damaged head is not taken.
+    if max(head.rows, head.columns) > _EMPTY_ROWS * (1 + len(values)):
+        raise ValueError(
+            f"matrix {head.name} has {head.rows} rows and {head.columns} columns, but only "
+            f"{len(values)} values: its head is damaged"
+        )
     indices = np.concatenate(
         [np.arange(part.row - 1, part.row - 1 + n) for part, n in zip(parts, lengths, strict=True)]
     )
     columns_of = np.repeat([part.column - 1 for part in parts], lengths)
     if indices.min() < 0 or columns_of.min() < 0 or indices.max() >= head.rows:
+        row = indices.min() if indices.min() < 0 else indices.max()
         raise ValueError(
-            f"matrix {head.name} has a value in row {indices.max() + 1}, but {head.rows} rows"
+            f"matrix {head.name} has a value in row {row + 1} of column "
+            f"{columns_of[np.argmax(indices == row)] + 1}, but {head.rows} rows, from 1"
         )
     if not np.isfinite(values).all():
         raise ValueError(f"matrix {head.name} has a number that is not finite")
@@ -458,7 +523,7 @@ def read_dmig(
         If a file cannot be read, if it has no such matrix, if the matrix is complex or
         rectangular, or if a row is that of a rotation or of a scalar point.
     """
-    files = [Path(stiffness), Path(stiffness if mass is None else mass)]
+    files = _two_files(stiffness, mass, names)
     tables = [_dmig(file, name) for file, name in zip(files, names, strict=True)]
     pairs = [
         labels_of(file, names.reshape(-1, 2))
@@ -484,9 +549,11 @@ def _dmig(file: Path, name: str) -> Entries:
     header = None
     with named(StructureError, str(file)):
         require_file(file)
-        with open(file, encoding="ascii", errors="replace") as text:
-            lines = [line.rstrip() for line in text if line.strip() and line[0] != "$"]
-        for card, fields in cards_of(lines):
+        text = file.read_text(encoding="ascii", errors="replace")
+        _require_end(text)
+        for card, fields in cards_of(text.splitlines()):
+            if card.startswith("ENDDATA"):
+                break
             if card != "DMIG":
                 continue
             if fields[0].upper() != name.upper():
@@ -497,16 +564,43 @@ def _dmig(file: Path, name: str) -> Entries:
                 column = whole_number(fields[1]), whole_number(fields[2] or "0")
                 for row in range(4, len(fields) - 2, 4):
                     node, component, value = fields[row : row + 3]
-                    if node:
-                        at = whole_number(node), whole_number(component or "0")
-                        labels.append((*at, *column))
-                        values.append(real_number(value))
+                    if not (node or component or value):
+                        continue
+                    if not (node and component and value):
+                        raise ValueError(
+                            f"matrix {name}, column {fields[1]} {fields[2]}: a term has node "
+                            f"{node!r}, component {component!r}, value {value!r}: all are needed"
+                        )
+                    labels.append((whole_number(node), whole_number(component), *column))
+                    values.append(real_number(value))
+        if 0 in [component for label in labels for component in label[1::2]]:
+            raise ValueError(
+                f"matrix {name} has a component 0, that of a scalar point: only displacements, 1 "
+                "to 3, of solid elements can be used"
+            )
+        if header is None and values:
+            raise ValueError(
+                f"matrix {name} has columns, but no card 'DMIG {name} 0 ...' with its form"
+            )
         if header is None or not values:
             known = ", ".join(sorted(others)) or "none"
             raise ValueError(
                 f"no DMIG matrix {name}; there are: {known}; give names = those of K and M"
             )
     return np.array(labels), np.array(values)
+
+
+def _require_end(text: str) -> None:
+    """Refuse a file that is cut off within its last line.
+
+    Raises
+    ------
+    ValueError
+        If the last line is not complete.
+    """
+    last = text.rpartition("\n")[2]
+    if last.strip() and last.strip().upper() != "ENDDATA":
+        raise ValueError(f"the file ends within a line, {last[:72]!r}: it is cut off")
 
 
 def _checked_header(name: str, fields: list[str]) -> int:
