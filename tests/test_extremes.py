@@ -105,9 +105,9 @@ def test_a_run_does_not_step_through_the_bore():
     ("share", "clearance", "limit", "reason"),
     [
         (0.01, 200e-6, 0.2e-6, "the smallest film of surfaces without a roughness"),
-        (0.01, 17e-6, 0.17e-6, "joints.pin.smallest_film of the clearance"),
-        (1e-4, 200e-6, 0.02e-6, "joints.pin.smallest_film of the clearance"),
-        (0.6, 17e-6, 10.2e-6, "joints.pin.smallest_film of the clearance"),
+        (0.01, 17e-6, 0.17e-6, "joints.pin.smallest_film = 0.01 of the clearance"),
+        (1e-4, 200e-6, 0.02e-6, "joints.pin.smallest_film = 0.0001 of the clearance"),
+        (0.6, 17e-6, 10.2e-6, "joints.pin.smallest_film = 0.6 of the clearance"),
     ],
 )
 def test_surfaces_touch_at_the_smaller_of_a_share_and_a_film(share, clearance, limit, reason):

@@ -171,6 +171,7 @@ def test_folders_that_cannot_be_merged_are_named(scene, complete, tmp_path, capf
     arguments = (
         ([complete, tmp_path], f"{tmp_path} is not the folder of a sweep"),
         ([complete, other], "has another sweep than"),
+        ([other, other], f"{other} is given twice: name each part once"),
         ([tmp_path / "none"], "is not the folder of a sweep"),
     )
     for folders, named in arguments:

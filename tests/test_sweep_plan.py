@@ -192,3 +192,13 @@ def test_values_of_an_option_may_have_units(text, expected):
 def test_values_of_an_option_that_cannot_be_used_are_refused(text, message):
     with pytest.raises(ehd.errors.SettingsError, match=message):
         parse_quantities("--speeds", text, "rad/s")
+
+
+def test_ranges_with_units_are_values_with_units():
+    assert parse_values("clearance", "20um:30um:3", 1e-5) == ("20.0 um", "25.0 um", "30.0 um")
+    with pytest.raises(ehd.errors.SettingsError, match="give first and last the same unit"):
+        parse_values("clearance", "20um:30mm:3", 1e-5)
+    with pytest.raises(ehd.errors.SettingsError, match="count = 0 must be a whole number from 2"):
+        parse_values("clearance", "20um:30um:0", 1e-5)
+    with pytest.raises(ehd.errors.SettingsError, match="only some values have a unit"):
+        parse_values("clearance", "20um:30um:3, 4e-5", 1e-5)

@@ -662,8 +662,9 @@ def wear(binding: FilmBinding, slid: np.ndarray) -> dict[str, float]:
     }
 
 
-#: Column of the oil content.
+#: Columns of the oil content, and of the flow out of the sides.
 CONTENT = "oil_content_m3"
+SIDE_FLOW = "side_flow_m3_per_s"
 
 
 def oil_balance(start: float, end: float, totals: Mapping[str, float]) -> dict[str, float]:
@@ -678,7 +679,7 @@ def oil_balance(start: float, end: float, totals: Mapping[str, float]) -> dict[s
     fed = sum(flow for name, flow in totals.items() if name.endswith(f".{FLOW}"))
     supplied = totals.get("supply_flow_m3_per_s", fed)
     held = max(start, end) + abs(supplied)
-    lost = abs(end - start - (supplied - totals["side_flow_m3_per_s"]))
+    lost = abs(end - start - (supplied - totals[SIDE_FLOW]))
     return {
         "oil_content_at_start_m3": start,
         "oil_content_at_end_m3": end,

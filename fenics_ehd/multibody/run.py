@@ -152,15 +152,14 @@ def _check_film(binding: FilmBinding, thickness: float, time: float) -> None:
                 f"the surfaces of {binding.name} overlap by {-thickness * 1e6:.3g} um at "
                 f"t = {time:.6g} s, beyond {-DEEPEST_CONTACT:g} times their combined roughness of "
                 f"{surfaces.roughness * 1e6:.3g} um, the limit of joints.{binding.name}.contact: "
-                "lower the load; the history up to this time is stored"
+                "lower the load"
             )
         return
     limit, reason = touching_film(binding.name, binding.joint.smallest_film, binding.film.clearance)
     if thickness < limit:
         raise FilmTooThinError(
             f"the film of {binding.name} is {thickness * 1e6:.3g} um thin at t = {time:.6g} s, "
-            f"below {reason}, {limit * 1e6:.3g} um: surfaces would touch; "
-            "the history up to this time is stored"
+            f"below {reason}, {limit * 1e6:.3g} um: surfaces would touch: lower the load"
         )
 
 
@@ -188,4 +187,4 @@ def touching_film(name: str, share: float, clearance: float) -> tuple[float, str
     thickness = share * clearance
     if share <= MEANT and thickness > TOUCHING:
         return TOUCHING, "the smallest film of surfaces without a roughness"
-    return thickness, f"joints.{name}.smallest_film of the clearance"
+    return thickness, f"joints.{name}.smallest_film = {share:g} of the clearance"

@@ -25,13 +25,14 @@ from fenics_ehd.multibody.notices import (
     RINGING,
     resting_films,
     stepped_shapes,
+    unfed_film,
     unusual_peaks,
     unusual_pressures,
     unusual_totals,
 )
 from fenics_ehd.multibody.orbit import orbit_figures
 from fenics_ehd.multibody.periodic import temperatures
-from fenics_ehd.multibody.quantities import CONTENT, averaged, oil_balance, wear
+from fenics_ehd.multibody.quantities import CONTENT, FLOW, SIDE_FLOW, averaged, oil_balance, wear
 from fenics_ehd.multibody.recorder import STEP_COUNTS, Columns, Recorder, columns_of
 from fenics_ehd.multibody.trust import balance_error, integral
 
@@ -336,6 +337,25 @@ class RunSummary:
             figures |= oil_balance(float(content[begin]), float(content[-1]), totals)
         return figures if binding.joint.heat is None else figures | temperatures(binding, means)
 
+    def _unfed(self, name: str) -> list[str]:
+        """Notice of a joint whose film loses more oil than it is fed, without mass conservation."""
+        prefix = f"joints/{name}/"
+        flows = [
+            path.removeprefix(prefix)
+            for path in self.columns
+            if path.startswith(prefix) and path.endswith(f".{FLOW}")
+        ]
+        side = f"{prefix}{SIDE_FLOW}"
+        if not flows or side not in self.columns or f"{prefix}{CONTENT}" in self.columns:
+            return []
+        columns = [self.columns[f"{prefix}{flow}"] for flow in flows]
+        values = np.column_stack([self.columns[side], sum(columns)])[self.first :]
+        times = self.columns["time_s"][self.first :]
+        if len(times) < 2:
+            return []
+        leaving, fed = integral(times, values) / (times[-1] - times[0])
+        return unfed_film(name, float(leaving), float(fed))
+
     def notices(self) -> list[str]:
         """Notices, one line each, of values of the mechanism or run that are probably mistakes."""
         system = self.recorder.system
@@ -346,5 +366,6 @@ class RunSummary:
             if name not in resting:
                 pressures = self.columns[f"joints/{name}/max_pressure_Pa"][self.first :]
                 lines += unusual_peaks(name, pressures, may_ring=may_ring)
+            lines += self._unfed(name)
         mechanism = system.mechanism
         return [*lines, *unusual_totals(mechanism.bodies), *stepped_shapes(mechanism.joints)]

@@ -3,8 +3,8 @@
 A free part has no elastic forces in a rigid motion: ``K R = 0`` with the columns of R the unit
 translations and rotations about the coordinates' origin. If coordinates and matrices have different
 orders of nodes, translations remain without force, but not rotations. Forces in a translation are
-those of a part that is held, or of damaged rows; they cannot be told apart. M gives mass and centre
-by the same motions, ``R^T M R``.
+those of a part that is held, or of damaged rows: the check cannot distinguish them. M gives mass
+and centre by the same motions, ``R^T M R``.
 
 Two estimates show units that do not belong together. The speed of elastic waves follows from the
 mean stiffness and mass of a node and from the distance h to the nearest node,
@@ -199,7 +199,7 @@ def check_matrices(
 
 
 def _require_usable(name: str, matrix: sparse.csr_matrix) -> None:
-    """Refuse a matrix that is not that of an elastic part, whatever its order.
+    """Refuse a matrix that is not that of an elastic part in any order of its nodes.
 
     Raises
     ------

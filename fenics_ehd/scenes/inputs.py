@@ -154,6 +154,13 @@ def _force_over_angle(file: Path, key: str, entry: schema.AngleTableSettings) ->
     pressure = read_angle_table(
         file, f"{key}.file", {"pressure": PRESSURES}, less=entry.crankcase_pressure, hint=hint
     )
+    highest = float(np.max(pressure.curve(pressure.curve.x)))
+    if highest <= 0.0:
+        raise SettingsError(
+            f"{key}.file: no pressure of the table is above {key}.crankcase_pressure = "
+            f"{entry.crankcase_pressure:g} Pa: check the unit in the heading, pressure_bar for "
+            "instance"
+        )
     return pressure.scaled(np.pi * entry.piston_diameter**2 / 4)
 
 
@@ -217,7 +224,8 @@ def _head(scene: Scene, name: str, supply: Supply, key: str) -> Head:
     if not isinstance(drive, Speed):
         raise SettingsError(
             f"{setting} needs the speed of {body}, the body with the {supply.on}: give "
-            f"drives.{body} of kind speed, or drop head_radius and add the rise to pressure"
+            f"drives.{body} of kind speed, or on = the side with the drilling, journal or bore, "
+            "or drop head_radius and add the rise to pressure"
         )
     rise = Head((begin, end), joint_lubricant(scene, joint).density, drive)
     supplied = attrs.evolve(supply, head=rise)

@@ -108,7 +108,7 @@ def parse_values(key: str, text: str, like: object, *, repeated: bool = False) -
     text
         Numbers, ranges or words with commas between them; lists with semicolons between them. A
         range ``a:b:n`` has `n` numbers from `a` to `b` at equal distances, ``a:b:n:log`` at equal
-        ratios.
+        ratios; `a` and `b` may have the same unit, ``10um:30um:5``.
     like
         A value of the key's type. A text of another type is returned unchanged, so that the check
         of the setting refuses it.
@@ -127,7 +127,9 @@ def parse_values(key: str, text: str, like: object, *, repeated: bool = False) -
     values: list[Any] = []
     for item in items:
         if ":" in item and not isinstance(like, (tuple, bool, str)):
-            values += [_plain(number, like) for number in _range(key, item)]
+            numbers, symbol = _without_unit(key, item)
+            between = [_plain(number, like) for number in _range(key, numbers)]
+            values += [f"{as_text(number)} {symbol}" for number in between] if symbol else between
         else:
             values.append(parse_value(key, item, like))
     if not isinstance(like, (tuple, str)):
@@ -135,6 +137,26 @@ def parse_values(key: str, text: str, like: object, *, repeated: bool = False) -
     if not repeated:
         require_different(key, values)
     return tuple(values)
+
+
+def _without_unit(key: str, item: str) -> tuple[str, str]:
+    """Range without the unit of its first and last value, and this unit; empty without a unit.
+
+    Raises
+    ------
+    SettingsError
+        The two values have different units.
+    """
+    first, last, *others = [part.strip() for part in item.split(":")]
+    matches = [
+        None if _number(end) is not None else WRITTEN.fullmatch(end) for end in (first, last)
+    ]
+    if None in matches:
+        return item, ""
+    (first, unit), (last, other) = [match.groups()[:2] for match in matches if match is not None]
+    if unit != other:
+        raise SettingsError(f"{key} = {item!r}: give first and last the same unit")
+    return ":".join([first, last, *others]), unit
 
 
 def parse_value(key: str, item: str, like: object) -> Any:

@@ -139,9 +139,12 @@ def merge_sweeps(
     paths = [Path(folder) for folder in folders]
     if target.resolve() in {path.resolve() for path in paths}:
         raise SettingsError(f"--merge: {target} is one of the parts: give another folder with -o")
+    twice = [path for path in paths if paths.count(path) > 1]
+    if twice:
+        raise SettingsError(f"--merge: {twice[0]} is given twice: name each part once")
     with ExitStack() as held:
         parts = []
-        for path in dict.fromkeys(paths):
+        for path in paths:
             # A part that is still running is refused before it is read.
             if path.is_dir():
                 held.enter_context(locked(path))

@@ -19,6 +19,7 @@ from fenics_ehd.multibody.trust import NOT_ESTIMATED
 #: Factors to printed units, and the printed units, by the end of a figure's name; the first match
 #: is used.
 UNITS = {
+    "_Pa_m": (1.0, "Pa m"),
     "_m3_per_s": (1e6, "cm³/s"),
     "_time_s": (1e3, "ms"),
     "_height_m": (1e3, "mm"),

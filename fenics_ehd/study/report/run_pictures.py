@@ -19,6 +19,9 @@ from fenics_ehd.plotting.picture import PRESSURES
 from fenics_ehd.plotting.pictures import QUANTITIES
 from fenics_ehd.plotting.shown import ShownJoint, ShownRun
 
+#: Share of the load on asperities above which the picture of contact is shown.
+CARRIED = 0.01
+
 #: Largest number of joints whose curves share a picture.
 MOST_JOINTS = 4
 
@@ -72,10 +75,20 @@ def deciding_pictures(run: ShownRun) -> Iterator[Picture]:
             _pressure_at_peak(highest),
         )
     for name, caption in LAST.items():
+        if name == "contact" and not _touching(joints):
+            continue
         figure = _figure(name, joints, run)
         if figure is not None:
             yield Picture(name, caption, figure)
             return
+
+
+def _touching(joints: Sequence[ShownJoint]) -> bool:
+    """Whether asperities carry a share of a load that decides anything."""
+    shares = [
+        joint.columns["contact_share"] for joint in joints if "contact_share" in joint.columns
+    ]
+    return any(float(share.max()) > CARRIED for share in shares)
 
 
 def _of_films(joints: Sequence[ShownJoint]) -> Iterator[Picture]:
