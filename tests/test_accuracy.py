@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from contextlib import contextmanager
 from math import ceil
 from types import SimpleNamespace
 
@@ -14,8 +15,8 @@ from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
 from fenics_ehd.cli.run import accuracy_lines
+from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.trust import COMPONENTS, NOT_APPLICABLE, NOT_ESTIMATED, QUANTITIES
-from fenics_ehd.results import recorded_run
 from fenics_ehd.scenes.accuracy import (
     account,
     choosable,
@@ -124,19 +125,25 @@ def test_its_scene_is_run_again_without_a_pilot(tight_run):
 
 @pytest.mark.slow
 def test_a_search_that_is_stopped_goes_on_to_the_same_result(tight_run, monkeypatch):
-    show, runs = recorded_run._show, set()
+    shown, runs = Recorder.shown, set()
 
-    def interrupted(bar, recorded, step):
-        show(bar, recorded, step)
+    @contextmanager
+    def interrupted(recorded, progress, name):
         runs.add(id(recorded))
-        # In the first cycle of the run after the pilot.
-        if len(runs) > 1 and recorded.counts["steps"] > 10:
-            raise KeyboardInterrupt
+        with shown(recorded, progress, name) as show:
+
+            def show_and_stop(step):
+                show(step)
+                # In the first cycle of the run after the pilot.
+                if len(runs) > 1 and recorded.counts["steps"] > 10:
+                    raise KeyboardInterrupt
+
+            yield show_and_stop
 
     folder = tight_run.parent / "interrupted"
     command = ("run", tight_run.parent / "scene.toml", "-o", folder)
     with monkeypatch.context() as patched:
-        patched.setattr(recorded_run, "_show", interrupted)
+        patched.setattr(Recorder, "shown", interrupted)
         assert call(*command) == 130
     assert len(search_of(folder).runs) == 1
     assert call("run", "--resume", folder) == 0

@@ -71,6 +71,6 @@ def test_clearances_of_a_sweep_have_units(folder, capfd):
     )
     assert status == 0, errors
     rows = (folder / "c" / "sweep.csv").read_text().splitlines()
-    assert [row.split(",")[1] for row in rows] == [key, "20 um", "30 um"]
+    assert [row.split(",")[1] for row in rows] == [key, "2e-05", "3e-05"]
     films = [float(row.split(",")[4]) for row in rows[1:]]
     assert films[0] != films[1]
