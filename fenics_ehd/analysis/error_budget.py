@@ -570,7 +570,8 @@ class Estimator:
             return NOT_ESTIMATED, NOT_ESTIMATED
         now = self._summary.extremes[joint][quantity][0]
         then = self._summary.former_extremes[joint][quantity][0]
-        extreme = float((self._remaining_part or 0.0) * abs(now - then) / now)
+        part = remaining / cycles.moved if cycles.moved else 0.0
+        extreme = float(part * abs(now - then) / now)
         return extreme, max(extreme, float(remaining))
 
     @property

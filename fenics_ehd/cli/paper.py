@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.files import claim, require_writable
-from fenics_ehd.base.progress import duration
 from fenics_ehd.cli.options import (
     aligned,
     answer,
@@ -102,7 +101,12 @@ def _print_estimates(figures: Sequence[PaperFigure], folders: Mapping[str, Study
 
 
 def _counts(each: Estimate) -> list[str]:
-    return [str(each.runs), str(each.runs - each.missing), duration(each.seconds)]
+    return [str(each.runs), str(each.runs - each.missing), _estimate(each.seconds)]
+
+
+def _estimate(seconds: float) -> str:
+    """Text of an estimated time, ``40 s`` or ``3 min``; two digits are enough."""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def _drawn(figure: PaperFigure, folder: StudyFolder, target: Path) -> dict[str, Any]:
