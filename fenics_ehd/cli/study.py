@@ -87,6 +87,10 @@ def report(directory: str) -> None:
 
         echo(write_run_page(directory))
     else:
+        from fenics_ehd.study.report.study_data import require_study
+
+        # Before Matplotlib is imported, which may print a line of its own.
+        require_study(directory)
         from fenics_ehd.study.report.write import write_report
 
         echo(write_report(directory))

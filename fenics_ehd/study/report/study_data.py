@@ -197,6 +197,25 @@ TEXTS = ("run", "group", "joint", "method", "pressure_set", "selection", "film_c
          "against", "body")  # fmt: skip
 
 
+def require_study(directory: str | Path) -> None:
+    """Check that a folder has a study.
+
+    Raises
+    ------
+    InputError
+        The folder has no study; the message has those of its subfolders that have one.
+    """
+    folder = Path(directory)
+    if (folder / "study.json").is_file():
+        return
+    inside = sorted(str(path.parent) for path in folder.glob("*/study.json"))
+    remedy = " or ".join(inside) or "the folder of fenics-ehd run or fenics-ehd study"
+    raise InputError(
+        f"{folder} has neither a run nor a study, because it has neither history.h5 nor "
+        f"study.json: give {remedy}"
+    )
+
+
 def read_study(directory: str | Path) -> StudyData:
     """Read the folder of a study.
 
@@ -209,11 +228,7 @@ def read_study(directory: str | Path) -> StudyData:
     info, reference, table = (
         folder / name for name in ("study.json", "reference.json", "table.csv")
     )
-    if not info.is_file():
-        raise InputError(
-            f"{folder} has neither a run nor a study, because it has neither history.h5 nor "
-            "study.json: give the folder of fenics-ehd run or fenics-ehd study"
-        )
+    require_study(folder)
     with named(InputError, f"{info}: cannot be read"):
         about = dict(read_json(info))
         about |= {key: about[key] for key in ("scene", "joints", "runs", "start")}
