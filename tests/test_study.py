@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 from concurrent.futures import Future
 from dataclasses import replace
@@ -16,6 +17,7 @@ from study_cases import COARSE, SCENE, START, TINY, TOO_MANY, run_tiny, tiny_stu
 from sweep_cases import Inline, scene_as, sweep_inline
 
 import fenics_ehd as ehd
+from fenics_ehd.base import progress
 from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.files import claim
 from fenics_ehd.scenes.films import planned_cells
@@ -609,17 +611,19 @@ def test_every_lubricated_joint_has_rows_and_errors_of_its_own(tmp_path):
 
 @pytest.mark.slow
 def test_command_prints_its_table_and_ends_with_an_error_if_nothing_can_be_compared(
-    tmp_path, capfd
+    tmp_path, capfd, monkeypatch
 ):
     # The film begins as thin as it must not become: every run fails at once.
     scene = tmp_path / "scene.toml"
     short = {"time.revolutions": 0.03, "time.largest_step": 0.007}
     scene.write_text(scene_as(SCENE, COARSE | short | {"joints.big_end.smallest_film": 0.9999}))
     arguments = ("study", scene, "--quick", "--no-report", "-o", tmp_path / "out")
+    monkeypatch.setattr(progress, "LOG_INTERVAL", 0.0)
     status, output, errors = exit_of(capfd, *arguments)
     assert status == 1
     assert "nothing is compared: failed: FilmTooThinError: the film of big_end" in errors
     assert "reduced bodies: 13 made" in errors
+    assert re.search(r"^progress: study: .* of \d+ cases", errors, re.MULTILINE)
     heads, *lines, message = output.splitlines()
     assert heads.split()[:3] == ["group", "run", "joint"]
     assert message.startswith(f"rows in {tmp_path / 'out' / 'table.csv'}")

@@ -29,6 +29,7 @@ from fenics_ehd.cli.options import (
     flag,
     json_option,
     question,
+    scatter_text,
     setting_options,
     warn_of,
 )
@@ -278,7 +279,7 @@ def _linear_rows(values: Mapping[str, Any]) -> list[str]:
         for name, row, bounds in zip("xy", values[key], scatters, strict=True):
             head = f"{label} {name}x, {name}y"
             entries = (
-                f"{entry:>12.5g}{bound_text(bound):<12}"
+                f"{entry:>12.5g}{scatter_text(bound):<12}"
                 for entry, bound in zip(row, bounds, strict=True)
             )
             lines.append(f"{head:<26}{' '.join(entries).rstrip()} {unit}")
@@ -296,18 +297,13 @@ def _linear_rows(values: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def bound_text(scatter: float | None) -> str:
-    """Text of the scatter of a value over film meshes, `` +- 0.02``; empty for a single mesh."""
-    return "" if scatter is None else f" +- {scatter:.2g}"
-
-
 def _row(label: str, key: str, value: float | None, scatter: float | None = None) -> str:
     from fenics_ehd.base.columns import split_unit
 
     si_unit = split_unit(key)[1]
     factor, unit = SHOWN.get(si_unit, (1.0, si_unit))
     number = "undefined" if value is None else f"{factor * value:.5g}"
-    bound = bound_text(None if scatter is None else factor * scatter)
+    bound = scatter_text(None if scatter is None else factor * scatter)
     return f"{label:<26}{number:>12}{bound} {unit}".rstrip()
 
 

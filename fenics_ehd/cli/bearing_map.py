@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import beginning_with, keeping_failed_film, require_output
 from fenics_ehd.base.progress import shown_progress
-from fenics_ehd.cli.options import aligned, answer, warn_of
+from fenics_ehd.cli.options import aligned, answer, scatter_text, warn_of
 
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing_settings import BearingSettings
@@ -177,5 +177,5 @@ def _cell(value: float | None, scatter: float | None, factor: float, form: str) 
     """Text of a value and its scatter, both times a factor; a dash if the value is None."""
     if value is None:
         return "-"
-    bound = "" if scatter is None else f" +- {factor * scatter:.2g}"
+    bound = scatter_text(None if scatter is None else factor * scatter)
     return format(factor * value, form) + bound

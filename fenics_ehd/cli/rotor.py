@@ -26,6 +26,7 @@ from fenics_ehd.cli.options import (
     no_cache_option,
     output_option,
     question,
+    scatter_text,
     warn_of,
 )
 
@@ -276,10 +277,11 @@ def report(
     elif not chart.limits:
         lines.append(f"stable at {'this speed' if single else 'all these speeds'}")
     for limit in chart.limits:
-        whirl = f"{limit.whirl_ratio:.4f}{_bound(limit.whirl_ratio_scatter)}"
+        whirl = f"{limit.whirl_ratio:.4f}{scatter_text(limit.whirl_ratio_scatter or None)}"
+        bound = scatter_text(limit.scatter or None, " rad/s")
         lines.append(
-            f"stability {'lost' if limit.lost else 'regained'} at {_speed(limit.speed)}"
-            f"{_bound(limit.scatter, ' rad/s')}, mode {limit.mode + 1}, whirl ratio {whirl}"
+            f"stability {'lost' if limit.lost else 'regained'} at {_speed(limit.speed)}{bound}, "
+            f"mode {limit.mode + 1}, whirl ratio {whirl}"
         )
     scatters = [limit.scatter for limit in chart.limits]
     if any((*scatters, *(each.scatter for each in chart.critical_speeds))):
@@ -288,7 +290,7 @@ def report(
         rows = [["critical speed", "1/min", "mode", "damping ratio", "whirl", ""]]
         rows += [
             [
-                f"{each.speed:.5g}{_bound(each.scatter)} rad/s",
+                f"{each.speed:.5g}{scatter_text(each.scatter or None)} rad/s",
                 f"{_rpm(each.speed):.0f}",
                 str(each.mode + 1),
                 f"{each.damping_ratio:.3f}",
@@ -334,11 +336,6 @@ def _response_lines(chart: RotorMap) -> list[str]:
 def _unstable(chart: RotorMap, speed: float) -> str:
     """Mark of a resonance or critical speed [rad/s] at which the rotor is unstable; else empty."""
     return "" if chart.stable_at(speed) else "unstable"
-
-
-def _bound(scatter: float, unit: str = "") -> str:
-    """Text of the scatter of a value over film meshes, with ``+-``; empty without a scatter."""
-    return f" +- {scatter:.2g}{unit}" if scatter else ""
 
 
 def _rpm(speed: float) -> float:

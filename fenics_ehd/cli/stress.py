@@ -21,6 +21,7 @@ from fenics_ehd.base.files import (
 from fenics_ehd.base.needs import no_effect
 from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.cli.options import say_reducing
+from fenics_ehd.cli.run import share
 from fenics_ehd.fem.models import is_shipped
 from fenics_ehd.multibody.body import FlexibleBody, MasslessBody
 from fenics_ehd.multibody.history import History, load_history
@@ -218,12 +219,8 @@ def _extreme(name: str, value: float, extreme: Mapping[str, Any]) -> list[str]:
 
 def _bound(errors: Mapping[str, float | str]) -> str:
     """Text of the error of a stress: the sum, and its components or the reason for none."""
-    each = ", ".join(f"{name} {_share(errors[name])}" for name in COMPONENTS)
-    return f"+- {_share(errors['known'])}: {each}"
-
-
-def _share(error: float | str) -> str:
-    return error if isinstance(error, str) else f"{100 * error:.2g} %"
+    each = ", ".join(f"{name} {share(errors[name])}" for name in COMPONENTS)
+    return f"+- {share(errors['known'])}: {each}"
 
 
 def _when(extreme: Mapping[str, Any]) -> str:

@@ -283,12 +283,7 @@ class RunSummary:
         Everything is computed from the columns, so that errors of columns give errors of figures.
         """
         name = binding.name
-        prefix = f"joints/{name}/"
-        columns = {
-            path.removeprefix(prefix): values
-            for path, values in self.columns.items()
-            if path.startswith(prefix)
-        }
+        columns = self._columns_of(name)
         figures: dict[str, Any] = {}
         for column in filter(columns.__contains__, PEAKS):
             quantity = split_unit(column)[0]
@@ -301,6 +296,15 @@ class RunSummary:
             figures |= wear(binding, self.recorder.slid[name])
         figures |= orbit_figures(binding, cycle, self.columns)
         return figures | cycle_figures(cycle, self.columns, name, rates)
+
+    def _columns_of(self, name: str) -> dict[str, np.ndarray]:
+        """Columns of a joint by name without that of the joint, for all stored rows."""
+        prefix = f"joints/{name}/"
+        return {
+            path.removeprefix(prefix): values
+            for path, values in self.columns.items()
+            if path.startswith(prefix)
+        }
 
     def _basis_error(self, binding: FilmBinding) -> float:
         """Largest estimated gap error at a joint due to the basis of a reduced body [m].
@@ -337,24 +341,15 @@ class RunSummary:
             figures |= oil_balance(float(content[begin]), float(content[-1]), totals)
         return figures if binding.joint.heat is None else figures | temperatures(binding, means)
 
-    def _unfed(self, name: str) -> list[str]:
+    def _unfed(self, binding: FilmBinding) -> list[str]:
         """Notice of a joint whose film loses more oil than it is fed, without mass conservation."""
-        prefix = f"joints/{name}/"
-        flows = [
-            path.removeprefix(prefix)
-            for path in self.columns
-            if path.startswith(prefix) and path.endswith(f".{FLOW}")
-        ]
-        side = f"{prefix}{SIDE_FLOW}"
-        if not flows or side not in self.columns or f"{prefix}{CONTENT}" in self.columns:
+        rates = averaged(self._columns_of(binding.name))
+        flows = [name for name in rates if name.endswith(f".{FLOW}")]
+        if not flows or SIDE_FLOW not in rates or CONTENT in rates:
             return []
-        columns = [self.columns[f"{prefix}{flow}"] for flow in flows]
-        values = np.column_stack([self.columns[side], sum(columns)])[self.first :]
-        times = self.columns["time_s"][self.first :]
-        if len(times) < 2:
-            return []
-        leaving, fed = integral(times, values) / (times[-1] - times[0])
-        return unfed_film(name, float(leaving), float(fed))
+        means = self._means(binding, rates)
+        fed = sum(means[f"mean_{name}"] for name in flows)
+        return unfed_film(binding.name, means[f"mean_{SIDE_FLOW}"], fed)
 
     def notices(self) -> list[str]:
         """Notices, one line each, of values of the mechanism or run that are probably mistakes."""
@@ -366,6 +361,7 @@ class RunSummary:
             if name not in resting:
                 pressures = self.columns[f"joints/{name}/max_pressure_Pa"][self.first :]
                 lines += unusual_peaks(name, pressures, may_ring=may_ring)
-            lines += self._unfed(name)
+        for binding in system.films:
+            lines += self._unfed(binding)
         mechanism = system.mechanism
         return [*lines, *unusual_totals(mechanism.bodies), *stepped_shapes(mechanism.joints)]

@@ -345,9 +345,11 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
         if len(integers) == 3:
             column, row, words = integers
         elif len(integers) == 2 and head.bigmat:
-            words, row = integers[0] - 1, integers[1]
+            words = integers[0] - 1
+            row = integers[1]
         elif len(integers) == 1 and not head.bigmat:
-            words, row = integers[0] // _PACKED - 1, integers[0] % _PACKED
+            words = integers[0] // _PACKED - 1
+            row = integers[0] % _PACKED
         else:
             raise ValueError(f"{line[:48]!r} is no record of matrix {head.name}")
         if column > head.columns:

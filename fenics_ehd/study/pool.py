@@ -340,7 +340,7 @@ class ProcessPool(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes after their tasks; with `cancel_futures`, end them at once."""
         self._threads.shutdown(wait=wait and not cancel_futures, cancel_futures=cancel_futures)
-        while cancel_futures and not all(future.done() for future in list(self._futures)):
+        while cancel_futures and self._futures:
             # PETSc prints a page of advice if it is only terminated, so the process is killed.
             for process in set(multiprocessing.active_children()) - self._others:
                 process.kill()
