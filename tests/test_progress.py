@@ -112,6 +112,27 @@ def test_a_line_of_a_terminal_is_rewritten_and_removed(tmp_path):
     assert text == f"solves: 0 %, 0 of 2\r{' ' * 19}\r"
 
 
+def test_a_note_is_made_only_for_a_line_that_is_shown():
+    """A run has thousands of steps, of which a line shows few or none."""
+    made = []
+
+    def note():
+        made.append(1)
+        return "p 3 MPa"
+
+    with SILENT.stage("run", 4) as stage:
+        stage.to(1, note)
+    assert not made
+    texts = []
+    with Progress(texts.append, interval=1e3).stage("run", 4) as stage:
+        stage.to(1, note)
+    assert not made
+    with Progress(texts.append, interval=0.0).stage("run", 4) as stage:
+        stage.to(1, note)
+    assert texts[-1] == "run: 25 %, 1 of 4, p 3 MPa"
+    assert len(made) == 1
+
+
 def test_workers_write_to_a_file_that_their_parent_reads(tmp_path):
     path = tmp_path / "reference"
     assert read_progress(path) == ""

@@ -71,15 +71,17 @@ class Stage:
         self.total = total
         self.done = done
         self._unit = unit
-        self._note = ""
+        self._note: str | Callable[[], str] = ""
         self._begin(done)
 
     def _begin(self, done: float) -> None:
         self._began = monotonic()
         self._first = done
 
-    def to(self, done: float, note: str = "") -> None:
-        """Set the part that is done, and a short text about it.
+    def to(self, done: float, note: str | Callable[[], str] = "") -> None:
+        """Set the part that is done, and a short text about it, or a function that makes the text.
+
+        The function is called only if the line is shown.
 
         A smaller part than before is the start of another round, such as the next cycle of a run.
         """
@@ -115,7 +117,8 @@ class Stage:
             words.append(f"{amounts} {self._unit}".rstrip())
         elif elapsed >= 1.0:
             words.append(duration(elapsed))
-        return ", ".join(filter(None, [*words, self._note]))
+        note = self._note() if callable(self._note) else self._note
+        return ", ".join(filter(None, [*words, note]))
 
 
 def _amount(value: float) -> str:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from time import perf_counter, process_time
 from typing import Any, ClassVar
 
@@ -324,12 +325,14 @@ class Recorder(Stateful):
         done = 1e3 * max(self.time - start, 0.0)
         with progress.stage(name, 1e3 * self.end, "ms", done=done) as stage:
 
-            def show(step: MechanismStep) -> None:
+            def note_of(step: MechanismStep) -> str:
                 peak = max((film.pressure.max() for film in step.solution.films), default=0.0)
-                start = 0.0 if self.cycles is None else self.cycles.start
                 cycle = "" if self.cycles is None else f"cycle {self.cycles.number}, "
-                note = f"{cycle}step {self.counts['steps']}, p {1e-6 * peak:.1f} MPa"
-                stage.to(1e3 * min(step.time - start, self.end), note)
+                return f"{cycle}step {self.counts['steps']}, p {1e-6 * peak:.1f} MPa"
+
+            def show(step: MechanismStep) -> None:
+                start = 0.0 if self.cycles is None else self.cycles.start
+                stage.to(1e3 * min(step.time - start, self.end), partial(note_of, step))
 
             yield show
 
