@@ -91,6 +91,9 @@ def test_an_environment_of_wheels_alone_is_accepted(tmp_path, monkeypatch):
     folder = other_numpy(tmp_path, "9.9.1")
     monkeypatch.setattr(libraries, "origin", lambda name: str(folder / name / "__init__.py"))
     assert libraries.numpy_conflict() == ""
+    monkeypatch.setattr(sys, "path", [str(folder)])
+    monkeypatch.setattr(libraries, "origin", lambda name: pytest.fail(f"looked for {name}"))
+    assert libraries.numpy_conflict() == ""
 
 
 @pytest.mark.parametrize(

@@ -80,8 +80,11 @@ def numpy_conflict() -> str:
 
     A library that is compiled for one version of NumPy works with later versions, except for those
     with another first number. The versions are compared without importing NumPy. There is no
-    conflict if NumPy is Debian's, or if none of the compiled libraries is.
+    conflict if NumPy is Debian's, or if none of the compiled libraries is. No library is looked for
+    if Debian's folder is not on the path.
     """
+    if str(DEBIAN) not in sys.path:
+        return ""
     source = origin("numpy")
     if not source or Path(source).is_relative_to(DEBIAN):
         return ""
