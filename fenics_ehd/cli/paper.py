@@ -188,7 +188,7 @@ def _require_complete(machines: Sequence[MachineResult], figures: Sequence[Paper
     """
     from fenics_ehd.study.pool import FailedCasesError
 
-    failures = {}
+    failures: dict[str, str] = {}
     for result in (result for machine in machines for result in machine.figures):
         if result.figure in figures:
             scene = result.figure.scene
