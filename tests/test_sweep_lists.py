@@ -8,6 +8,7 @@ from command_line import exit_of
 from sweep_cases import Inline, results, rows_of, sweep_inline, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.base.progress import Progress
 from fenics_ehd.study.merged_sweep import merge_sweeps
 from fenics_ehd.study.sweep import Part, SweepFolder, make_sweep
 
@@ -186,7 +187,13 @@ def test_folders_that_cannot_be_merged_are_named(scene, complete, tmp_path, capf
 
 def test_a_sweep_in_python_is_a_table(scene, complete, tmp_path):
     values = {"clearance": np.array([14e-6, 15e-6, 16e-6]), "oil.viscosity": "0.01:0.012:3"}
-    table = ehd.sweep(scene, values, zipped=True, executor=Inline(), folder=tmp_path / "out")
+    texts: list[str] = []
+    progress = Progress(texts.append, interval=0.0)
+    table = ehd.sweep(
+        scene, values, zipped=True, executor=Inline(), folder=tmp_path / "out", progress=progress
+    )
+    assert texts[0] == "sweep: 0 %, 0 of 3 cases"
+    assert texts[-1].startswith("sweep: 100 %, ")
     expected = rows_of(complete)
     assert len(table) == 3
     assert table.complete.all()
@@ -212,3 +219,9 @@ def test_bad_arguments_in_python(scene):
         ehd.sweep(scene, {"clearance": 1e-5})
     with pytest.raises(ehd.errors.SettingsError, match="at least one key"):
         ehd.sweep(scene, {})
+    with pytest.raises(ehd.errors.SettingsError, match=r"^zipped = True: .*oil\.viscosity has"):
+        ehd.sweep(scene, {"clearance": [1e-5], "oil.viscosity": [0.01, 0.02]}, zipped=True)
+    messages = {False: r"^values = 'no\.csv': No such file", True: "^zipped = true has no effect"}
+    for zipped, message in messages.items():
+        with pytest.raises(ehd.errors.SettingsError, match=message):
+            ehd.sweep(scene, "no.csv", zipped=zipped)

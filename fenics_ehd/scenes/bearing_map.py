@@ -11,7 +11,7 @@ quarter turn from x in the direction of rotation. Further columns have names wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -22,6 +22,7 @@ from fenics_ehd.analysis.bearing import BearingResult
 from fenics_ehd.analysis.bearing_settings import BearingSettings
 from fenics_ehd.base.arguments import require_number
 from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.base.progress import SILENT, Progress
 from fenics_ehd.scenes.bearing import solve_bearing
 
 
@@ -74,7 +75,7 @@ def bearing_map(
     speeds: Sequence[float],
     loads: Sequence[float] = (),
     eccentricity: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = SILENT,
 ) -> BearingMap:
     """Compute a bearing with its dynamic coefficients at all combinations of speeds and loads.
 
@@ -87,8 +88,7 @@ def bearing_map(
     loads, eccentricity
         Loads [N], or an eccentricity ratio in 0..1; exactly one of both must be given.
     progress
-        Function that is called after every point, with the number of computed points and the
-        number of all points.
+        Progress in which the points are a stage.
 
     Raises
     ------
@@ -106,15 +106,17 @@ def bearing_map(
     points = list(product(at_speeds, loads if len(loads) else (None,)))
     results = []
     failed = []
-    for number, (changed, load) in enumerate(points, 1):
-        try:
-            results.append(
-                solve_bearing(changed, load=load, eccentricity=eccentricity, with_coefficients=True)
-            )
-        except EhdError as error:
-            failed.append(FailedPoint(changed.speed, load, str(error)))
-        if progress is not None:
-            progress(number, len(points))
+    with progress.stage("bearing map", len(points), "points") as stage:
+        for changed, load in points:
+            try:
+                results.append(
+                    solve_bearing(
+                        changed, load=load, eccentricity=eccentricity, with_coefficients=True
+                    )
+                )
+            except EhdError as error:
+                failed.append(FailedPoint(changed.speed, load, str(error)))
+            stage.add()
     return BearingMap(tuple(results), tuple(failed))
 
 

@@ -102,7 +102,7 @@ def axes_of_options(
         A key or value cannot be used, a key is given twice, or lists that are used together have
         different lengths.
     """
-    axes = [] if table is None else [read_cases(scene, table)]
+    axes = [] if table is None else [read_cases(scene, table, f"--cases {table}")]
     like, _ = scene_values(scene)
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
@@ -134,7 +134,9 @@ def axes_of_values(
         As `axes_of_options`.
     """
     if isinstance(values, (str, Path)):
-        return axes_of_options(scene, (), zipped=zipped, table=str(values))
+        if zipped:
+            raise no_effect("zipped", True, "with a CSV file, whose rows are cases already")
+        return [read_cases(scene, str(values), f"values = {str(values)!r}")]
     axes: list[Axis] = []
     like, _ = scene_values(scene)
     for name, entry in values.items():
@@ -149,7 +151,7 @@ def axes_of_values(
         axes.append(Axis((key,), tuple((value,) for value in listed)))
     if not axes:
         raise SettingsError("values = {}: give at least one key with its values")
-    return [_together(axes, "zipped=True")] if zipped else axes
+    return [_together(axes, "zipped = True")] if zipped else axes
 
 
 def _listed(key: str, values: Any) -> list[Any]:
@@ -195,8 +197,8 @@ def _together(axes: Sequence[Axis], option: str) -> Axis:
 HEADING = re.compile(r"\s*(?P<key>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]+)\])?\s*")
 
 
-def read_cases(scene: Scene, path: str) -> Axis:
-    """Read the cases of a sweep from a CSV file.
+def read_cases(scene: Scene, path: str, option: str) -> Axis:
+    """Read the cases of a sweep from a CSV file; messages begin with `option`.
 
     The first line has the keys, and each further line the values of a case. A value is written as
     for ``--set``, with or without a unit. A heading may have a unit for all values in its column.
@@ -207,7 +209,6 @@ def read_cases(scene: Scene, path: str) -> Axis:
         The file cannot be read, a key is unknown or given twice, or a value is missing; the message
         has the line and the column.
     """
-    option = f"--cases {path}"
     lines = list(_lines(path, option))
     if len(lines) < 2:
         raise SettingsError(f"{option}: the file needs a line of keys, and a line for each case")
