@@ -24,6 +24,7 @@ from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.scenes.scene import Scene, as_stored, input_files, stored
 from fenics_ehd.study.case_table import CaseTable
 from fenics_ehd.study.cases import (
+    MOST_CASES,
     Case,
     as_text,
     finite,
@@ -36,6 +37,7 @@ from fenics_ehd.study.combinations import (
     axes_of_options,
     axes_of_values,
     combinations,
+    origins_of,
 )
 from fenics_ehd.study.pool import RunsFolder, open_pool, require_importable_main, run_cases
 
@@ -65,13 +67,22 @@ class Part:
         SettingsError
             The text is malformed, or there is no such part.
         """
-        match = re.fullmatch(r"\s*([0-9]{1,6})\s*/\s*([0-9]{1,6})\s*", text, re.ASCII)
-        if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        match = re.fullmatch(r"\s*([0-9]{1,9})\s*/\s*([0-9]{1,9})\s*", text, re.ASCII)
+        if match is None:
             raise SettingsError(
-                f"--part {text}: give the number of the part and the number of parts, from 1/16 to "
-                "16/16 for instance"
+                f"--part {text} must be K/N, the number of the part and the number of parts, 3/16 "
+                "for instance"
             )
-        return cls(int(match[1]), int(match[2]))
+        number, of = map(int, match.groups())
+        if not 1 <= of <= MOST_CASES:
+            raise SettingsError(
+                f"--part {text}: the number of parts, {of}, must be from 1 to {MOST_CASES}"
+            )
+        if not 1 <= number <= of:
+            raise SettingsError(
+                f"--part {text}: the number of the part, {number}, must be from 1 to {of}"
+            )
+        return cls(number, of)
 
     def __str__(self) -> str:
         return f"{self.number}/{self.of}"
@@ -189,7 +200,11 @@ def _cases(scene: Scene, axes: Sequence[Axis]) -> list[Case]:
         if isinstance(made[n], InputError):
             optional = [key for key, value in values.items() if as_text(value) in effective[key]]
             made[n] = _made(f"{n + 1:04d}", scene, values, optional)
-    refused = [case for case in made if isinstance(case, InputError)]
+    refused = [
+        (origin, case)
+        for origin, case in zip(origins_of(axes), made, strict=True)
+        if isinstance(case, InputError)
+    ]
     if refused:
         raise SettingsError(
             f"{len(refused)} of {len(made)} cases cannot run: "
@@ -198,23 +213,28 @@ def _cases(scene: Scene, axes: Sequence[Axis]) -> list[Case]:
     return [case for case in made if isinstance(case, Case)]
 
 
-def _refused_alone(scene: Scene, axes: Sequence[Axis]) -> list[InputError]:
+def _refused_alone(scene: Scene, axes: Sequence[Axis]) -> list[tuple[str, InputError]]:
     """Errors of single values: a section of a scene reports only its first invalid value."""
-    single: dict[tuple[str, str], Any] = {}
+    single: dict[tuple[str, str], tuple[str, Any]] = {}
     for axis in axes:
-        for row in axis.rows:
-            single |= {(k, as_text(v)): v for k, v in zip(axis.keys, row, strict=True)}
-    alone = [_made("", scene, {key: value}) for (key, _), value in single.items()]
-    return [case for case in alone if isinstance(case, InputError)]
+        for origin, row in zip(origins_of([axis]), axis.rows, strict=True):
+            for key, value in zip(axis.keys, row, strict=True):
+                single.setdefault((key, as_text(value)), (origin, value))
+    alone = (
+        (origin, _made("", scene, {key: value})) for (key, _), (origin, value) in single.items()
+    )
+    return [(origin, case) for origin, case in alone if isinstance(case, InputError)]
 
 
-def _reasons(errors: Iterable[InputError]) -> str:
-    """Different messages of errors in one line; a key without effect is named once."""
+def _reasons(errors: Iterable[tuple[str, InputError]]) -> str:
+    """Different messages of errors in one line; a key without effect is named once.
+
+    The first error of each message has its line in the file of cases.
+    """
     by_reason: dict[str, str] = {}
-    for error in errors:
-        by_reason.setdefault(
-            error.key if isinstance(error, NoEffectError) else str(error), str(error)
-        )
+    for origin, error in errors:
+        reason = error.key if isinstance(error, NoEffectError) else str(error)
+        by_reason.setdefault(reason, f"{origin}: {error}" if origin else str(error))
     reasons = list(by_reason.values())
     hidden = len(reasons) - MOST_REASONS
     return "; ".join(reasons[:MOST_REASONS]) + (f"; and {hidden} more" if hidden > 0 else "")
