@@ -8,6 +8,7 @@ from command_line import exit_of
 from sweep_cases import Inline, results, rows_of, sweep_inline, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.base.progress import Progress
 from fenics_ehd.study.merged_sweep import merge_sweeps
 from fenics_ehd.study.sweep import Part, SweepFolder, make_sweep
 
@@ -201,7 +202,13 @@ def test_folders_that_cannot_be_merged_are_named(scene, complete, tmp_path, capf
 
 def test_a_sweep_in_python_is_a_table(scene, complete, tmp_path):
     values = {"clearance": np.array([14e-6, 15e-6, 16e-6]), "oil.viscosity": "0.01:0.012:3"}
-    table = ehd.sweep(scene, values, zipped=True, executor=Inline(), folder=tmp_path / "out")
+    texts: list[str] = []
+    progress = Progress(texts.append, interval=0.0)
+    table = ehd.sweep(
+        scene, values, zipped=True, executor=Inline(), folder=tmp_path / "out", progress=progress
+    )
+    assert texts[0] == "sweep: 0 %, 0 of 3 cases"
+    assert texts[-1].startswith("sweep: 100 %, ")
     expected = rows_of(complete)
     assert len(table) == 3
     assert table.complete.all()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fenics_ehd.base.files import claim, require_writable
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.cli.options import (
     aligned,
     answer,
@@ -92,7 +93,7 @@ def paper(
         _print_estimates(figures, folders, runs)
         machines = []
         for scene, folder in folders.items():
-            run_study(folder, pool, names=runs[scene])
+            run_study(folder, pool, names=runs[scene], progress=shown_progress(logs=True))
             machines = write_paper_page(target)
             if not as_json:
                 of_scene = [machine for machine in machines if machine.scene == scene]

@@ -15,6 +15,7 @@ import click
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import made_by, require_kept, require_made_by
 from fenics_ehd.base.needs import no_effect
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.base.renamed import renamed_message
 from fenics_ehd.cli.options import (
     FOLDER,
@@ -158,7 +159,7 @@ def study(
     with open_pool(workers) as pool:
         plan = make_study(scene, quick=quick, start=start)
         with StudyFolder(target, plan, overwrite=overwrite) as folder:
-            rows = run_study(folder, pool)
+            rows = run_study(folder, pool, progress=shown_progress(logs=True))
     status = next(row["status"] for row in rows if row["run"] == REFERENCE)
     lines = table_lines(["group", "run", "joint"], rows, SHOWN)
     lines.append(f"rows in {target / 'table.csv'}, runs in {target / 'runs'}")
@@ -282,7 +283,7 @@ def _sweep(
     plan = make_sweep(scene, assignments, zipped=zip, table=table, part=wanted)
     pool = open_pool(workers) if scheduler is None else scheduled(scheduler)
     with pool as executor, SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:
-        rows = run_sweep(folder, executor, keep=keep)
+        rows = run_sweep(folder, executor, keep=keep, progress=shown_progress(logs=True))
     _answer_sweep(plan.scene, plan.keys, plan.joints, rows, folder.table, as_json=as_json)
 
 

@@ -20,6 +20,7 @@ from fenics_ehd.base.arguments import require_class, require_count
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.files import require_kept, require_made_by
 from fenics_ehd.base.needs import NoEffectError
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.scenes.scene import Scene, as_stored, input_files, stored
 from fenics_ehd.study.case_table import CaseTable
 from fenics_ehd.study.cases import (
@@ -339,7 +340,11 @@ class SweepFolder(RunsFolder):
 
 
 def run_sweep(
-    folder: SweepFolder, executor: Executor, *, keep: bool = False
+    folder: SweepFolder,
+    executor: Executor,
+    *,
+    keep: bool = False,
+    progress: Progress | bool = True,
 ) -> list[dict[str, Any]]:
     """Run every case that is not complete, and write its row.
 
@@ -351,6 +356,9 @@ def run_sweep(
         Executor that does the reductions and runs the cases, see `run_cases`.
     keep
         Whether the results of every case are kept, in ``runs/0001`` and so on.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the cases are
+        a stage.
 
     Returns
     -------
@@ -360,7 +368,7 @@ def run_sweep(
     missing = folder.take_stock()
     folder.write(ABOUT, folder.sweep.about)
     folder.write_tables()
-    run_cases(folder, missing, executor, keep=keep)
+    run_cases(folder, missing, executor, keep=keep, progress=chosen_progress(progress))
     return folder.rows()
 
 
@@ -374,6 +382,7 @@ def sweep(
     folder: str | Path | None = None,
     keep: bool = False,
     overwrite: bool = False,
+    progress: Progress | bool = True,
 ) -> CaseTable:
     """Run a scene for many combinations of values, as ``fenics-ehd sweep`` does; one rank.
 
@@ -397,6 +406,9 @@ def sweep(
         Whether the history of every case is kept in the folder.
     overwrite
         Whether the rows of another sweep in the folder are replaced.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the cases are
+        a stage.
 
     Returns
     -------
@@ -434,5 +446,5 @@ def sweep(
         if executor is None:
             executor = held.enter_context(open_pool(workers))
             require_importable_main(executor)
-        rows = run_sweep(opened, executor, keep=keep)
+        rows = run_sweep(opened, executor, keep=keep, progress=progress)
         return CaseTable(opened.columns, rows)
