@@ -331,7 +331,7 @@ def test_printed_units_have_the_factor_of_their_unit():
         (0.6, "m", "0.6 m"),
         (210e9, "Pa", "210 GPa"),
         (True, "", "yes"),
-        ((0.0, -9.81), "m/s2", "(0, -9.81) m/s2"),
+        ((0.0, -9.81), "m/s2", "(0, -9.81) m/s²"),
     ],
 )
 def test_settings_have_the_unit_that_fits(value, unit, text):

@@ -200,7 +200,9 @@ def _with_unit(value: float, name: str, digits: int = 4) -> str:
 
 
 def position_text(figure: Figure) -> str:
-    """Text of the position of an extreme; an angle has one decimal."""
+    """Text of the position of an extreme; an angle has one decimal, a height two."""
+    if figure.name.endswith("_height_m"):
+        return f"{round(1e3 * figure.value, 2) + 0.0:g} mm".replace("-", "−")
     if figure.unit == "deg":
         return f"{figure.value + 0.0:.1f}°".replace("-", "−")
     return value_text(figure)

@@ -78,7 +78,7 @@ def content_of(folder: Path, history: History) -> dict[str, Any]:
             figures, body, searched="cycles" in summary, columns=_columns(history)
         ),
         "body": body,
-        "searched": "cycles" in summary,
+        "searched": history.cycle.periodic,
         "notices": list(_notices(summary)),
         "versions": summary.get("versions", {}),
         "entries": [],
