@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.files import claim, require_writable
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.cli.options import (
     aligned,
     answer,
@@ -73,7 +74,8 @@ def paper(
         _print_estimates(figures, folders)
         entries = []
         for scene, folder in folders.items():
-            run_study(folder, pool, names=needed_runs(figures, scene))
+            names = needed_runs(figures, scene)
+            run_study(folder, pool, names=names, progress=shown_progress(logs=True))
             entries += [_drawn(each, folder, target) for each in figures if each.scene == scene]
     rows = [["figure", "file", "contents"]]
     rows += [[str(e["figure"]), (e["files"] or ["-"])[0], e["caption"]] for e in entries]
