@@ -518,9 +518,8 @@ def test_pictures_are_drawn_without_a_limit_and_without_a_shaft():
         (axes, *_) = figure.axes
         labels = [text.get_text() for text in axes.get_legend().get_texts()]
         assert labels[-1] == "no equilibrium"
-        left, right = axes.get_xlim()
-        assert left == pytest.approx((500.0 - MARGIN * 400.0) * 30 / np.pi)
-        assert right == pytest.approx((900.0 + MARGIN * 400.0) * 30 / np.pi)
+        ends = np.array([500.0 - MARGIN * 400.0, 900.0 + MARGIN * 400.0])
+        assert axes.get_xlim() == pytest.approx(ends * 30 / np.pi)
     # The map of one speed prints its modes; the diagram reaches 15 % above the 1x line.
     (axes, *_) = campbell(chart).axes
     assert axes.get_ylim()[1] == pytest.approx(1.15 * 500.0 / (2 * np.pi))

@@ -249,7 +249,7 @@ def label_curves(axes: Axes, ends: Mapping[int, tuple[float, float]]) -> None:
     ends
         Speed and frequency at the end of the curve of each track, in the units of the axes.
     """
-    left, right = axes.get_xlim()
+    width = float(np.ptp(axes.get_xlim()))
     top = axes.get_ylim()[1]
     distance = LABEL_DISTANCE * top
     at_speed: dict[float, list[int]] = {}
@@ -262,7 +262,7 @@ def label_curves(axes: Axes, ends: Mapping[int, tuple[float, float]]) -> None:
         for k in range(len(tracks) - 1, -1, -1):
             limit = heights[k + 1] if k + 1 < len(tracks) else top + 0.5 * distance
             heights[k] = min(heights[k], limit - distance)
-        offset = LABEL_OFFSET * (right - left)
+        offset = LABEL_OFFSET * width
         for track, height in zip(tracks, heights, strict=True):
             axes.annotate(
                 str(track + 1), ends[track], xytext=(speed + 1.6 * offset, height), va="center",
