@@ -74,6 +74,7 @@ _NAMES = {
     "reduction.residual_completion": ("residual_flexibility",),
     "reduction.structure": ("Structure",),
     "scenes.bearing": ("bearing", "solve_bearing"),
+    "scenes.bearing_map": ("bearing_map",),
     "scenes.build": ("Machine", "build"),
     "scenes.rotor_map": ("rotor_map",),
     "scenes.run": ("run",),

@@ -9,8 +9,8 @@ import pytest
 from command_line import exit_of
 
 import fenics_ehd as ehd
+from fenics_ehd.base.progress import Progress
 from fenics_ehd.scenes import bearing_map as module
-from fenics_ehd.scenes.bearing_map import bearing_map
 
 SETTINGS = ehd.BearingSettings(cells_around=24, cells_along=4)
 CELLS = ("--cells", "24x4")
@@ -23,11 +23,12 @@ def call(capsys):
 
 
 def test_points_are_those_of_single_bearings():
-    calls = []
-    points = bearing_map(
-        SETTINGS, speeds=[300.0, 500.0], loads=[1e3, 2e3], progress=lambda *n: calls.append(n)
+    texts: list[str] = []
+    progress = Progress(texts.append, interval=0.0)
+    points = ehd.bearing_map(
+        SETTINGS, speeds=[300.0, 500.0], loads=[1e3, "2 kN"], progress=progress
     )
-    assert calls == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert [text.rpartition(", ")[2] for text in texts] == [f"{n} of 4 points" for n in range(5)]
     rows = points.rows()
     assert [(row["frequency"], row["load_N"]) for row in rows] == [
         (speed, pytest.approx(load)) for speed in (300.0, 500.0) for load in (1e3, 2e3)
@@ -47,14 +48,14 @@ def test_points_are_those_of_single_bearings():
 
 def test_coefficients_at_one_eccentricity_follow_similarity():
     """At one eccentricity stiffness is proportional to the speed, and damping constant."""
-    slow, fast = bearing_map(SETTINGS, speeds=[200.0, 800.0], eccentricity=0.5).rows()
+    slow, fast = ehd.bearing_map(SETTINGS, speeds=[200.0, 800.0], eccentricity=0.5).rows()
     assert fast["load_N"] == pytest.approx(4 * slow["load_N"], rel=1e-6)
     for entry in ("xx", "xy", "yx", "yy"):
         assert fast[f"k{entry}"] == pytest.approx(4 * slow[f"k{entry}"], rel=1e-4)
         assert fast[f"c{entry}"] == pytest.approx(slow[f"c{entry}"], rel=1e-4)
     assert fast["whirl_frequency_ratio"] == pytest.approx(slow["whirl_frequency_ratio"], rel=1e-4)
     with pytest.raises(ehd.errors.SettingsError, match="exactly one of loads and eccentricity"):
-        bearing_map(SETTINGS, speeds=[1.0], loads=[1.0], eccentricity=0.5)
+        ehd.bearing_map(SETTINGS, speeds=[1.0], loads=[1.0], eccentricity=0.5)
 
 
 def test_a_map_has_a_table_a_picture_and_printed_rows(call, tmp_path):

@@ -23,6 +23,7 @@ from sweep_cases import Inline
 
 import fenics_ehd as ehd
 from fenics_ehd.base.errors import OutputError
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.reduction.body import body_digest
 from fenics_ehd.scenes import kept_bodies, part
 from fenics_ehd.scenes.part import body_counts, elastic_part, kept_entry
@@ -650,7 +651,7 @@ def test_sweeps_in_different_folders_share_bodies(cache, tmp_path, capfd, reduct
     tables = []
     for name in ("one", "two"):
         with SweepFolder(tmp_path / name, plan) as folder:
-            run_sweep(folder, Inline())
+            run_sweep(folder, Inline(), progress=shown_progress(logs=True))
         tables.append((tmp_path / name / "sweep.csv").read_text())
     assert reductions == ["m3", "m3"]
     err = capfd.readouterr().err

@@ -8,6 +8,7 @@ from command_line import exit_of
 from sweep_cases import Inline, results, rows_of, sweep_inline, write_scene
 
 import fenics_ehd as ehd
+from fenics_ehd.base.progress import Progress
 from fenics_ehd.study.merged_sweep import merge_sweeps
 from fenics_ehd.study.sweep import Part, SweepFolder, make_sweep
 
@@ -62,40 +63,6 @@ def test_lines_of_a_table_are_combined_with_lists(scene, table):
     assert values_of(sweep)[:3] == [(14e-6, 0.01, 1e-3), (14e-6, 0.01, 1e-4), (15e-6, 0.011, 1e-3)]
 
 
-def test_a_table_of_a_spreadsheet(scene, tmp_path):
-    path = tmp_path / "cases.csv"
-    text = '\ufeffclearance;big_end.cells\r\n"14 um";"[10, 4]"\r\n15um;[12, 4]\r\n'
-    path.write_text(text, encoding="utf-8", newline="")
-    sweep = make_sweep(scene, table=str(path))
-    assert values_of(sweep) == [(14e-6, [10, 4]), (15e-6, [12, 4])]
-
-
-@pytest.mark.parametrize(
-    ("content", "named"),
-    [
-        ("", "a line of keys, and a line for each case"),
-        ("clearance\n", "a line of keys, and a line for each case"),
-        ("clearence\n1e-5\n", "unknown key clearence"),
-        ("clearance,big_end.clearance\n1e-5,1e-5\n", "is given twice"),
-        ("clearance,oil.viscosity\n1e-5\n", "line 2 has 1 values"),
-        ("clearance,oil.viscosity\n1e-5,\n", "line 2: lubricants.oil.viscosity has no value"),
-        ("clearance\n1e-5\n12um\n", "only some values of joints.big_end.clearance have a unit"),
-        ("clearance [um]\n12um\n", "must be a number in the column's unit, um"),
-        ("clearance [s]\n12\n", "s is a unit of another quantity"),
-        ("clearance [um\n12\n", "must be a key, or a key with a unit in brackets"),
-        ("big_end.cells\n20\n", "must be a list"),
-        ('clearance\n"1e-5\n', "unexpected end of data"),
-    ],
-)
-def test_a_bad_table_is_refused_in_one_line(content, named, scene, tmp_path):
-    path = tmp_path / "cases.csv"
-    path.write_text(content)
-    with pytest.raises(ehd.errors.SettingsError) as error:
-        make_sweep(scene, table=str(path))
-    assert named in str(error.value)
-    assert "\n" not in str(error.value)
-
-
 @pytest.mark.parametrize(
     ("options", "named"),
     [
@@ -104,10 +71,16 @@ def test_a_bad_table_is_refused_in_one_line(content, named, scene, tmp_path):
             ["--set", "clearance=1e-5,2e-5", "--set", "oil.viscosity=0.01", "--zip"],
             "lubricants.oil.viscosity has 1 values, but joints.big_end.clearance has 2",
         ),
-        (["--set", "clearance=1e-5", "--part", "3"], "--part 3: give the number of the part"),
-        (["--set", "clearance=1e-5", "--part", "0/3"], "--part 0/3: give the number"),
+        (["--set", "clearance=1e-5", "--part", "3"], "--part 3 must be K/N"),
+        (
+            ["--set", "clearance=1e-5", "--part", "0/3"],
+            "--part 0/3: the number of the part, 0, must be from 1 to 3",
+        ),
+        (["--set", "clearance=1e-5", "--part", "4/3"], "the number of the part, 4, must be"),
+        (["--set", "clearance=1e-5", "--part", "1/0"], "the number of parts, 0, must be from 1 to"),
         (["--set", "clearance=1e-5", "--part", "2/2"], "the sweep has 1 cases"),
         (["--cases", "no.csv"], "--cases no.csv: No such file"),
+        (["--cases", "."], "--cases .: this is a folder: give a CSV file"),
         ([], "give --set KEY=VALUES"),
         (["--set", "clearance=1e-5", "--merge"], "--set has no effect with --merge"),
         (["--merge"], "--merge needs -o"),
@@ -128,12 +101,55 @@ def test_bad_options_are_refused_in_one_line(options, named, scene, tmp_path, ca
     assert len(errors.strip().splitlines()) == 1
 
 
+def test_missing_and_surplus_words_are_named(capfd):
+    for arguments, named in (
+        (("sweep", "--merge"), "--merge needs the folders of the parts"),
+        (("sweep",), "sweep runs one SCENE, but there are 0"),
+        (("sweep", "a", "b"), "sweep runs one SCENE, but there are 2 (a, b)"),
+    ):
+        status, _, errors = exit_of(capfd, *arguments)
+        assert status == 2
+        assert named in errors
+        assert len(errors.strip().splitlines()) == 1
+
+
+def test_values_that_cannot_run_have_the_line_of_the_file(scene, tmp_path):
+    path = tmp_path / "cases.csv"
+    path.write_text("clearance [um];oil.viscosity\n14;0,01\n\n-15;0,011\n16;-1\n16;-1\n")
+    with pytest.raises(ehd.errors.SettingsError) as error:
+        make_sweep(scene, table=str(path))
+    message = str(error.value)
+    assert message.startswith(
+        f"3 of 4 cases cannot run: --cases {path}: line 4: {CLEARANCE} = -1.5e-05"
+    )
+    assert f"; --cases {path}: line 5: {VISCOSITY} = -1.0 must be" in message
+    assert message.count(VISCOSITY) == 1
+
+
+def test_only_the_difference_of_another_sweep_is_named(scene, tmp_path):
+    lists = [f"clearance={start}e-6:30e-6:{count}" for start, count in ((10, 9), (11, 9), (10, 8))]
+    with SweepFolder(tmp_path, make_sweep(scene, lists[:1])) as folder:
+        folder.write("sweep.json", folder.sweep.about)
+    for values, named in (
+        (lists[1], f"(value 1 of {CLEARANCE} is 1e-05 in the folder, but 1.1e-05 here)"),
+        (lists[2], f"({CLEARANCE} has 9 values in the folder, but 8 here)"),
+    ):
+        with pytest.raises(ehd.errors.InputError) as error:
+            SweepFolder(tmp_path, make_sweep(scene, [values]))
+        assert named in str(error.value)
+
+
 def test_a_key_without_effect_is_named_once(scene):
     with pytest.raises(ehd.errors.SettingsError) as error:
         make_sweep(scene, ["residual_modes=5:24:20", "clearance=14e-6,15e-6"])
     message = str(error.value)
     assert message.startswith("40 of 40 cases cannot run: ")
     assert message.count("residual_modes = ") == 1
+    values = {"residual_modes": range(5, 9), "clearance": np.linspace(14e-6, 15e-6, 4)}
+    with pytest.raises(ehd.errors.SettingsError) as error:
+        ehd.sweep(scene, values, zipped=True)
+    assert str(error.value).startswith("4 of 4 cases cannot run: ")
+    assert str(error.value).count("residual_modes = ") == 1
 
 
 def test_many_bad_values_are_one_line(scene):
@@ -186,7 +202,13 @@ def test_folders_that_cannot_be_merged_are_named(scene, complete, tmp_path, capf
 
 def test_a_sweep_in_python_is_a_table(scene, complete, tmp_path):
     values = {"clearance": np.array([14e-6, 15e-6, 16e-6]), "oil.viscosity": "0.01:0.012:3"}
-    table = ehd.sweep(scene, values, zipped=True, executor=Inline(), folder=tmp_path / "out")
+    texts: list[str] = []
+    progress = Progress(texts.append, interval=0.0)
+    table = ehd.sweep(
+        scene, values, zipped=True, executor=Inline(), folder=tmp_path / "out", progress=progress
+    )
+    assert texts[0] == "sweep: 0 %, 0 of 3 cases"
+    assert texts[-1].startswith("sweep: 100 %, ")
     expected = rows_of(complete)
     assert len(table) == 3
     assert table.complete.all()
@@ -212,3 +234,13 @@ def test_bad_arguments_in_python(scene):
         ehd.sweep(scene, {"clearance": 1e-5})
     with pytest.raises(ehd.errors.SettingsError, match="at least one key"):
         ehd.sweep(scene, {})
+    with pytest.raises(
+        ehd.errors.SettingsError, match="zipped = true has no effect without a second"
+    ):
+        ehd.sweep(scene, {"clearance": [1e-5]}, zipped=True)
+    with pytest.raises(
+        ehd.errors.SettingsError, match="zipped = true has no effect with a file of cases"
+    ):
+        ehd.sweep(scene, "cases.csv", zipped=True)
+    with pytest.raises(ehd.errors.SettingsError, match=r"values = 'no\.csv': No such file"):
+        ehd.sweep(scene, "no.csv")

@@ -57,6 +57,7 @@ from fenics_ehd.analysis.unbalance import (
     unbalance_response,
 )
 from fenics_ehd.base.errors import SolverError
+from fenics_ehd.base.progress import SILENT, Progress, Stage
 from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.quantities import JointStep, joint_row
@@ -325,11 +326,23 @@ class MapSolver:
     stored
         Known points by speed [rad/s], for example those of an interrupted map; new points are
         added.
+    progress
+        Progress in which every new point is a stage.
+    between
+        Function that is called before every new point; it may raise an error, which ends the map.
     """
 
-    def __init__(self, makers: Sequence[MakeMechanism], stored: MutableMapping[float, MapPoint]):
+    def __init__(
+        self,
+        makers: Sequence[MakeMechanism],
+        stored: MutableMapping[float, MapPoint],
+        progress: Progress = SILENT,
+        between: Callable[[], None] = lambda: None,
+    ):
         self._makers = makers
         self.points = stored
+        self._progress = progress
+        self._between = between
 
     def at(self, speed: float) -> MapPoint:
         """Point of the map at a speed [rad/s]: a known point, or a new point that is computed.
@@ -343,14 +356,18 @@ class MapSolver:
             return self.points[speed]
         nearest = min(self.points, key=lambda other: abs(other - speed), default=None)
         former = None if nearest is None else self.points[nearest]
+        self._between()
         linears: list[Linearisation] = []
         starts: list[SearchStart] = []
         figures: dict[str, float] = {}
-        for n, make in enumerate(self._makers):
-            rest = self._rest(make(speed), None if former is None else former.starts[n])
-            linears.append(linearise(rest))
-            starts.append(rest.search_start)
-            figures = figures or figures_of(rest)
+        count = len(self._makers)
+        with self._progress.stage(f"{speed:.5g} rad/s", count, "film meshes") as stage:
+            for n, make in enumerate(self._makers):
+                rest = self._rest(make(speed), None if former is None else former.starts[n])
+                linears.append(linearise(rest))
+                starts.append(rest.search_start)
+                figures = figures or figures_of(rest)
+                stage.add()
         growth = np.array([modes_of(linear).roots[0].real for linear in linears])
         mean = mean_linearisation(linears)
         if self.points:
@@ -402,7 +419,8 @@ def rotor_map_of(
     *,
     unbalances: Sequence[Unbalance] = (),
     stored: MutableMapping[float, MapPoint] | None = None,
-    progress: Callable[[float], None] = lambda speed: None,
+    progress: Progress = SILENT,
+    between: Callable[[], None] = lambda: None,
 ) -> RotorMap:
     """Compute a rotor map.
 
@@ -417,7 +435,9 @@ def rotor_map_of(
     stored
         Known points by speed, for example of an interrupted map; new points are added.
     progress
-        Function that is called after each requested speed, with this speed.
+        Progress in which the requested speeds, and those that are added, are stages.
+    between
+        Function that is called between two speeds; it may raise an error, which ends the map.
 
     Raises
     ------
@@ -426,26 +446,17 @@ def rotor_map_of(
     SolverError
         No equilibrium was found at any speed.
     """
-    solver = MapSolver(makers, {} if stored is None else stored)
-    failures: dict[float, str] = {}
-    chosen: dict[float, MapPoint] = {}
-    for speed in sorted(speeds, key=abs):
-        try:
-            chosen[speed] = solver.at(speed)
-        except SolverError as error:
-            failures[speed] = str(error)
-        progress(speed)
-    # The pose may be too far from the equilibrium at a low speed, but that at a higher speed near.
-    for speed in sorted(failures, key=abs, reverse=True) if chosen else ():
-        with suppress(SolverError):
-            chosen[speed] = _approached(solver, speed)
-            del failures[speed]
+    solver = MapSolver(makers, {} if stored is None else stored, progress, between)
+    with progress.stage("rotor map", len(speeds), "speeds") as stage:
+        chosen, failures = _requested(solver, speeds, stage)
     if not chosen:
         speed, reason = next(iter(failures.items()))
         raise SolverError(f"no equilibrium at any speed; at {speed:.6g} rad/s: {reason}")
-    _follow_closely(solver, chosen)
-    limits = _limits(solver, chosen)
-    critical = _critical_speeds(solver, chosen)
+    with progress.stage("speeds between"):
+        _follow_closely(solver, chosen)
+    with progress.stage("stability limits and critical speeds"):
+        limits = _limits(solver, chosen)
+        critical = _critical_speeds(solver, chosen)
     points = _ordered(chosen)
     system = System(makers[0](points[0].speed))
     stations = stations_of(system, points[0].starts[0].x[: system.n])
@@ -468,6 +479,26 @@ def rotor_map_of(
             *(() if response is None else _of_response(system, response)),
         ),
     )
+
+
+def _requested(
+    solver: MapSolver, speeds: Sequence[float], stage: Stage
+) -> tuple[dict[float, MapPoint], dict[float, str]]:
+    """Points at requested speeds, and reasons why speeds have no equilibrium, both by speed."""
+    failures: dict[float, str] = {}
+    chosen: dict[float, MapPoint] = {}
+    for speed in sorted(speeds, key=abs):
+        try:
+            chosen[speed] = solver.at(speed)
+        except SolverError as error:
+            failures[speed] = str(error)
+        stage.add()
+    # The pose may be too far from the equilibrium at a low speed, but that at a higher speed near.
+    for speed in sorted(failures, key=abs, reverse=True) if chosen else ():
+        with suppress(SolverError):
+            chosen[speed] = _approached(solver, speed)
+            del failures[speed]
+    return chosen, failures
 
 
 def _approached(solver: MapSolver, speed: float, attempts: int = APPROACHES) -> MapPoint:

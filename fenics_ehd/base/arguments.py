@@ -9,7 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
-from fenics_ehd.base.checks import as_float, as_tuple, limits, one_of, plane_vector, whole_number
+from fenics_ehd.base.checks import (
+    as_float,
+    as_tuple,
+    limits,
+    one_of,
+    plane_vector,
+    require_finite,
+    whole_number,
+)
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import key_hint, shown
 
@@ -25,17 +33,20 @@ def require_word(name: str, value: Any, words: tuple[str, ...]) -> None:
     one_of(words)(name, value)
 
 
-def require_number(name: str, value: Any, **bounds: Any) -> float:
+def require_number(name: str, value: Any, *, unit: str | None = None, **bounds: Any) -> float:
     """Return an argument as a float, after a check that it is finite and within bounds.
 
-    The bounds are `above`, `least`, `below` and `most`, see `checks.limits`.
+    The bounds are `above`, `least`, `below` and `most`, see `checks.limits`. With a `unit`, a text
+    with a number and a unit of the same quantity is accepted.
 
     Raises
     ------
     SettingsError
         If the argument is not a finite number, or is outside a bound; the message has the bound.
     """
-    number: Any = as_float(value)
+    number: Any = as_float(value, unit)
+    if unit and isinstance(number, str):
+        require_finite(name, number, unit)
     if isinstance(number, str):
         raise SettingsError(f"{name} = {shown(value)} must be a finite number")
     limits(**bounds, sized=False)(name, number)

@@ -19,6 +19,7 @@ from typing import IO
 from fenics_ehd.base.errors import CompilationError
 from fenics_ehd.base.files import lock_taken, user_cache
 from fenics_ehd.base.printed import escaped
+from fenics_ehd.base.progress import say
 
 #: Waiting time after which a notice names the process that compiles [s].
 NOTICE = 10.0
@@ -96,11 +97,7 @@ def _take(lock: IO[str], folder: Path, notice: float, limit: float) -> None:
             )
         if silent and now > began + notice:
             silent = False
-            with suppress(OSError):  # the standard error output is closed
-                print(
-                    f"fenics-ehd: waiting for compiled forms: {folder} is in use by {holder}",
-                    file=sys.stderr,
-                )
+            say(f"fenics-ehd: waiting for compiled forms: {folder} is in use by {holder}")
         time.sleep(POLL)
 
 

@@ -150,6 +150,8 @@ class Progress:
         Least time between two calls of `show` within a stage [s].
     at_once
         Whether a stage is shown when it starts; otherwise after the interval.
+    say
+        Function that prints a line which remains; by default such lines are not shown.
     """
 
     def __init__(
@@ -159,7 +161,9 @@ class Progress:
         *,
         interval: float = INTERVAL,
         at_once: bool = True,
+        say: Callable[[str], None] = lambda text: None,
     ):
+        self.say = say
         self._show = show
         self._end = end
         self._interval = interval
@@ -231,9 +235,14 @@ def _width() -> int:
 
 
 def say(text: str) -> None:
-    """Print a line to standard error, over a line of progress in a terminal."""
-    terminal = sys.stderr is not None and sys.stderr.isatty()
-    _write(f"{escaped(text):{_width() if terminal else 0}}\n")
+    """Print a text to standard error; in a terminal, its first line replaces a line of progress.
+
+    All printers of standard error use this function: a line of progress leaves the cursor at its
+    start, and would remain behind a shorter text.
+    """
+    first, *others = escaped(text).split("\n")
+    padded = f"{first:{_width() if _in_terminal() else 0}}"
+    _write("\n".join([padded, *others, ""]))
 
 
 class _Line:
@@ -281,6 +290,11 @@ def _in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
+def _in_terminal() -> bool:
+    """Whether standard error is shown in a terminal."""
+    return sys.stderr is not None and (sys.stderr.isatty() or _launched_in_terminal())
+
+
 def _launched_in_terminal() -> bool:
     """Whether this process is a rank whose launcher copies standard error to a terminal."""
     with suppress(OSError):
@@ -299,10 +313,10 @@ def shown_progress(*, logs: bool = False) -> Progress:
     if _in_notebook():
         output = _Output()
         return Progress(output.show, output.show)
-    if sys.stderr is not None and (sys.stderr.isatty() or _launched_in_terminal()):
+    if _in_terminal():
         line = _Line()
-        return Progress(line.show, line.end)
-    return Progress(_log, interval=LOG_INTERVAL, at_once=False) if logs else SILENT
+        return Progress(line.show, line.end, say=say)
+    return Progress(_log, interval=LOG_INTERVAL, at_once=False, say=say) if logs else SILENT
 
 
 def written_progress(path: Path | None) -> Progress:

@@ -106,17 +106,13 @@ def answer_map(
         if Path(table).suffix.lower() != ".csv":
             raise SettingsError(f"--table {table}: the file must end with .csv")
         require_output(table, TABLE_KIND, inputs, "--table")
-    count = len(speeds) * max(len(loads), 1)
-    with (
-        keeping_failed_film("."),
-        shown_progress(logs=True).stage("bearing", count, "points") as stage,
-    ):
+    with keeping_failed_film("."):
         points = bearing_map(
             settings,
             speeds=speeds,
             loads=loads,
             eccentricity=eccentricity,
-            progress=lambda number, _count: stage.to(number),
+            progress=shown_progress(logs=True),
         )
     rows = points.rows()
     if rows and table:

@@ -23,13 +23,17 @@ from fenics_ehd.base.errors import SettingsError, VerificationError
 from fenics_ehd.base.files import CACHE_OFF, CACHE_VARIABLE, to_json
 from fenics_ehd.base.needs import NO_TEMPERATURE, NONE, Needs, Setting, missing_need, no_effect
 from fenics_ehd.base.printed import escaped
+from fenics_ehd.base.progress import say
 from fenics_ehd.base.settings import declared
 from fenics_ehd.base.units import in_unit, parse_number, unit_of
 
 
 def echo(text: object, *, err: bool = False) -> None:
-    """Print a text with its control characters escaped."""
-    click.echo(escaped(str(text)), err=err)
+    """Print a text with its control characters escaped; to standard error as `say` does."""
+    if err:
+        say(str(text))
+    else:
+        click.echo(escaped(str(text)))
 
 
 def scatter_text(scatter: float | None, unit: str = "") -> str:

@@ -5,7 +5,6 @@ Imports inside functions: ``--help`` must work without NumPy and films, and quic
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from math import isclose
 from pathlib import Path
@@ -43,9 +42,6 @@ SAME_SPEED = 1e-9
 class FailedSpeedsError(EhdError):
     """A rotor map has no equilibrium at some speeds; results at all other speeds are stored."""
 
-
-#: Name of an argument of `plan_map` at the start of a message; its option has dashes before it.
-ARGUMENT = re.compile(r"^(speeds|of|unbalance)\b(?!\.)")
 
 #: Syntax of ``--unbalance``, for messages.
 SYNTAX = (
@@ -164,11 +160,8 @@ def rotor(
     asked = parse_quantities("--shapes", shapes, "rad/s") if shapes else ()
     asked = tuple(_within(values, speed) for speed in asked)
     unbalance = [parse_unbalance(text) for text in unbalances] or None
-    try:
-        every = tuple(dict.fromkeys((*values, *asked)))
-        plan = plan_map(source, every, of=of, unbalance=unbalance, meshes=meshes)
-    except SettingsError as error:
-        raise SettingsError(ARGUMENT.sub(r"--\1", str(error))) from None
+    every = tuple(dict.fromkeys((*values, *asked)))
+    plan = plan_map(source, every, of=of, unbalance=unbalance, meshes=meshes, option="--{}")
     warn_of(source.warnings)
     begin = perf_counter(), process_time()
     with RotorFolder(target, plan, overwrite=overwrite) as folder:
@@ -218,17 +211,9 @@ def _solved(folder: RotorFolder) -> RotorMap:
     from fenics_ehd.base.progress import shown_progress
     from fenics_ehd.scenes.rotor_map import solve_map
 
-    total = len(folder.plan.speeds)
-    with (
-        shown_progress(logs=True).stage("rotor map", total, "speeds") as stage,
-        interrupt_between_steps() as check,
-    ):
-
-        def progress(speed: float) -> None:
-            check()
-            stage.add(f"{speed:.5g} rad/s")
-
-        return solve_map(folder.plan, stored=folder.points, progress=progress)
+    progress = shown_progress(logs=True)
+    with interrupt_between_steps() as check:
+        return solve_map(folder.plan, stored=folder.points, progress=progress, between=check)
 
 
 def shown_speeds(chart: RotorMap, asked: Sequence[float]) -> list[int]:

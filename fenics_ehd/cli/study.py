@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import require_kept, require_made_by
+from fenics_ehd.base.files import made_by, require_kept, require_made_by
 from fenics_ehd.base.needs import no_effect
+from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.base.renamed import renamed_message
 from fenics_ehd.cli.options import (
-    FILE,
     FOLDER,
     Real,
     aligned,
@@ -73,12 +73,13 @@ def _shortened(status: str) -> str:
 @click.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: str) -> None:
-    """Write the report of the run or study in DIRECTORY.
+    """Write the report of the run or study, or of the paper's figures, in DIRECTORY.
 
     The report of a run is one page, report.html, which prints on two sheets: all figures with their
     estimated errors, warnings, the scene in words, the pictures that decide, and how to repeat the
     run. That of a study is report.html, report.md and figures/; 'study' writes it at its end. A run
-    or study that is in progress or was stopped is reported as far as it is complete.
+    or study that is in progress or was stopped is reported as far as it is complete. In the folder
+    of 'paper', all figures whose runs have ended are drawn again, with the page report.html.
     """
     from fenics_ehd.multibody.history import FIELDS_NAME
 
@@ -86,6 +87,11 @@ def report(directory: str) -> None:
         from fenics_ehd.study.report.run_page import write_run_page
 
         echo(write_run_page(directory))
+    elif made_by(Path(directory)) == "paper":
+        from fenics_ehd.study.report.paper_page import PAGE_NAME, write_paper_page
+
+        write_paper_page(directory)
+        echo(Path(directory) / PAGE_NAME)
     else:
         from fenics_ehd.study.report.study_data import require_study
 
@@ -153,7 +159,7 @@ def study(
     with open_pool(workers) as pool:
         plan = make_study(scene, quick=quick, start=start)
         with StudyFolder(target, plan, overwrite=overwrite) as folder:
-            rows = run_study(folder, pool)
+            rows = run_study(folder, pool, progress=shown_progress(logs=True))
     status = next(row["status"] for row in rows if row["run"] == REFERENCE)
     lines = table_lines(["group", "run", "joint"], rows, SHOWN)
     lines.append(f"rows in {target / 'table.csv'}, runs in {target / 'runs'}")
@@ -175,7 +181,7 @@ SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f")
 
 @question("How does a result depend on one or several settings?")
 @click.command()
-@click.argument("sources", nargs=-1, required=True, metavar="SCENE")
+@click.argument("sources", nargs=-1, metavar="SCENE")
 @click.option(
     "--set",
     "assignments",
@@ -189,7 +195,6 @@ SWEEP_SHOWN = (("steps", "steps", 1, "d"), ("wall_time_s", "time [s]", 1, ".2f")
 @click.option(
     "--cases",
     "table",
-    type=FILE,
     metavar="FILE.csv",
     help="Table of cases: a column for each key, a line for each case. Values are written as for "
     "--set; a heading may have a unit, 'clearance [um]'.",
@@ -229,8 +234,12 @@ def sweep(
     if merge:
         _merge(sources, directory, options, overwrite=overwrite, as_json=as_json)
         return
-    if len(sources) > 1:
-        raise SettingsError(f"one SCENE is run, but there are {len(sources)}: {', '.join(sources)}")
+    if len(sources) != 1:
+        named = f" ({', '.join(sources)})" if sources else ""
+        raise SettingsError(
+            f"sweep runs one SCENE, but there are {len(sources)}{named}: give the name of a "
+            "shipped scene or the path of a scene file; --merge joins folders"
+        )
     _sweep(sources[0], directory, as_json=as_json, overwrite=overwrite, **options)
 
 
@@ -274,7 +283,7 @@ def _sweep(
     plan = make_sweep(scene, assignments, zipped=zip, table=table, part=wanted)
     pool = open_pool(workers) if scheduler is None else scheduled(scheduler)
     with pool as executor, SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:
-        rows = run_sweep(folder, executor, keep=keep)
+        rows = run_sweep(folder, executor, keep=keep, progress=shown_progress(logs=True))
     _answer_sweep(plan.scene, plan.keys, plan.joints, rows, folder.table, as_json=as_json)
 
 
@@ -297,6 +306,10 @@ def _merge(
     idle = [f"--{names.get(name, name)}" for name, value in options.items() if value]
     if idle:
         raise no_effect(idle[0], True, "with --merge")
+    if not sources:
+        raise SettingsError(
+            "--merge needs the folders of the parts: sweep --merge parts/1 parts/2 -o DIR"
+        )
     if directory is None:
         raise SettingsError("--merge needs -o DIR, the folder of the merged sweep")
     merged = merge_sweeps(sources, directory, overwrite=overwrite)

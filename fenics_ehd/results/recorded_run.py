@@ -24,7 +24,6 @@ from time import monotonic
 from types import TracebackType
 from typing import Any
 
-import click
 from mpi4py import MPI
 
 from fenics_ehd.analysis.error_budget import Estimator
@@ -56,9 +55,8 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.base.layout import Group, Value, read_declared
-from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.processes import interrupt_between_steps
-from fenics_ehd.base.progress import SILENT, Progress
+from fenics_ehd.base.progress import SILENT, Progress, say
 from fenics_ehd.base.sealed_file import named
 from fenics_ehd.multibody.bdf import IntegratorState
 from fenics_ehd.multibody.history import (
@@ -141,12 +139,13 @@ def require_no_result(directory: Path) -> None:
     """
     if complete_result(directory):
         raise InputError(
-            f"{directory} has a complete result: choose another folder or use --overwrite"
+            f"{directory} has a complete result: choose another folder or use --overwrite "
+            "(overwrite=True in Python)"
         )
     if _stopped(directory):
         raise InputError(
             f"{directory} has a run that was stopped: continue it by --resume {directory}, or "
-            "replace it by --overwrite"
+            "replace it by --overwrite (resume=True or overwrite=True in Python)"
         )
 
 
@@ -292,10 +291,12 @@ class RunFolder:
             lines.append(f"{self.directory} keeps its complete result, this run is in {self.path}")
         begun = (self.path / FIELDS_NAME).exists()
         if begun and isinstance(error, KeyboardInterrupt | OutputError):
-            lines.append(f"resume it with: fenics-ehd run --resume {self.directory}")
-        with suppress(OSError):  # standard error may be closed
-            for line in lines:
-                click.echo(escaped(line), err=True)
+            lines.append(
+                f"resume it with: fenics-ehd run --resume {self.directory} "
+                "(ehd.run(scene, folder, resume=True) in Python)"
+            )
+        for line in lines:
+            say(line)
 
 
 class CsvFile:

@@ -11,17 +11,24 @@ quarter turn from x in the direction of rotation. Further columns have names wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import attrs
 import numpy as np
 
 from fenics_ehd.analysis.bearing import BearingResult
 from fenics_ehd.analysis.bearing_settings import BearingSettings
-from fenics_ehd.base.arguments import require_number
+from fenics_ehd.base.arguments import (
+    require_class,
+    require_list,
+    require_names,
+    require_number,
+)
 from fenics_ehd.base.errors import EhdError, SettingsError
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.scenes.bearing import solve_bearing
 
 
@@ -69,26 +76,31 @@ class BearingMap:
 
 
 def bearing_map(
-    settings: BearingSettings,
+    settings: BearingSettings | None = None,
     *,
-    speeds: Sequence[float],
-    loads: Sequence[float] = (),
+    speeds: Sequence[float | str],
+    loads: Sequence[float | str] = (),
     eccentricity: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | bool = True,
+    **changes: Any,
 ) -> BearingMap:
     """Compute a bearing with its dynamic coefficients at all combinations of speeds and loads.
 
     Parameters
     ----------
     settings
-        Settings of the bearing, whose speed is replaced by each of the `speeds`.
+        Settings of the bearing, whose speed is replaced by each of the `speeds`; by default those
+        of `BearingSettings`.
     speeds
-        Speeds of the shaft [rad/s].
+        Speeds of the shaft [rad/s], or with a unit: ``"3000 rpm"``.
     loads, eccentricity
-        Loads [N], or an eccentricity ratio in 0..1; exactly one of both must be given.
+        Loads [N], or with a unit: ``"5 kN"``; or an eccentricity ratio in 0..1; exactly one of both
+        must be given.
     progress
-        Function that is called after every point, with the number of computed points and the
-        number of all points.
+        Whether progress is shown in a terminal or notebook; or the progress in which the points are
+        a stage.
+    changes
+        Further settings of the bearing by name, as for `bearing`: ``clearance=25e-6``.
 
     Raises
     ------
@@ -96,25 +108,35 @@ def bearing_map(
         Neither loads nor an eccentricity are given, or both; a speed cannot be used with the
         other settings; or a load is not above 0; or the film has no pressure at a speed.
     """
-    if (eccentricity is None) == (len(loads) == 0):
+    require_class("settings", settings, BearingSettings, optional=True)
+    require_names("bearing_map", changes, attrs.fields_dict(BearingSettings))
+    every_load = [
+        require_number("load", load, unit="N", above=0.0)
+        for load in require_list("loads", loads, "loads [N]")
+    ]
+    if (eccentricity is None) == (not every_load):
         raise SettingsError("exactly one of loads and eccentricity must be given")
-    at_speeds = [attrs.evolve(settings, speed=speed) for speed in speeds]
-    for size in loads:
-        require_number("load", size, above=0.0)
+    start = attrs.evolve(settings or BearingSettings(), **changes)
+    every_speed = require_list("speeds", speeds, "speeds [rad/s]")
+    if not every_speed:
+        raise SettingsError("speeds: give at least one speed")
+    at_speeds = [attrs.evolve(start, speed=speed) for speed in every_speed]
     for changed in at_speeds:
         _require_pressure(changed)
-    points = list(product(at_speeds, loads if len(loads) else (None,)))
+    points = list(product(at_speeds, every_load or (None,)))
     results = []
     failed = []
-    for number, (changed, load) in enumerate(points, 1):
-        try:
-            results.append(
-                solve_bearing(changed, load=load, eccentricity=eccentricity, with_coefficients=True)
-            )
-        except EhdError as error:
-            failed.append(FailedPoint(changed.speed, load, str(error)))
-        if progress is not None:
-            progress(number, len(points))
+    with chosen_progress(progress).stage("bearing map", len(points), "points") as stage:
+        for changed, load in points:
+            try:
+                results.append(
+                    solve_bearing(
+                        changed, load=load, eccentricity=eccentricity, with_coefficients=True
+                    )
+                )
+            except EhdError as error:
+                failed.append(FailedPoint(changed.speed, load, str(error)))
+            stage.add()
     return BearingMap(tuple(results), tuple(failed))
 
 

@@ -42,8 +42,8 @@ from mpi4py import MPI
 from fenics_ehd.base.errors import BodyFileError, EhdError
 from fenics_ehd.base.files import CACHE_OFF, CACHE_VARIABLE, PART, lock_taken, user_cache
 from fenics_ehd.base.libraries import origin, version_of
-from fenics_ehd.base.printed import escaped
 from fenics_ehd.base.processes import blas_kernels
+from fenics_ehd.base.progress import say
 from fenics_ehd.multibody.history import FIELDS_NAME
 from fenics_ehd.reduction.body import ReducedBody, load_body, save_body, unknown
 
@@ -248,8 +248,7 @@ def _fault(state: os.stat_result, *, directory: bool = True) -> str:
 @functools.cache
 def report(line: str) -> None:
     """Print a line on standard error; equal lines are printed once in a process."""
-    with suppress(OSError):  # the standard error output is closed
-        print(escaped(f"fenics-ehd: {line}"), file=sys.stderr)
+    say(f"fenics-ehd: {line}")
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,20 @@ from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import pi, radians
+from pathlib import Path
 
 from fenics_ehd.analysis.rotor_map import MapPoint, RotorMap, rotor_map_of
 from fenics_ehd.base.arguments import require_class, require_count, require_list, require_number
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import FILM_MESHES
+from fenics_ehd.base.progress import SILENT, Progress, chosen_progress
 from fenics_ehd.multibody.forces import Force, Unbalance
 from fenics_ehd.multibody.joints import Speed, require_body, require_point
 from fenics_ehd.multibody.mechanism import Mechanism
 from fenics_ehd.multibody.shaft import require_shaft_point
 from fenics_ehd.scenes.build import build
 from fenics_ehd.scenes.film_meshes import scenes_on_meshes
-from fenics_ehd.scenes.scene import GROUND, Scene, changed, points_of
+from fenics_ehd.scenes.scene import GROUND, Scene, changed, points_of, read_scene
 
 #: Unbalances in kg m by their points, or as forces with a phase each.
 Unbalances = Mapping[str, float] | Sequence[Unbalance]
@@ -59,21 +61,23 @@ class RotorPlan:
 
 
 def rotor_map(
-    scene: Scene,
-    speeds: Sequence[float],
+    scene: Scene | str | Path,
+    speeds: Sequence[float | str],
     *,
     of: str = "",
     unbalance: Unbalances | None = None,
     meshes: int = FILM_MESHES,
+    progress: Progress | bool = True,
 ) -> RotorMap:
     """Compute modes, critical speeds, stability limits and unbalance response over the speed.
 
     Parameters
     ----------
     scene
-        Scene as read. Its drives determine the rotating bodies, but not their speeds.
+        Scene as read, or the source of a scene as for `read_scene`. Its drives determine the
+        rotating bodies, but not their speeds.
     speeds
-        Speeds of one sign, none of them 0 [rad/s].
+        Speeds of one sign, none of them 0 [rad/s], or with a unit: ``"3000 rpm"``.
     of
         Name of the body whose speed is varied; by default all bodies that rotate.
     unbalance
@@ -81,6 +85,9 @@ def rotor_map(
         unbalances of the scene.
     meshes
         Number of film meshes, 1 to 4, over which stiffness and damping are averaged.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which reductions
+        and speeds are stages.
 
     Raises
     ------
@@ -89,22 +96,29 @@ def rotor_map(
     SolverError
         No equilibrium was found at any speed.
     """
-    return solve_map(plan_map(scene, speeds, of=of, unbalance=unbalance, meshes=meshes))
+    require_class("scene", scene, Scene, str, Path)
+    source = scene if isinstance(scene, Scene) else read_scene(scene)
+    plan = plan_map(source, speeds, of=of, unbalance=unbalance, meshes=meshes)
+    return solve_map(plan, progress=chosen_progress(progress))
 
 
 def plan_map(
     scene: Scene,
-    speeds: Sequence[float],
+    speeds: Sequence[float | str],
     *,
     of: str = "",
     unbalance: Unbalances | None = None,
     meshes: int = FILM_MESHES,
+    option: str = "{}",
 ) -> RotorPlan:
-    """Check the arguments of a rotor map, see `rotor_map`."""
+    """Check the arguments of a rotor map, see `rotor_map`.
+
+    `option` is the form of an argument in messages: ``--{}`` for options of the command.
+    """
     require_class("scene", scene, Scene)
-    meshes = require_count("meshes", meshes, 1, FILM_MESHES)
-    require_class("of", of, str)
-    ordered = _ordered_speeds(speeds)
+    meshes = require_count(option.format("meshes"), meshes, 1, FILM_MESHES)
+    require_class(option.format("of"), of, str)
+    ordered = _ordered_speeds(speeds, option.format("speeds"))
     for name, joint in scene.films.items():
         if joint.cavitation != "reynolds":
             raise SettingsError(
@@ -119,12 +133,13 @@ def plan_map(
                     "rotor map changes the speed, on which the pressure in a drilling depends: "
                     "drop head_radius, and give the pressure at the film"
                 )
-    rotating = _rotating(scene, of)
-    unbalances = _unbalances(scene, unbalance, rotating)
+    rotating = _rotating(scene, of, option.format("of"))
+    unbalances = _unbalances(scene, unbalance, rotating, option)
     scene = _with_time(scene, abs(ordered[0]))
+    name_of_unbalance = option.format("unbalance")
     notices = tuple(
         f"forces.{name}: a rotating force is no part of an equilibrium, it is left out; for the "
-        "response to an unbalance give it the kind 'unbalance', or use --unbalance"
+        f"response to an unbalance give it the kind 'unbalance', or use {name_of_unbalance}"
         for name, force in scene.forces.items()
         if isinstance(force, Force) and force.left_out_of_equilibrium
         and not isinstance(force, Unbalance)
@@ -136,7 +151,8 @@ def solve_map(
     plan: RotorPlan,
     *,
     stored: MutableMapping[float, MapPoint] | None = None,
-    progress: Callable[[float], None] = lambda speed: None,
+    progress: Progress = SILENT,
+    between: Callable[[], None] = lambda: None,
 ) -> RotorMap:
     """Compute a planned rotor map.
 
@@ -144,16 +160,23 @@ def solve_map(
     ----------
     plan
         Checked arguments.
-    stored, progress
-        Known points by speed, and function that is called after each speed, see `rotor_map_of`.
+    stored, progress, between
+        Known points by speed; progress in which reductions and speeds are stages; and function
+        that is called between two speeds, see `rotor_map_of`.
     """
     first, *finer = scenes_on_meshes(plan.scene, plan.meshes)
-    machine = build(first)
+    machine = build(first, progress=progress)
     mechanisms = [machine.mechanism]
-    mechanisms += [build(scene, bodies=machine.bodies).mechanism for scene in finer]
+    for scene in finer:
+        mechanisms.append(build(scene, bodies=machine.bodies, progress=progress).mechanism)
     makers = [partial(_at_speed, mechanism, plan) for mechanism in mechanisms]
     chart = rotor_map_of(
-        makers, plan.speeds, unbalances=plan.unbalances, stored=stored, progress=progress
+        makers,
+        plan.speeds,
+        unbalances=plan.unbalances,
+        stored=stored,
+        progress=progress,
+        between=between,
     )
     return replace(chart, notices=(*plan.notices, *machine.warnings, *chart.notices))
 
@@ -173,8 +196,8 @@ def _at_speed(mechanism: Mechanism, plan: RotorPlan, speed: float) -> Mechanism:
     return replace(mechanism, drives={**mechanism.drives, **drives}, forces=forces)
 
 
-def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
-    """Speeds of a map, sorted by their absolute values [rad/s].
+def _ordered_speeds(speeds: Sequence[float | str], name: str) -> tuple[float, ...]:
+    """Speeds of a map, sorted by their absolute values [rad/s]; messages begin with `name`.
 
     Raises
     ------
@@ -182,23 +205,23 @@ def _ordered_speeds(speeds: Sequence[float]) -> tuple[float, ...]:
         There is no speed; or a speed is not a finite number, is 0, is repeated, or has another
         sign than the first speed.
     """
-    listed = require_list("speeds", speeds, "speeds [rad/s]")
-    values = [require_number(f"speeds[{n}]", speed) for n, speed in enumerate(listed)]
+    listed = require_list(name, speeds, "speeds [rad/s]")
+    values = [require_number(f"{name}[{n}]", v, unit="rad/s") for n, v in enumerate(listed)]
     if not values:
-        raise SettingsError("speeds: give at least one speed")
+        raise SettingsError(f"{name}: give at least one speed")
     for speed in values:
         if not speed:
             raise SettingsError(
-                "speeds: 0 rad/s has no equilibrium, because a film at rest carries no load: drop "
+                f"{name}: 0 rad/s has no equilibrium, because a film at rest carries no load: drop "
                 "this speed"
             )
         if (speed > 0) != (values[0] > 0):
             raise SettingsError(
-                f"speeds: {values[0]:g} and {speed:g} rad/s have different signs: make a map for "
+                f"{name}: {values[0]:g} and {speed:g} rad/s have different signs: make a map for "
                 "each sense of rotation"
             )
     if len(set(values)) < len(values):
-        raise SettingsError("speeds: a speed is given twice: drop one of them")
+        raise SettingsError(f"{name}: a speed is given twice: drop one of them")
     return tuple(sorted(values, key=abs))
 
 
@@ -211,8 +234,10 @@ def _with_time(scene: Scene, speed: float) -> Scene:
     return changed(scene, cycle if heated else {"time.end": 2 * pi / speed})
 
 
-def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
+def _rotating(scene: Scene, of: str, option: str) -> tuple[str, ...]:
     """Names of the bodies that rotate at the speeds of the map; `of`: name of a chosen body.
+
+    `option` is the name of the argument `of` in messages.
 
     Raises
     ------
@@ -221,9 +246,9 @@ def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
     """
     points = {GROUND: (), **{name: points_of(body) for name, body in scene.bodies.items()}}
     if of:
-        require_body("of", of, points)
+        require_body(option, of, points)
         if of == GROUND or getattr(scene.bodies[of], "angle", None) is None:
-            raise SettingsError(f"of = {of!r}: this body cannot rotate")
+            raise SettingsError(f"{option} = {of!r}: this body cannot rotate")
         return (of,)
     journals = [joint.journal.partition(".")[0] for joint in scene.films.values()]
     candidates = dict.fromkeys([*scene.drives, *(name for name in journals if name != GROUND)])
@@ -234,21 +259,23 @@ def _rotating(scene: Scene, of: str) -> tuple[str, ...]:
     if not rotating:
         raise SettingsError(
             "no body of the scene has a drive, a speed or a journal of a lubricated joint: name "
-            "the body whose speed is varied with --of"
+            f"the body whose speed is varied with {option}"
         )
     if len(set(rotating.values())) > 1:
         listed = ", ".join(f"{name} ({speed:g} rad/s)" for name, speed in rotating.items())
         raise SettingsError(
             f"bodies rotate at different speeds: {listed}: choose the body whose speed is varied "
-            "with --of; the other bodies keep their speeds"
+            f"with {option}; the other bodies keep their speeds"
         )
     return tuple(rotating)
 
 
 def _unbalances(
-    scene: Scene, unbalance: Unbalances | None, rotating: tuple[str, ...]
+    scene: Scene, unbalance: Unbalances | None, rotating: tuple[str, ...], option: str
 ) -> tuple[Unbalance, ...]:
     """Unbalances whose response is computed, by default those of the scene.
+
+    `option` is the form of arguments in messages.
 
     Raises
     ------
@@ -256,6 +283,7 @@ def _unbalances(
         An unbalance is malformed, a point does not exist, or its body does not rotate at the
         speeds of the map.
     """
+    name = option.format("unbalance")
     unbalances: list[Unbalance]
     if unbalance is None:
         unbalances = [force for force in scene.forces.values() if isinstance(force, Unbalance)]
@@ -265,20 +293,20 @@ def _unbalances(
             try:
                 unbalances.append(Unbalance(point, magnitude))
             except SettingsError as error:
-                raise SettingsError(f"unbalance[{point!r}]: {error}") from None
+                raise SettingsError(f"{name}[{point!r}]: {error}") from None
     else:
         unbalances = require_list(
-            "unbalance", unbalance, "Unbalance forces, or magnitudes [kg m] by point"
+            name, unbalance, "Unbalance forces, or magnitudes [kg m] by point"
         )
     points = {GROUND: (), **{name: points_of(body) for name, body in scene.bodies.items()}}
     for each in unbalances:
-        require_class("unbalance", each, Unbalance)
-        require_point("unbalance", each.point, points)
-        require_shaft_point("unbalance", each.point, scene.bodies.get(each.rotates_with))
+        require_class(name, each, Unbalance)
+        require_point(name, each.point, points)
+        require_shaft_point(name, each.point, scene.bodies.get(each.rotates_with))
         if each.rotates_with not in rotating:
             raise SettingsError(
-                f"unbalance of {each.point}: body {each.rotates_with} does not rotate at the "
+                f"{name} of {each.point}: body {each.rotates_with} does not rotate at the "
                 f"speeds of the map, which are those of {', '.join(rotating)}: choose the body of "
-                "the unbalance with --of, or drop the unbalance"
+                f"the unbalance with {option.format('of')}, or drop the unbalance"
             )
     return tuple(unbalances)

@@ -10,6 +10,7 @@ import csv
 import functools
 import io
 import json
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -63,10 +64,24 @@ def resolve_key(scene: Scene, name: str) -> str:
     if not candidates and entry:
         candidates = [f"{key}.{entry}" for key in _ending(free, table)]
     if not candidates:
-        raise SettingsError(f"unknown key {name}: {key_hint(values, name)}")
+        raise SettingsError(f"unknown key {name}: {_shortened(key_hint(values, name))}")
     if len(candidates) > 1:
         raise SettingsError(f"key {name} is ambiguous: {' or '.join(candidates)}")
     return candidates[0]
+
+
+#: Largest number of known keys in a message.
+MOST_KEYS = 8
+
+
+def _shortened(hint: str) -> str:
+    """Hint with the first of all known keys, if it lists them."""
+    keys = hint.split(", ")
+    hidden = len(keys) - MOST_KEYS
+    if hidden <= 0:
+        return hint
+    listed = ", ".join(keys[:MOST_KEYS])
+    return f"{listed} and {hidden} more: 'fenics-ehd init' prints scenes with all keys"
 
 
 def _ending(keys: Any, name: str) -> list[str]:
@@ -419,8 +434,39 @@ def difference(path: Path, about: Mapping[str, Any], *, more_keys: bool = True) 
         return UNREADABLE
     for key in about if more_keys else dict.fromkeys((*about, *former)):
         if former.get(key) != about.get(key):
-            return f"{key} is {former.get(key)} in the folder, but {about.get(key)} here"
+            return changed_text(key, former.get(key), about.get(key), "in the folder", "here")
     return ""
+
+
+#: Largest number of characters of a value in a message about a difference.
+LONGEST_VALUE = 60
+
+#: Pattern of the commas between the values of a key, not of those in a list.
+COMMAS = re.compile(r", (?![^\[]*\])")
+
+
+def changed_text(key: str, former: Any, present: Any, there: str, here: str) -> str:
+    """Text of a difference between two values of a key, for a message.
+
+    Of two long lists of values, only the first different value is in the text, or the numbers of
+    values. `there` and `here` name the places of the values.
+    """
+    if max(len(str(former)), len(str(present))) <= LONGEST_VALUE:
+        return f"{key} is {former} {there}, but {present} {here}"
+    one = COMMAS.split(str(former))
+    other = COMMAS.split(str(present))
+    if len(one) != len(other):
+        return f"{key} has {len(one)} values {there}, but {len(other)} {here}"
+    n, old, new = next(
+        (n, a, b) for n, (a, b) in enumerate(zip(one, other, strict=True), 1) if a != b
+    )
+    name = f"value {n} of {key}" if len(one) > 1 else key
+    return f"{name} is {_cut(old)} {there}, but {_cut(new)} {here}"
+
+
+def _cut(text: str) -> str:
+    """Text with at most `LONGEST_VALUE` characters."""
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
 
 def _names_file(key: str, value: object) -> bool:

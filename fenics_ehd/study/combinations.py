@@ -6,12 +6,9 @@ are all combinations of the rows of all axes; the rows of the last axis change f
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import read_text
 from fenics_ehd.base.needs import no_effect
 from fenics_ehd.scenes.scene import Scene
+from fenics_ehd.study.case_file import read_case_file
 from fenics_ehd.study.cases import (
     MOST_CASES,
     described,
-    parse_value,
     parse_values,
     require_different,
     resolve_key,
@@ -43,10 +39,13 @@ class Axis:
         Full keys of the settings.
     rows
         Values of the keys, row by row.
+    origins
+        Line of each row in a file, for messages: ``--cases cases.csv: line 7``; empty for lists.
     """
 
     keys: tuple[str, ...]
     rows: tuple[tuple[Any, ...], ...]
+    origins: tuple[str, ...] = ()
 
     def described(self) -> dict[str, str]:
         """Texts of the values by key; for a file, its name and checksum."""
@@ -80,6 +79,12 @@ def combinations(axes: Sequence[Axis]) -> list[dict[str, Any]]:
     return [dict(zip(keys, itertools.chain(*rows), strict=True)) for rows in products]
 
 
+def origins_of(axes: Sequence[Axis]) -> list[str]:
+    """Lines of all combinations in a file, in the order of `combinations`; empty for lists."""
+    texts = (axis.origins or ("",) * len(axis.rows) for axis in axes)
+    return ["".join(each) for each in itertools.product(*texts)]
+
+
 def axes_of_options(
     scene: Scene, assignments: Sequence[str], *, zipped: bool = False, table: str | None = None
 ) -> list[Axis]:
@@ -102,7 +107,7 @@ def axes_of_options(
         A key or value cannot be used, a key is given twice, or lists that are used together have
         different lengths.
     """
-    axes = [] if table is None else [read_cases(scene, table)]
+    axes = [] if table is None else [read_cases(scene, table, f"--cases {table}")]
     like, _ = scene_values(scene)
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
@@ -121,6 +126,12 @@ def axes_of_options(
     return axes
 
 
+def read_cases(scene: Scene, path: str, label: str) -> Axis:
+    """Cases of a file as an axis; `label` names the file in messages, see `read_case_file`."""
+    file = read_case_file(scene, path, label)
+    return Axis(file.keys, file.rows, tuple(f"{label}: line {line}" for line in file.lines))
+
+
 def axes_of_values(
     scene: Scene, values: Mapping[str, Any] | str | Path, *, zipped: bool = False
 ) -> list[Axis]:
@@ -134,7 +145,9 @@ def axes_of_values(
         As `axes_of_options`.
     """
     if isinstance(values, (str, Path)):
-        return axes_of_options(scene, (), zipped=zipped, table=str(values))
+        if zipped:
+            raise no_effect("zipped", True, "with a file of cases")
+        return [read_cases(scene, str(values), f"values = {str(values)!r}")]
     axes: list[Axis] = []
     like, _ = scene_values(scene)
     for name, entry in values.items():
@@ -149,6 +162,8 @@ def axes_of_values(
         axes.append(Axis((key,), tuple((value,) for value in listed)))
     if not axes:
         raise SettingsError("values = {}: give at least one key with its values")
+    if zipped and len(axes) == 1:
+        raise no_effect("zipped", True, "without a second list")
     return [_together(axes, "zipped=True")] if zipped else axes
 
 
@@ -188,99 +203,5 @@ def _together(axes: Sequence[Axis], option: str) -> Axis:
             )
     rows = zip(*(axis.rows for axis in axes), strict=True)
     keys = tuple(key for axis in axes for key in axis.keys)
-    return Axis(keys, tuple(tuple(itertools.chain(*row)) for row in rows))
-
-
-#: Pattern of a heading of a CSV file with a unit for the whole column, ``clearance [um]``.
-HEADING = re.compile(r"\s*(?P<key>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]+)\])?\s*")
-
-
-def read_cases(scene: Scene, path: str) -> Axis:
-    """Read the cases of a sweep from a CSV file.
-
-    The first line has the keys, and each further line the values of a case. A value is written as
-    for ``--set``, with or without a unit. A heading may have a unit for all values in its column.
-
-    Raises
-    ------
-    SettingsError
-        The file cannot be read, a key is unknown or given twice, or a value is missing; the message
-        has the line and the column.
-    """
-    option = f"--cases {path}"
-    lines = list(_lines(path, option))
-    if len(lines) < 2:
-        raise SettingsError(f"{option}: the file needs a line of keys, and a line for each case")
-    if len(lines) - 1 > MOST_CASES:
-        raise SettingsError(
-            f"{option}: the file has {len(lines) - 1} cases, above the limit of {MOST_CASES}"
-        )
-    like, _ = scene_values(scene)
-    keys: list[str] = []
-    units: list[str] = []
-    for heading in lines[0][1]:
-        match = HEADING.fullmatch(heading)
-        if match is None or not match["key"]:
-            raise SettingsError(
-                f"{option}: heading {heading!r} must be a key, or a key with a unit in brackets"
-            )
-        try:
-            key = resolve_key(scene, match["key"])
-        except SettingsError as error:
-            raise SettingsError(f"{option}: {error}") from None
-        if key in keys:
-            raise SettingsError(f"{option}: column {heading.strip()}: {key} is given twice")
-        keys.append(key)
-        units.append(match["unit"] or "")
-    rows = []
-    for number, cells in lines[1:]:
-        if len(cells) != len(keys):
-            raise SettingsError(
-                f"{option}: line {number} has {len(cells)} values, but the first line has "
-                f"{len(keys)} keys"
-            )
-        row = []
-        for key, unit, cell in zip(keys, units, cells, strict=True):
-            if not cell.strip():
-                raise SettingsError(f"{option}: line {number}: {key} has no value")
-            try:
-                value = parse_value(key, cell.strip(), like.get(key, 0.0))
-            except SettingsError as error:
-                raise SettingsError(f"{option}: line {number}: {error}") from None
-            row.append(_with_unit(value, unit, f"{option}: line {number}: {key}"))
-        rows.append(tuple(row))
-    for key, values in zip(keys, zip(*rows, strict=True), strict=True):
-        texts = [value for value in values if isinstance(value, str)]
-        if texts and len(texts) < len(values):
-            raise SettingsError(
-                f"{option}: only some values of {key} have a unit: give all of them a unit, or none"
-            )
-    return Axis(tuple(keys), tuple(rows))
-
-
-def _with_unit(value: Any, unit: str, label: str) -> Any:
-    """Value with the unit of its column; the setting converts it to its own unit."""
-    if not unit:
-        return value
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SettingsError(f"{label} = {value!r} must be a number in the column's unit, {unit}")
-    return f"{value!r} {unit}"
-
-
-def _lines(path: str, option: str) -> Iterator[tuple[int, list[str]]]:
-    """Numbers and cells of the lines of a CSV file; lines that are empty are omitted.
-
-    Cells are separated by commas; if the first line has none, by semicolons or tabs.
-    """
-    try:
-        text = read_text(path)
-        first = text.partition("\n")[0]
-        delimiter = next((mark for mark in ",;\t" if mark in first), ",")
-        reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
-        for cells in reader:
-            if any(cell.strip() for cell in cells):
-                yield reader.line_num, cells
-    except OSError as error:
-        raise SettingsError(f"{option}: {error.strerror}") from None
-    except (ValueError, csv.Error) as error:
-        raise SettingsError(f"{option}: {error}") from None
+    origins = next((axis.origins for axis in axes if axis.origins), ())
+    return Axis(keys, tuple(tuple(itertools.chain(*row)) for row in rows), origins)

@@ -33,6 +33,7 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.files import claim, clear, read_json, versions, write_whole
 from fenics_ehd.base.processes import interrupt_kept
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.reduction.load_dependent_basis import RANK_TOLERANCE
 from fenics_ehd.results.motion import RecordedMotion, between_steps
@@ -482,7 +483,11 @@ def machine() -> dict[str, object]:
 
 
 def run_study(
-    folder: StudyFolder, executor: Executor, *, names: Collection[str] | None = None
+    folder: StudyFolder,
+    executor: Executor,
+    *,
+    names: Collection[str] | None = None,
+    progress: Progress | bool = True,
 ) -> list[dict[str, Any]]:
     """Run cases that are not complete; write ``study.json``, ``reference.json``, ``table.csv``.
 
@@ -497,6 +502,9 @@ def run_study(
         Executor that does the reductions and runs the cases, see `run_cases`.
     names
         Names of the cases to run; by default all.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the cases are
+        a stage.
 
     Returns
     -------
@@ -519,5 +527,5 @@ def run_study(
     folder.write_tables()
     # Runs with the shortest steps take longest, and are started first.
     missing.sort(key=lambda case: (case.name != REFERENCE, case.scene.time.tolerance))
-    run_cases(folder, missing, executor)
+    run_cases(folder, missing, executor, progress=chosen_progress(progress))
     return folder.rows()

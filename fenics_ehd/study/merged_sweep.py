@@ -31,7 +31,7 @@ from fenics_ehd.base.files import (
     write_whole,
 )
 from fenics_ehd.multibody.verdict import COMPLETE
-from fenics_ehd.study.cases import difference, write_table
+from fenics_ehd.study.cases import changed_text, difference, write_table
 from fenics_ehd.study.pool import OUTCOMES, OtherFolderError, read_records, share
 from fenics_ehd.study.sweep import ABOUT, OWN, PART, TABLE, Part, SweepFolder
 
@@ -170,9 +170,11 @@ def _require_same_sweep(parts: Sequence[PartFolder]) -> None:
         keys = dict.fromkeys((*first.identity, *part.identity))
         for key in keys:
             if first.identity.get(key) != part.identity.get(key):
+                texts = first.identity.get(key), part.identity.get(key)
+                reason = changed_text(key, *texts, f"in {first.path}", f"in {part.path}")
                 raise InputError(
-                    f"--merge: {part.path} has another sweep than {first.path}: {key} is "
-                    f"{part.identity.get(key)}, not {first.identity.get(key)}"
+                    f"--merge: {part.path} has another sweep than {first.path}: {reason}: merge "
+                    "parts of one sweep"
                 )
         if part.columns != first.columns:
             raise InputError(f"--merge: the table of {part.path} has other columns than the first")

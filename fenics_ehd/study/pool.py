@@ -53,7 +53,7 @@ from fenics_ehd.base.processes import (
     interrupt_between_steps,
     letter_of,
 )
-from fenics_ehd.base.progress import Stage, read_progress, say, shown_progress
+from fenics_ehd.base.progress import SILENT, Progress, Stage, read_progress
 from fenics_ehd.reduction.body import load_body
 from fenics_ehd.results.recorded_run import BODY_FILE
 from fenics_ehd.scenes.needed_bodies import NeededBody
@@ -126,8 +126,8 @@ def open_pool(workers: int | None) -> ProcessPool:
     """
     if MPI.COMM_WORLD.size > 1:
         raise SettingsError(
-            f"the command runs on {MPI.COMM_WORLD.size} ranks, but its cases are run by worker "
-            "processes: use --workers in place of mpirun"
+            f"this program runs on {MPI.COMM_WORLD.size} ranks, but cases are run by worker "
+            "processes: use --workers (workers= in Python) in place of mpirun"
         )
     return ProcessPool(workers or len(os.sched_getaffinity(0)))
 
@@ -366,10 +366,12 @@ def reduce_missing(
     executor: Executor,
     check: Callable[[], None],
     watch: Watch,
+    progress: Progress = SILENT,
 ) -> Mapping[str, Outcome]:
     """Reduce bodies whose files are missing or damaged, and write their files.
 
-    Returns the outcomes of reductions that failed, by the checksum that names the body's file.
+    Returns the outcomes of reductions that failed, by the checksum that names the body's file. The
+    numbers of bodies are printed by `progress`.
     """
     needed = {body.name: body for case in cases for body in case.bodies.values()}
     parts: dict[str, list[NeededBody]] = {}
@@ -394,7 +396,7 @@ def reduce_missing(
         failures |= answer.failures
         reduced += answer.reduced
         read += answer.read
-    say(f"fenics-ehd: reduced bodies: {reduced} made, {read} read from the cache")
+    progress.say(f"fenics-ehd: reduced bodies: {reduced} made, {read} read from the cache")
     return failures
 
 
@@ -422,7 +424,7 @@ class OtherFolderError(InputError):
     def __init__(self, path: Path, reason: str):
         super().__init__(
             f"{path} belongs to another study or sweep ({reason}): choose another folder or use "
-            "--overwrite"
+            "--overwrite (overwrite=True in Python)"
         )
 
 
@@ -609,7 +611,12 @@ class RunsFolder(ExitStack):
 
 
 def run_cases(
-    folder: RunsFolder, cases: Sequence[Case], executor: Executor, *, keep: bool = True
+    folder: RunsFolder,
+    cases: Sequence[Case],
+    executor: Executor,
+    *,
+    keep: bool = True,
+    progress: Progress = SILENT,
 ) -> None:
     """Run cases as ``fenics-ehd run`` does.
 
@@ -626,6 +633,8 @@ def run_cases(
         Executor that does the reductions and runs the cases.
     keep
         Whether the files of each run are kept in its folder.
+    progress
+        Progress in which the cases are a stage.
     """
     if keep:
         folder.claim_runs(cases)
@@ -633,7 +642,7 @@ def run_cases(
     total = complete + len(cases)
     with (
         TemporaryDirectory(prefix="fenics-ehd-", ignore_cleanup_errors=True) as files,
-        shown_progress(logs=True).stage(folder.command, total, "cases", done=complete) as stage,
+        progress.stage(folder.command, total, "cases", done=complete) as stage,
         interrupt_between_steps() as interrupted,
         _flushing(folder) as flush_in_time,
     ):
@@ -643,7 +652,7 @@ def run_cases(
             interrupted()
 
         watch = Watch(stage, Path(files) if isinstance(executor, ProcessPool) else None)
-        failures = reduce_missing(cases, folder.bodies, executor, check, watch)
+        failures = reduce_missing(cases, folder.bodies, executor, check, watch, progress)
         needed = ((case, body.name) for case in cases for body in case.bodies.values())
         lost = {case: failures[name] for case, name in needed if name in failures}
         ready = (case for case in cases if case not in lost)

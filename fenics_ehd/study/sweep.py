@@ -20,9 +20,11 @@ from fenics_ehd.base.arguments import require_class, require_count
 from fenics_ehd.base.errors import InputError, SettingsError
 from fenics_ehd.base.files import require_kept, require_made_by
 from fenics_ehd.base.needs import NoEffectError
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.scenes.scene import Scene, as_stored, input_files, stored
 from fenics_ehd.study.case_table import CaseTable
 from fenics_ehd.study.cases import (
+    MOST_CASES,
     Case,
     as_text,
     finite,
@@ -35,6 +37,7 @@ from fenics_ehd.study.combinations import (
     axes_of_options,
     axes_of_values,
     combinations,
+    origins_of,
 )
 from fenics_ehd.study.pool import RunsFolder, open_pool, require_importable_main, run_cases
 
@@ -64,13 +67,22 @@ class Part:
         SettingsError
             The text is malformed, or there is no such part.
         """
-        match = re.fullmatch(r"\s*([0-9]{1,6})\s*/\s*([0-9]{1,6})\s*", text, re.ASCII)
-        if match is None or not 1 <= int(match[1]) <= int(match[2]):
+        match = re.fullmatch(r"\s*([0-9]{1,9})\s*/\s*([0-9]{1,9})\s*", text, re.ASCII)
+        if match is None:
             raise SettingsError(
-                f"--part {text}: give the number of the part and the number of parts, from 1/16 to "
-                "16/16 for instance"
+                f"--part {text} must be K/N, the number of the part and the number of parts, 3/16 "
+                "for instance"
             )
-        return cls(int(match[1]), int(match[2]))
+        number, of = map(int, match.groups())
+        if not 1 <= of <= MOST_CASES:
+            raise SettingsError(
+                f"--part {text}: the number of parts, {of}, must be from 1 to {MOST_CASES}"
+            )
+        if not 1 <= number <= of:
+            raise SettingsError(
+                f"--part {text}: the number of the part, {number}, must be from 1 to {of}"
+            )
+        return cls(number, of)
 
     def __str__(self) -> str:
         return f"{self.number}/{self.of}"
@@ -188,7 +200,11 @@ def _cases(scene: Scene, axes: Sequence[Axis]) -> list[Case]:
         if isinstance(made[n], InputError):
             optional = [key for key, value in values.items() if as_text(value) in effective[key]]
             made[n] = _made(f"{n + 1:04d}", scene, values, optional)
-    refused = [case for case in made if isinstance(case, InputError)]
+    refused = [
+        (origin, case)
+        for origin, case in zip(origins_of(axes), made, strict=True)
+        if isinstance(case, InputError)
+    ]
     if refused:
         raise SettingsError(
             f"{len(refused)} of {len(made)} cases cannot run: "
@@ -197,23 +213,28 @@ def _cases(scene: Scene, axes: Sequence[Axis]) -> list[Case]:
     return [case for case in made if isinstance(case, Case)]
 
 
-def _refused_alone(scene: Scene, axes: Sequence[Axis]) -> list[InputError]:
+def _refused_alone(scene: Scene, axes: Sequence[Axis]) -> list[tuple[str, InputError]]:
     """Errors of single values: a section of a scene reports only its first invalid value."""
-    single: dict[tuple[str, str], Any] = {}
+    single: dict[tuple[str, str], tuple[str, Any]] = {}
     for axis in axes:
-        for row in axis.rows:
-            single |= {(k, as_text(v)): v for k, v in zip(axis.keys, row, strict=True)}
-    alone = [_made("", scene, {key: value}) for (key, _), value in single.items()]
-    return [case for case in alone if isinstance(case, InputError)]
+        for origin, row in zip(origins_of([axis]), axis.rows, strict=True):
+            for key, value in zip(axis.keys, row, strict=True):
+                single.setdefault((key, as_text(value)), (origin, value))
+    alone = (
+        (origin, _made("", scene, {key: value})) for (key, _), (origin, value) in single.items()
+    )
+    return [(origin, case) for origin, case in alone if isinstance(case, InputError)]
 
 
-def _reasons(errors: Iterable[InputError]) -> str:
-    """Different messages of errors in one line; a key without effect is named once."""
+def _reasons(errors: Iterable[tuple[str, InputError]]) -> str:
+    """Different messages of errors in one line; a key without effect is named once.
+
+    The first error of each message has its line in the file of cases.
+    """
     by_reason: dict[str, str] = {}
-    for error in errors:
-        by_reason.setdefault(
-            error.key if isinstance(error, NoEffectError) else str(error), str(error)
-        )
+    for origin, error in errors:
+        reason = error.key if isinstance(error, NoEffectError) else str(error)
+        by_reason.setdefault(reason, f"{origin}: {error}" if origin else str(error))
     reasons = list(by_reason.values())
     hidden = len(reasons) - MOST_REASONS
     return "; ".join(reasons[:MOST_REASONS]) + (f"; and {hidden} more" if hidden > 0 else "")
@@ -319,7 +340,11 @@ class SweepFolder(RunsFolder):
 
 
 def run_sweep(
-    folder: SweepFolder, executor: Executor, *, keep: bool = False
+    folder: SweepFolder,
+    executor: Executor,
+    *,
+    keep: bool = False,
+    progress: Progress | bool = True,
 ) -> list[dict[str, Any]]:
     """Run every case that is not complete, and write its row.
 
@@ -331,6 +356,9 @@ def run_sweep(
         Executor that does the reductions and runs the cases, see `run_cases`.
     keep
         Whether the results of every case are kept, in ``runs/0001`` and so on.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the cases are
+        a stage.
 
     Returns
     -------
@@ -340,7 +368,7 @@ def run_sweep(
     missing = folder.take_stock()
     folder.write(ABOUT, folder.sweep.about)
     folder.write_tables()
-    run_cases(folder, missing, executor, keep=keep)
+    run_cases(folder, missing, executor, keep=keep, progress=chosen_progress(progress))
     return folder.rows()
 
 
@@ -354,6 +382,7 @@ def sweep(
     folder: str | Path | None = None,
     keep: bool = False,
     overwrite: bool = False,
+    progress: Progress | bool = True,
 ) -> CaseTable:
     """Run a scene for many combinations of values, as ``fenics-ehd sweep`` does; one rank.
 
@@ -377,6 +406,9 @@ def sweep(
         Whether the history of every case is kept in the folder.
     overwrite
         Whether the rows of another sweep in the folder are replaced.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the cases are
+        a stage.
 
     Returns
     -------
@@ -414,5 +446,5 @@ def sweep(
         if executor is None:
             executor = held.enter_context(open_pool(workers))
             require_importable_main(executor)
-        rows = run_sweep(opened, executor, keep=keep)
+        rows = run_sweep(opened, executor, keep=keep, progress=progress)
         return CaseTable(opened.columns, rows)

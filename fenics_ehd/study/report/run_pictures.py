@@ -17,7 +17,7 @@ from fenics_ehd.plotting.curves import Curves
 from fenics_ehd.plotting.maps import draw_rasters, raster_of
 from fenics_ehd.plotting.picture import PRESSURES
 from fenics_ehd.plotting.pictures import QUANTITIES
-from fenics_ehd.plotting.shown import ShownJoint, ShownRun
+from fenics_ehd.plotting.shown import TIME, ShownJoint, ShownRun
 
 #: Share of the load on asperities above which the picture of contact is shown.
 CARRIED = 0.01
@@ -125,7 +125,7 @@ def _pressure_at_peak(joint: ShownJoint) -> Figure:
         for name in ("max_pressure_Pa", "max_pressure_angle_deg", "max_pressure_height_m")
     )
     raster = raster_of(joint.grid, 1e-6 * np.asarray(joint.film.pressure[step]), joint.name)
-    _, peak = joint.cycle_extreme("max_pressure_Pa") or (0.0, peak)
+    _, peak = joint.extreme("max_pressure_Pa", TIME) or (0.0, peak)
     raster = raster._replace(mark=(1e-6 * peak, angle, 1e3 * height))
     return draw_rasters([[raster]], "pressure [MPa]", PRESSURES)
 
