@@ -11,11 +11,10 @@ Errors that cancel by coincidence count:
   near the extreme, as for peak pressures.
 - An orbit's part has an amplitude and a phase. The error of both is the mean of their own change
   and of the distance in the complex plane, relative to the amplitude.
-- A quantity that acts over a small part p of the cycle, such as the force of asperities, has a mean
-  whose error may cancel within this short event. With the change d of the mean and the mean a of
-  the absolute value of the error curve, the error is ``|d| + (1 - 2 p) (a - |d|)`` for p < 1/2.
-- Parts of a mean with opposite signs have independent errors d_i. The error of the mean is at least
-  the mean of ``|d|`` and of the root of the sum of d_i^2.
+- A quantity that acts over a part p of the cycle, such as the force of asperities, has a mean whose
+  error may cancel within a short event. With the change d of the mean and the mean a of the
+  absolute value of the error curve, the error of a mean is
+  ``|d| + max((1 - p) / 2, 1 - 2 p) (a - |d|)``: all of a for a short event, ``|d|`` for p = 1.
 
 The total is the sum of all components.
 """
@@ -70,19 +69,6 @@ def acting_part(values: np.ndarray, weights: np.ndarray) -> float:
     return float(weights @ np.abs(values)) ** 2 / square if square else 1.0
 
 
-def parts_of_mean(values: np.ndarray, changes: np.ndarray) -> float:
-    """Root of the sum of squares of the sums of changes, over parts of one sign.
-
-    Parameters
-    ----------
-    values, changes
-        Values, and their changes times weights, at k times, shape (k,). A part ends if the sign of
-        the values changes.
-    """
-    ends = np.flatnonzero(np.diff(values >= 0.0)) + 1
-    return float(np.linalg.norm([part.sum() for part in np.split(changes, ends)]))
-
-
 def midpoints_added(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns of steps with another row in the middle of each step, from smooth curves.
 
@@ -103,6 +89,31 @@ def midpoints_added(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     if CLOCK in columns:
         rows[CLOCK] = rows[CLOCK] - (times[following] - finer)
     return rows
+
+
+def distance(name: str, figures: Mapping[str, float], others: Mapping[str, float]) -> float:
+    """Distance of the figure `name` in `figures` from that in `others`; nan if it is not in both.
+
+    For the amplitude or phase of an orbit's part, it is the mean of its own distance and that in
+    the complex plane, see the module.
+    """
+    difference = abs(others.get(name, np.nan) - figures[name])
+    if name.endswith("_deg"):
+        difference = abs((difference + 180.0) % 360.0 - 180.0)
+    amplitude = name.replace("_phase_deg", "_amplitude_m")
+    if not name.startswith("orbit_") or amplitude not in others:
+        return difference
+    apart = abs(_complex(others, amplitude) - _complex(figures, amplitude))
+    if name != amplitude:
+        size = figures[amplitude]
+        apart = min(np.degrees(apart / size), 180.0) if size else 180.0
+    return 0.5 * (difference + apart)
+
+
+def _complex(figures: Mapping[str, float], amplitude: str) -> complex:
+    """Part of an orbit as a complex number, by the name of its `amplitude` [m]."""
+    phase = figures[amplitude.replace("_amplitude_m", "_phase_deg")]
+    return complex(figures[amplitude] * np.exp(1j * np.radians(phase)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,11 +207,10 @@ class FigureErrors:
         weights = np.gradient(self.times)
         if name.startswith("cycle_"):
             weights = np.where(self.times >= cycle.start, weights, 0.0)
-        shares = weights / weights.sum()
-        absolute = float(shares @ np.abs(change))
-        short = max(1.0 - 2.0 * acting_part(self.reported[row], weights), 0.0)
-        in_parts = parts_of_mean(self.reported[row], shares * change)
-        return max(error + short * max(absolute - error, 0.0), 0.5 * (error + in_parts))
+        absolute = float(weights @ np.abs(change) / weights.sum())
+        part = acting_part(self.reported[row], weights)
+        counted = max(0.5 * (1.0 - part), 1.0 - 2.0 * part)
+        return error + counted * max(absolute - error, 0.0)
 
     def _changed(self, change: np.ndarray) -> RunSummary:
         """Summary of the run with error curves added to the columns of the joint."""
@@ -242,25 +252,5 @@ class FigureErrors:
         }
 
     def _distance(self, name: str, others: Mapping[str, float]) -> float:
-        """Distance of a figure of the run from the same figure in `others`; nan if unknown.
-
-        For the amplitude or phase of an orbit's part, it is the mean of its own distance and that
-        in the complex plane.
-        """
-        difference = abs(others.get(name, np.nan) - self.figures[name])
-        if name.endswith("_deg"):
-            difference = abs((difference + 180.0) % 360.0 - 180.0)
-        amplitude = name.replace("_phase_deg", "_amplitude_m")
-        if not name.startswith("orbit_") or amplitude not in others:
-            return difference
-        apart = abs(_complex(others, amplitude) - _complex(self.figures, amplitude))
-        if name != amplitude:
-            size = self.figures[amplitude]
-            apart = min(np.degrees(apart / size), 180.0) if size else 180.0
-        return 0.5 * (difference + apart)
-
-
-def _complex(figures: Mapping[str, float], amplitude: str) -> complex:
-    """Part of an orbit as a complex number, by the name of its `amplitude` [m]."""
-    phase = figures[amplitude.replace("_amplitude_m", "_phase_deg")]
-    return complex(figures[amplitude] * np.exp(1j * np.radians(phase)))
+        """Distance of a figure of the run from the same figure in `others`; nan if unknown."""
+        return distance(name, self.figures, others)
