@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_ehd.analysis.replay import Replay, RunState, recorded, solved_run
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import assemble
@@ -45,7 +46,7 @@ LEAST = 1e-4
 
 
 @dataclass(frozen=True)
-class Multiplier:
+class Multiplier(Described):
     """The largest Floquet multiplier of a periodic solution.
 
     Attributes

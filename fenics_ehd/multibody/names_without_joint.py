@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.described import unknown_name
 from fenics_ehd.base.renamed import joint_of_bare_name, warn_renamed
 
 
@@ -34,7 +35,7 @@ class Columns(dict[str, np.ndarray]):
         }
         joint = joint_of_bare_name(name, columns)
         if joint is None:
-            raise KeyError(name)
+            raise unknown_name("columns", name, self, "list(columns)")
         return self[f"{joint}.{name}"]
 
     def get(self, name: str, default: Any = None) -> Any:
@@ -58,7 +59,7 @@ class Summary(dict[str, Any]):
             return next(iter(joints))
         joint = joint_of_bare_name(name, joints, before="joints.")
         if joint is None:
-            raise KeyError(name)
+            raise unknown_name("summary", name, self, "list(summary)")
         return joints[joint][name]
 
     def get(self, name: str, default: Any = None) -> Any:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.reduction.bore import rigid_fields
 
@@ -56,7 +57,7 @@ DENSITIES = (30.0, 20e3)
 
 
 @dataclass(frozen=True)
-class MatrixCheck:
+class MatrixCheck(Described):
     """Mass, centre, elastic defects and estimates from a part's K and M; printed as lines of text.
 
     Attributes

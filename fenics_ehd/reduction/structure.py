@@ -20,6 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
 from fenics_ehd.base.renamed import renamed_attributes
@@ -159,7 +160,7 @@ class Recovery:
 
 @renamed_attributes(reach="largest_coordinate")
 @dataclass(frozen=True, eq=False)
-class Structure:
+class Structure(Described):
     """Linear structure ``M x'' + K x = f`` (16) with lubricated bores.
 
     Degrees of freedom are ``3 * node + component``. Rows are distributed over the ranks of `comm`;
