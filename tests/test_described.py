@@ -174,7 +174,7 @@ def test_results_are_drawn():
         figure.axes[0].get_xlabel() or figure.axes[0].get_ylabel()
         for figure in (bearing().plot(), bearing_map().plot(), rotor_map().plot())
     ]
-    assert titles == ["", "stiffness [MN/m]", "speed [1/min]"]
+    assert titles == ["z [mm]", "stiffness [MN/m]", "speed [1/min]"]
     assert nearest_speed(rotor_map(), 1.0) == nearest_speed(rotor_map(), None) == 0
     with pytest.raises(ehd.errors.SettingsError, match="quantity = 'cambell' must be one of camp"):
         rotor_map().plot("cambell")
